@@ -1,0 +1,2 @@
+"""clsim: live event-camera simulation from path-traced 3-D scenes."""
+

@@ -1,0 +1,1 @@
+"""The OpenCL event detector: Frame → events."""

@@ -1,0 +1,63 @@
+"""What the user can choose about detection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from clsim.errors import InputError
+
+Method = Literal["esim", "wlr-esim", "esim-ad"]
+Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
+EventRule = Literal["interpolated", "frame"]
+
+
+@dataclass(frozen=True)
+class DetectorConfig:
+    """Options of the detector; thresholds and floor in natural-log units of scaled luminance."""
+
+    method: Method = "esim-ad"
+    gate: Gate = "radiance"
+    event_rule: EventRule = "interpolated"
+    threshold_on: float = 0.2
+    """Contrast threshold C of ON events, > 0."""
+    threshold_off: float = 0.2
+    """Contrast threshold C of OFF events, > 0 (its size: the sign is implied)."""
+    window: int = 13
+    """Side K of the regression window [pixels], odd, 3…21."""
+    stride: int = 1
+    """Step between the window's samples [pixels], 1…3."""
+    history: int = 1
+    """Number T of frames whose windows form one regression, 1…5."""
+    box: int = 5
+    """Side of the box means of the radiance gate [pixels], odd."""
+    gate_scale: float = 1.0
+    """s: the radiance gate solves where |d| > s·C."""
+    kernel: Literal["gaussian", "epanechnikov"] = "gaussian"
+    bandwidth_h: float = 1.0
+    ridge: float = 1e-5
+    """λ: β is penalised by λ times the features' own second moments, α never."""
+    response: Literal["ln", "lin-log"] = "ln"
+    luminance: Literal["rec709", "rec601"] = "rec709"
+    scale: float = 1.0
+    floor: float = 1e-4
+    features: tuple[str, ...] | None = None
+    """Planes to regress on besides pixel x and y; None takes what the frames have."""
+    precision: Literal["float32", "float64"] = "float32"
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range; each message names the option."""
+        for name in ("threshold_on", "threshold_off", "bandwidth_h", "gate_scale", "scale", "floor"):
+            value = getattr(self, name)
+            if not 0 < value < float("inf"):
+                raise InputError(f"{name.replace('_', ' ')} must be a positive number, got {value}")
+        if not 3 <= self.window <= 21 or self.window % 2 == 0:
+            raise InputError(f"window must be an odd number from 3 to 21, got {self.window}")
+        if not 1 <= self.stride <= 3:
+            raise InputError(f"stride must be 1, 2 or 3, got {self.stride}")
+        if not 1 <= self.history <= 5:
+            raise InputError(f"history must be from 1 to 5 frames, got {self.history}")
+        if not 1 <= self.box <= 21 or self.box % 2 == 0:
+            raise InputError(f"box must be an odd number from 1 to 21, got {self.box}")
+        if not 0 <= self.ridge <= 1:
+            raise InputError(f"ridge must be from 0 to 1, got {self.ridge}")

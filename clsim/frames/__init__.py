@@ -1,0 +1,43 @@
+"""Frames: the data that flows from a renderer to a detector, and the ring between them."""
+
+from clsim.frames.frame import (
+    ALBEDO,
+    ALL_PLANES,
+    BASE_PLANES,
+    COVERAGE,
+    DEPTH,
+    MEAN_PLANES,
+    NORMAL,
+    RADIANCE,
+    SAMPLES,
+    VARIANCE_PLANES,
+    FloatArray,
+    Frame,
+    frame_time_us,
+    page_aligned,
+)
+from clsim.frames.interest import InterestMap
+from clsim.frames.protocols import FrameSource
+from clsim.frames.ring import FrameRing, Policy, RingClosed
+
+__all__ = [
+    "ALBEDO",
+    "ALL_PLANES",
+    "BASE_PLANES",
+    "COVERAGE",
+    "DEPTH",
+    "MEAN_PLANES",
+    "NORMAL",
+    "RADIANCE",
+    "SAMPLES",
+    "VARIANCE_PLANES",
+    "FloatArray",
+    "Frame",
+    "FrameRing",
+    "FrameSource",
+    "InterestMap",
+    "Policy",
+    "RingClosed",
+    "frame_time_us",
+    "page_aligned",
+]

@@ -1,0 +1,1 @@
+"""The pipeline that joins source, ring, detector and sinks."""
