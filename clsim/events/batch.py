@@ -14,6 +14,10 @@ EventBatch: TypeAlias = npt.NDArray[Any]
 """Events as a one-dimensional array of EVENT_DTYPE, sorted by t and, within one t, by (y, x)."""
 
 
+class SinkError(Exception):
+    """A sink failed while it was written: its text names the sink and the cause (a full disk, a closed pipe)."""
+
+
 def empty_batch(count: int = 0) -> EventBatch:
     """Return an uninitialised batch of ``count`` events."""
     return np.empty(count, dtype=EVENT_DTYPE)
