@@ -1,0 +1,171 @@
+"""The float64 numpy reference of the detector: the oracle that the OpenCL kernels are tested against.
+
+It favours plainness over speed: every pixel keeps all features (those that are constant get scale 0), windows are
+gathered explicitly, moments are two-pass. The method is that of Tsuji et al., "Event-based Camera Simulation using
+Monte Carlo Path Tracing with Adaptive Denoising", ICIP 2023, with the radiance gate and the interpolated rule added.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
+from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, radiance
+from clsim.detect.reference_observation import F64, Mask, Observation, feature_names, observe
+from clsim.detect.reference_rule import Outcome, Step, apply_rule
+from clsim.errors import InputError
+from clsim.events import EventBatch, empty_batch
+from clsim.frames import Frame
+
+
+@dataclass(slots=True)
+class ReferenceStats:
+    """Counts since the start.
+
+    Attributes:
+        frames: frames processed.
+        events: events written.
+        tested: valid pixels that were asked whether they fire, summed over frames.
+        solved: those of them whose regression was solved.
+        initialised: pixels that (again) got their first reference.
+        masked: pixels left out because of NaN or infinite values, summed over frames.
+        many_crossings: pixels with more than 3 crossings in one step, summed over steps.
+        capped: events not written because a pixel had more than 1000 in one step.
+    """
+
+    frames: int = 0
+    events: int = 0
+    tested: int = 0
+    solved: int = 0
+    initialised: int = 0
+    masked: int = 0
+    many_crossings: int = 0
+    capped: int = 0
+
+    @property
+    def solved_share(self) -> float:
+        """Share of the tested pixels whose regression was solved; 0 before any test."""
+        return self.solved / self.tested if self.tested else 0.0
+
+
+class ReferenceDetector:
+    """Frames in, events out, in float64.
+
+    After each step these arrays ``[H, W]`` tell what happened: ``ref``, the level of the last event; ``level``, the
+    brightness that the step used (regressed where solved, else predicted); ``solved``; and ``margin``, the smallest
+    distance that any test of the pixel has ever had to its threshold: where it is tiny, another precision may
+    legitimately decide otherwise, and the pixel's later events differ.
+    """
+
+    def __init__(self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...]) -> None:
+        """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
+
+        Raises:
+            InputError: a feature asked for is not among the planes.
+        """
+        self.config = config
+        self.width, self.height = width, height
+        self.planes = () if config.method == "esim" else feature_names(config, names)
+        self.stats = ReferenceStats()
+        count = width * height
+        self.ref: F64 = np.zeros((height, width))
+        self.level: F64 = np.zeros((height, width))
+        self.margin: F64 = np.full((height, width), np.inf)
+        self.solved: Mask = np.zeros((height, width), dtype=bool)
+        self._ready: Mask = np.zeros(count, dtype=bool)
+        self._history: deque[Observation] = deque(maxlen=config.history)
+        depth = 2 + self.planes.index("Depth") if "Depth" in self.planes else None
+        self._model = Model(count, 2 + len(self.planes), depth)
+        self._time_us = 0
+
+    def reset(self) -> None:
+        """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""
+        self._ready[:] = False
+        self._history.clear()
+
+    def step(self, frame: Frame) -> EventBatch:
+        """Process one frame and return its events, sorted by t, then (y, x).
+
+        Raises:
+            InputError: the frame has another size, or is not later than the one before.
+        """
+        if (frame.width, frame.height) != (self.width, self.height):
+            raise InputError(
+                f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
+            )
+        if self._ready.any() and frame.time_us <= self._time_us:
+            raise InputError(
+                f"frame {frame.index} is at {frame.time_us} µs, expected a time after {self._time_us} µs, the last frame's"
+            )
+        now = observe(frame, self.planes, self.config)
+        self._history.append(now)
+        valid = now.valid.ravel()
+        fresh = np.flatnonzero(valid & ~self._ready)
+        running = np.flatnonzero(valid & self._ready)
+        events = self._run(now, fresh, running, frame.time_us)
+        self._time_us = frame.time_us
+        self._ready |= valid
+        self.stats.frames += 1
+        self.stats.events += len(events)
+        self.stats.initialised += len(fresh)
+        self.stats.masked += int((~valid).sum())
+        return events
+
+    def _run(self, now: Observation, fresh: Pixels, running: Pixels, time_us: int) -> EventBatch:
+        boxes = self._boxes(now)
+        verdict = self._gate(now, running, boxes)
+        pixels = np.concatenate([fresh, running[verdict.solve]])
+        alpha, fit = self._regress(now, pixels)
+        ref, level, margin = self.ref.reshape(-1), self.level.reshape(-1), self.margin.reshape(-1)
+        self.solved.reshape(-1)[:] = False
+        self.solved.reshape(-1)[pixels] = True
+
+        before = level[running]
+        level[running] = np.clip(
+            verdict.predicted, ref[running] - self.config.threshold_off, ref[running] + self.config.threshold_on
+        )
+        level[pixels] = alpha
+        ref[fresh] = alpha[: len(fresh)]
+
+        fitted = running[verdict.solve]
+        step = Step(self._time_us, time_us, before[verdict.solve], level[fitted], ref[fitted])
+        outcome = apply_rule(step, fitted, self.width, self.config) if len(fitted) else _nothing()
+        ref[fitted] = outcome.ref
+        margin[running] = np.minimum(margin[running], verdict.margin)
+        margin[fitted] = np.minimum(margin[fitted], outcome.margin)
+        if fit is not None:
+            new = np.concatenate([np.ones(len(fresh), dtype=bool), outcome.fired])
+            self._model.replace(pixels[new], fit.take(new), boxes)
+        self.stats.tested += len(running)
+        self.stats.solved += len(fitted) if self.config.method != "esim" else 0
+        self.stats.many_crossings += outcome.many
+        self.stats.capped += outcome.capped
+        return outcome.events
+
+    def _boxes(self, now: Observation) -> Boxes | None:
+        uses_boxes = self.config.method == "esim-ad" and self.config.gate == "radiance"
+        return box_means(now, self.config.box) if uses_boxes else None
+
+    def _gate(self, now: Observation, running: Pixels, boxes: Boxes | None) -> Verdict:
+        if self.config.method != "esim-ad":
+            everywhere = np.ones(len(running), dtype=bool)
+            return Verdict(everywhere, np.zeros(len(running)), np.full(len(running), np.inf))
+        ref = self.ref.reshape(-1)
+        if boxes is not None:
+            return radiance(self._model, running, ref, now, boxes, self.config)
+        return delta_r(self._model, running, ref, now, self.config)
+
+    def _regress(self, now: Observation, pixels: Pixels) -> tuple[F64, Fit | None]:
+        if self.config.method == "esim":
+            return now.brightness.ravel()[pixels], None
+        fit = fit_pixels(self._history, pixels, self.config)
+        return fit.alpha, fit
+
+
+def _nothing() -> Outcome:
+    none = np.zeros(0)
+    return Outcome(empty_batch(), none, np.zeros(0, dtype=bool), 0, 0, none)

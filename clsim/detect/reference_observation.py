@@ -1,0 +1,91 @@
+"""The float64 reference, first stage: a frame becomes log brightness and features of the regression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig
+from clsim.errors import InputError
+from clsim.frames import ALBEDO, COVERAGE, DEPTH, NORMAL, RADIANCE, Frame
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+FEATURE_PLANES = DEPTH + NORMAL + ALBEDO + COVERAGE
+"""Planes that may be features, besides pixel x and y (Tsuji et al., ICIP 2023, section 3)."""
+
+LUMINANCE_WEIGHTS = {"rec709": (0.2126, 0.7152, 0.0722), "rec601": (0.299, 0.587, 0.114)}
+
+LIN_LOG_KNEE = 20.0
+"""Where the lin-log response turns from linear to logarithmic, on values 0…255."""
+
+
+@dataclass(slots=True)
+class Observation:
+    """One frame as the regression sees it.
+
+    Attributes:
+        brightness: ``[H, W]``, L in natural-log units; 0 where invalid.
+        features: ``[H, W, D]``, raw units: pixel x, pixel y, then the feature planes; 0 where invalid.
+        valid: ``[H, W]``, whether radiance and all used planes of the pixel are finite.
+        hit: ``[H, W]``, whether any sample of the pixel hit; True everywhere if the frame has no coverage plane.
+        depth: index of depth among the features, or None.
+    """
+
+    brightness: F64
+    features: F64
+    valid: Mask
+    hit: Mask
+    depth: int | None
+
+
+def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the planes to regress on, in the order of ``names``.
+
+    Raises:
+        InputError: a plane asked for in ``config.features`` is missing, or cannot be a feature.
+    """
+    wanted = FEATURE_PLANES if config.features is None else config.features
+    if config.features is not None:
+        for name in config.features:
+            if name not in FEATURE_PLANES:
+                raise InputError(f"feature {name!r} is unknown; expected some of {', '.join(FEATURE_PLANES)}")
+            if name not in names:
+                raise InputError(f"feature {name!r} is not among the frames' planes {', '.join(names)}")
+    return tuple(name for name in names if name in wanted)
+
+
+def log_brightness(rgb: F64, config: DetectorConfig) -> F64:
+    """Return L of linear radiance ``[3, …]``: natural log, or linear below a knee (``lin-log``, as v2e has it)."""
+    weights = np.asarray(LUMINANCE_WEIGHTS[config.luminance])
+    y = np.tensordot(weights, rgb, axes=1) * config.scale
+    if config.response == "ln":
+        result: F64 = np.log(np.maximum(y, config.floor))
+        return result
+    value = 255.0 * y
+    slope = np.log(LIN_LOG_KNEE) / LIN_LOG_KNEE
+    return np.where(value <= LIN_LOG_KNEE, value * slope, np.log(np.maximum(value, LIN_LOG_KNEE)))
+
+
+def observe(frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> Observation:
+    """Turn a frame into brightness, features and masks; ``planes`` as `feature_names` gave them."""
+    height, width = frame.height, frame.width
+    rgb = np.stack([frame.plane(name) for name in RADIANCE]).astype(np.float64)
+    stack = [frame.plane(name).astype(np.float64) for name in planes]
+    read = [*rgb, *stack]
+    hit = np.ones((height, width), dtype=bool)
+    if COVERAGE[0] in frame.names:
+        coverage = frame.plane(COVERAGE[0]).astype(np.float64)
+        hit = coverage > 0
+        read.append(coverage)
+    valid = np.logical_and.reduce([np.isfinite(plane) for plane in read])
+    ys, xs = np.mgrid[0:height, 0:width].astype(np.float64)
+    features = np.stack([xs, ys, *stack], axis=-1)
+    features[~valid] = 0.0
+    brightness = log_brightness(np.where(valid, rgb, 1.0), config)
+    brightness[~valid] = 0.0
+    depth = 2 + planes.index(DEPTH[0]) if DEPTH[0] in planes else None
+    return Observation(brightness, features, valid, hit & valid, depth)
