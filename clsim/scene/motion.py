@@ -1,14 +1,23 @@
-"""Motion: a pose as a function of time."""
+"""Motion: a pose as a function of time.
+
+All motions hold their first pose before they start and their last one after they end (an endless orbit runs on).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import InputError
+
 Matrix = npt.NDArray[np.float64]
+Vec3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
 
 
 class Motion(Protocol):
@@ -34,3 +43,242 @@ class Static:
     def pose(self, time_s: float) -> Matrix:
         """Return the one pose."""
         return self.matrix
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """Positions interpolated linearly, rotations by slerp.
+
+    Attributes:
+        times_s: strictly increasing times [s].
+        positions: one per time [m].
+        rotations: unit quaternions x, y, z, w (glTF's order), one per time.
+    """
+
+    times_s: tuple[float, ...]
+    positions: tuple[Vec3, ...]
+    rotations: tuple[Quaternion, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse keyframes that do not belong together."""
+        _check_times(self.times_s, len(self.positions), len(self.rotations))
+        if any(math.hypot(*rotation) < 1e-9 for rotation in self.rotations):
+            raise InputError("a keyframe's quaternion is 0, expected a rotation")
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last keyframe [s]."""
+        return self.times_s[-1]
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the pose at that time."""
+        i, j, weight = _segment(self.times_s, time_s)
+        rotation = rotation_matrix(slerp(self.rotations[i], self.rotations[j], weight))
+        return compose(_lerp(self.positions[i], self.positions[j], weight), rotation)
+
+
+@dataclass(frozen=True)
+class LookAtKeyframes:
+    """Positions and targets interpolated linearly; −z points to the target and +y up.
+
+    Attributes:
+        times_s: strictly increasing times [s].
+        positions: one per time [m].
+        targets: what is looked at, one per time [m].
+        up: the world direction that points up in the image.
+    """
+
+    times_s: tuple[float, ...]
+    positions: tuple[Vec3, ...]
+    targets: tuple[Vec3, ...]
+    up: Vec3 = (0.0, 1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        """Refuse keyframes that do not belong together, or whose position meets its target."""
+        _check_times(self.times_s, len(self.positions), len(self.targets))
+        for k, time_s in enumerate(self.times_s):
+            last = min(k + 1, len(self.times_s) - 1)
+            start = np.subtract(self.targets[k], self.positions[k], dtype=np.float64)
+            step = np.subtract(self.targets[last], self.positions[last], dtype=np.float64) - start
+            nearest = float(np.clip(-start @ step / max(float(step @ step), 1e-30), 0.0, 1.0))
+            if np.linalg.norm(start + nearest * step) < 1e-9:
+                raise InputError(
+                    f"position and look_at meet at or after time_s {time_s:g}, expected two distinct points"
+                )
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last keyframe [s]."""
+        return self.times_s[-1]
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the pose at that time."""
+        i, j, weight = _segment(self.times_s, time_s)
+        return look_at(
+            _lerp(self.positions[i], self.positions[j], weight),
+            _lerp(self.targets[i], self.targets[j], weight),
+            self.up,
+        )
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A circle about the vertical through ``center``, counter-clockwise seen from above, starting on the +z side.
+
+    Attributes:
+        center: centre of the circle's base [m].
+        radius_m: radius of the circle.
+        period_s: time of a full turn.
+        height_m: height of the circle over the centre.
+        start_deg: angle at time 0, from +z towards +x.
+        degrees: how far to go; None turns for ever (then ``duration_s`` is one period).
+        clockwise: whether to go the other way round.
+        target: what to look at all the way (−z points there); None keeps ``rotation``.
+        rotation: orientation x, y, z, w where there is no target.
+    """
+
+    center: Vec3
+    radius_m: float
+    period_s: float
+    height_m: float = 0.0
+    start_deg: float = 0.0
+    degrees: float | None = None
+    clockwise: bool = False
+    target: Vec3 | None = None
+    rotation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Refuse an orbit that does not turn or runs through what it looks at."""
+        if self.radius_m <= 0 or self.period_s <= 0:
+            raise InputError(
+                f"radius and period of an orbit must be positive, got {self.radius_m:g} m and {self.period_s:g} s"
+            )
+        if self.target is not None:
+            x, y, z = np.subtract(self.target, self.center)
+            if abs(math.hypot(x, z) - self.radius_m) < 1e-9 and abs(y - self.height_m) < 1e-9:
+                raise InputError("an orbit passes through its look_at, expected a target off the circle")
+
+    @property
+    def duration_s(self) -> float:
+        """Time until the orbit ends, or of a full turn [s]."""
+        return self.period_s if self.degrees is None else self.period_s * self.degrees / 360.0
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the pose at that time."""
+        turned = 360.0 * time_s / self.period_s
+        if self.degrees is not None:
+            turned = min(max(turned, 0.0), self.degrees)
+        angle = math.radians(self.start_deg + (-turned if self.clockwise else turned))
+        offset = (self.radius_m * math.sin(angle), self.height_m, self.radius_m * math.cos(angle))
+        position = np.add(self.center, offset)
+        if self.target is None:
+            return compose(position, rotation_matrix(np.asarray(self.rotation)))
+        return look_at(position, self.target)
+
+
+@dataclass(frozen=True)
+class Attached:
+    """A fixed placement inside something that moves, such as a part of a loaded file."""
+
+    parent: Motion
+    offset: Matrix
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the parent's motion [s]."""
+        return self.parent.duration_s
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the parent's pose times the offset."""
+        return self.parent.pose(time_s) @ self.offset
+
+
+def compose(position: npt.ArrayLike, rotation: Matrix) -> Matrix:
+    """Return the 4×4 matrix of a 3×3 rotation followed by a translation."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = position
+    return matrix
+
+
+def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0, 1.0, 0.0)) -> Matrix:
+    """Return the pose at ``eye`` whose −z axis points to ``target``; straight up or down, the image's top is −z or +z.
+
+    Raises:
+        ValueError: if eye and target coincide.
+    """
+    eye_, backward = np.asarray(eye, np.float64), np.subtract(eye, target, dtype=np.float64)
+    distance = float(np.linalg.norm(backward))
+    if distance < 1e-12:
+        raise ValueError("eye and target coincide")
+    backward /= distance
+    up_ = np.asarray(up, np.float64)
+    right = np.cross(up_, backward)
+    if np.linalg.norm(right) < 1e-6 * np.linalg.norm(up_):
+        right = np.cross((0.0, 0.0, -1.0) if backward[1] > 0 else (0.0, 0.0, 1.0), backward)
+        if np.linalg.norm(right) < 1e-6:
+            right = np.array((1.0, 0.0, 0.0))
+    right /= np.linalg.norm(right)
+    return compose(eye_, np.stack([right, np.cross(backward, right), backward], axis=1))
+
+
+def rotation_matrix(quaternion: npt.ArrayLike) -> Matrix:
+    """Return the 3×3 rotation of a quaternion x, y, z, w (normalised here)."""
+    q = np.asarray(quaternion, np.float64)
+    x, y, z, w = q / np.linalg.norm(q)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def euler_quaternion(rotation_deg: Vec3) -> Quaternion:
+    """Return the quaternion x, y, z, w of turns about the fixed axes: x first, then y, then z."""
+    (sx, cx), (sy, cy), (sz, cz) = (
+        (math.sin(math.radians(a) / 2), math.cos(math.radians(a) / 2)) for a in rotation_deg
+    )
+    return (
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+        cx * cy * cz + sx * sy * sz,
+    )
+
+
+def slerp(start: npt.ArrayLike, end: npt.ArrayLike, weight: float) -> Matrix:
+    """Interpolate unit quaternions along the shorter great circle (Shoemake, SIGGRAPH 1985)."""
+    a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    cosine = float(a @ b)
+    if cosine < 0:  # q and −q are the same rotation
+        b, cosine = -b, -cosine
+    if cosine > 1 - 1e-10:  # sin θ vanishes, and with it the difference to a straight line
+        mixed: Matrix = (1 - weight) * a + weight * b
+    else:
+        angle = math.acos(cosine)
+        mixed = (math.sin((1 - weight) * angle) * a + math.sin(weight * angle) * b) / math.sin(angle)
+    return mixed
+
+
+def _check_times(times_s: tuple[float, ...], *lengths: int) -> None:
+    if not times_s or any(length != len(times_s) for length in lengths):
+        raise InputError("keyframes need one time, position and orientation each, and at least one keyframe")
+    if any(b <= a for a, b in pairwise(times_s)) or times_s[0] < 0:
+        raise InputError(f"keyframe times must increase from 0 or later, got {', '.join(f'{t:g}' for t in times_s)} s")
+
+
+def _segment(times_s: tuple[float, ...], time_s: float) -> tuple[int, int, float]:
+    """Return the keyframes before and after the time and the weight of the second."""
+    j = int(np.searchsorted(times_s, time_s, side="right"))
+    if j == 0:
+        return 0, 0, 0.0
+    if j == len(times_s):
+        return j - 1, j - 1, 0.0
+    return j - 1, j, (time_s - times_s[j - 1]) / (times_s[j] - times_s[j - 1])
+
+
+def _lerp(start: Vec3, end: Vec3, weight: float) -> Matrix:
+    return (1 - weight) * np.asarray(start, np.float64) + weight * np.asarray(end, np.float64)

@@ -1,0 +1,79 @@
+"""From a scene's name or file to the world."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import replace
+from importlib.resources import as_file, files
+from pathlib import Path
+
+from clsim.errors import InputError
+from clsim.scene.validate import validate
+from clsim.scene.world import World
+
+MESH_SUFFIXES = (".gltf", ".glb", ".obj", ".ply")
+
+
+def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None) -> World:
+    """Load a bundled scene by name, a ``.toml``, or a bare ``.gltf``, ``.glb``, ``.obj`` or ``.ply``.
+
+    Args:
+        scene: name or path.
+        resolution: width and height in place of the scene's own; the horizontal field of view stays, pixels are square.
+
+    Raises:
+        InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
+    """
+    world = _load(scene)
+    if resolution is not None:
+        world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
+    validate(world, str(scene))
+    return world
+
+
+def bundled_scenes() -> dict[str, str]:
+    """Return the names of the bundled scenes and their descriptions."""
+    from clsim.scene.toml_scene import read_toml
+
+    found = {}
+    for name in bundled_names():
+        with as_file(files("clsim.scenes") / f"{name}.toml") as path:
+            found[name] = str(read_toml(path).get("description", ""))
+    return found
+
+
+def bundled_names() -> list[str]:
+    """Return the names of the bundled scenes."""
+    names = (entry.name for entry in files("clsim.scenes").iterdir())
+    return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
+
+
+def _load(scene: str | Path) -> World:
+    path = Path(scene)
+    suffix = path.suffix.lower()
+    if suffix not in (".toml", *MESH_SUFFIXES):
+        return _load_bundled(str(scene))
+    if not path.is_file():
+        raise InputError(f"{scene}: no such file, expected a scene")
+    if suffix == ".toml":
+        from clsim.scene.toml_scene import load_toml
+
+        return load_toml(path)
+    from clsim.scene.trimesh_scene import load_bare
+
+    return load_bare(path)
+
+
+def _load_bundled(name: str) -> World:
+    from clsim.scene.toml_scene import load_toml
+
+    names = bundled_names()
+    if name not in names:
+        close = difflib.get_close_matches(name, names, 1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise InputError(
+            f"there is no scene {name!r}: {hint}expected one of {', '.join(names)}, "
+            f"or a file ending in .toml, {', '.join(MESH_SUFFIXES)}"
+        )
+    with as_file(files("clsim.scenes") / f"{name}.toml") as path:
+        return load_toml(path)

@@ -1,0 +1,354 @@
+"""What a scene's TOML may say. ``key_table()`` prints every key; lengths in m, times in s, angles in degrees.
+
+Unknown keys, wrong types, NaN and infinities are errors; all of a file's errors are told at once, one line each.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Strict, Tag, ValidationError
+from pydantic_core import ErrorDetails
+
+from clsim.errors import InputError
+
+Number = Annotated[float, Strict()]
+Positive = Annotated[float, Strict(), Field(gt=0)]
+NonNegative = Annotated[float, Strict(), Field(ge=0)]
+Whole = Annotated[int, Strict()]
+Flag = Annotated[bool, Strict()]
+Vector = tuple[Number, Number, Number]
+Size2 = tuple[Positive, Positive]
+Size3 = tuple[Positive, Positive, Positive]
+Quaternion4 = tuple[Number, Number, Number, Number]
+Share = Annotated[float, Strict(), Field(ge=0, le=1)]
+Reflectance = tuple[Share, Share, Share]
+Radiance = tuple[NonNegative, NonNegative, NonNegative]
+Pixels = Annotated[int, Strict(), Field(ge=1, le=16384)]
+
+
+class Table(BaseModel):
+    """A TOML table: no unknown keys, no NaN, no infinity."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
+
+
+class KeyframeTable(Table):
+    """A pose at a time; keyframes are joined linearly, rotations by slerp."""
+
+    time_s: NonNegative
+    position: Vector
+    rotation_deg: Vector | None = Field(None, description="turns about the fixed x, then y, then z axis")
+    quaternion: Quaternion4 | None = Field(None, description="x, y, z, w; instead of rotation_deg")
+    look_at: Vector | None = Field(None, description="point that −z looks at; instead of a rotation")
+
+
+class OrbitTable(Table):
+    """A circle about the vertical, counter-clockwise seen from above."""
+
+    center: Vector
+    radius_m: Positive
+    period_s: Positive = Field(description="time of a full turn")
+    height_m: Number = 0.0
+    start_deg: Number = Field(0.0, description="angle at time 0, from +z towards +x")
+    degrees: Positive | None = Field(None, description="how far to go; without it, on and on")
+    clockwise: Flag = False
+    look_at: Vector | None = Field(None, description="point that −z looks at; a camera's default is the centre")
+
+
+class Placed(Table):
+    """What has a place: still, keyframed or orbiting."""
+
+    position: Vector | None = None
+    keyframes: Annotated[tuple[KeyframeTable, ...], Field(min_length=1)] | None = None
+    orbit: OrbitTable | None = None
+
+
+class CameraTable(Placed):
+    """A pinhole camera that looks along −z."""
+
+    resolution: tuple[Pixels, Pixels] = Field((346, 260), description="width, height")
+    fov_deg: Annotated[float, Strict(), Field(gt=0, lt=180)] = Field(50.0, description="horizontal field of view")
+    shutter_s: NonNegative = Field(0.0, description="length of the exposure, 0 is an instant")
+    look_at: Vector | None = Field(None, description="also the target of keyframes that name none")
+    rotation_deg: Vector | None = Field(None, description="instead of look_at")
+
+
+class SphereLightTable(Placed):
+    """A glowing sphere."""
+
+    name: str = ""
+    radius_m: Positive
+    radiance: Radiance
+
+
+class ObjectTable(Placed):
+    """What all objects have."""
+
+    name: str = ""
+    material: str | None = Field(None, description="a name from materials; without it, grey (or the file's own)")
+    rotation_deg: Vector | None = Field(None, description="turns about the fixed x, then y, then z axis")
+    scale: Positive | Size3 = Field(1.0, description="one factor or one per axis, before the rotation")
+
+
+class BoxTable(ObjectTable):
+    """A box about its position."""
+
+    shape: Literal["box"]
+    size: Size3 = (1.0, 1.0, 1.0)
+
+
+class QuadTable(ObjectTable):
+    """A rectangle in the xz plane that faces +y."""
+
+    shape: Literal["quad"]
+    size: Size2 = (1.0, 1.0)
+
+
+class SphereTable(ObjectTable):
+    """A sphere with smooth normals."""
+
+    shape: Literal["sphere"]
+    radius_m: Positive = 0.5
+    segments: Annotated[int, Strict(), Field(ge=3, le=1024)] = Field(48, description="round the equator")
+
+
+class FileTable(ObjectTable):
+    """A mesh file."""
+
+    file: str = Field(description=".obj, .ply, .gltf or .glb, relative to the TOML's folder and inside it")
+
+
+OBJECTS: dict[str, type[ObjectTable]] = {"box": BoxTable, "quad": QuadTable, "sphere": SphereTable, "file": FileTable}
+
+
+def _object_kind(value: Any) -> str | None:
+    if isinstance(value, ObjectTable):
+        return next(kind for kind, table in OBJECTS.items() if isinstance(value, table))
+    if not isinstance(value, dict) or ("file" in value) == ("shape" in value):
+        return None
+    return "file" if "file" in value else str(value["shape"])
+
+
+AnyObject = Annotated[
+    Annotated[BoxTable, Tag("box")]
+    | Annotated[QuadTable, Tag("quad")]
+    | Annotated[SphereTable, Tag("sphere")]
+    | Annotated[FileTable, Tag("file")],
+    Discriminator(_object_kind),
+]
+
+
+class CheckerTable(Table):
+    """Two colours in squares; they take the place of ``color``."""
+
+    color_a: Reflectance
+    color_b: Reflectance
+    squares_per_m: Positive = Field(1.0, description="per unit of u and v on meshes from files")
+
+
+class MaterialTable(Table):
+    """A surface; colours are linear Rec. 709."""
+
+    kind: Literal["diffuse"] = "diffuse"
+    color: Reflectance | None = Field(None, description="diffuse reflectance 0…1, default 0.5")
+    checker: CheckerTable | None = None
+    emission: Radiance = Field((0.0, 0.0, 0.0), description="radiance; anything above 0 makes an area light")
+    two_sided: Flag = Field(True, description="whether the back looks as the front does")
+
+
+class EnvironmentTable(Table):
+    """The light from everywhere."""
+
+    radiance: Radiance = (0.0, 0.0, 0.0)
+
+
+class SensorTable(Table):
+    """The event pixel: L = ln max(scale·Y, floor), contrast thresholds in natural-log units."""
+
+    threshold_on: Positive = 0.2
+    threshold_off: Positive = 0.2
+    scale: Positive = 1.0
+    floor: Positive = 1e-4
+
+
+class SceneTable(Table):
+    """A whole scene."""
+
+    description: str = ""
+    fps: Positive = Field(120.0, description="frames per simulated second")
+    duration_s: Positive | None = Field(None, description="default: until all motion has ended, 1 s without motion")
+    camera: CameraTable
+    environment: EnvironmentTable = EnvironmentTable()
+    sensor: SensorTable = SensorTable()
+    materials: dict[str, MaterialTable] = {}
+    objects: tuple[AnyObject, ...] = ()
+    sphere_lights: tuple[SphereLightTable, ...] = ()
+
+
+def parse(data: dict[str, Any], source: Path) -> SceneTable:
+    """Turn a TOML's contents into the checked scene.
+
+    Raises:
+        InputError: with all problems, one line each: file, key path, what was found and expected.
+    """
+    problems: list[str] = []
+    scene = None
+    try:
+        scene = SceneTable.model_validate(data)
+    except ValidationError as error:
+        problems = [f"{_key_path(e['loc'], data)}: {_sentence(e)}" for e in error.errors(include_url=False)]
+    problems += _conflicts(data)
+    if problems or scene is None:
+        raise InputError("\n".join(f"{source}: {problem}" for problem in dict.fromkeys(problems)))
+    return scene
+
+
+def key_table() -> str:
+    """Return all keys with their types, defaults and meaning, as Markdown tables, one per TOML table."""
+    sections: list[tuple[str, type[Table]]] = [
+        ("top level", SceneTable),
+        ("[camera]", CameraTable),
+        ("[environment]", EnvironmentTable),
+        ("[sensor]", SensorTable),
+        ("[materials.NAME]", MaterialTable),
+        ("checker = {…}", CheckerTable),
+        ('[[objects]] shape = "box"', BoxTable),
+        ('[[objects]] shape = "quad"', QuadTable),
+        ('[[objects]] shape = "sphere"', SphereTable),
+        ('[[objects]] file = "…"', FileTable),
+        ("[[sphere_lights]]", SphereLightTable),
+        ("keyframes = [{…}, …]", KeyframeTable),
+        ("orbit = {…}", OrbitTable),
+    ]
+    lines: list[str] = []
+    for heading, table in sections:
+        lines += [f"### {heading}", "", table.__doc__ or "", "", "| key | default | meaning |", "|---|---|---|"]
+        for key, info in table.model_fields.items():
+            if info.is_required():
+                default = "needed"
+            elif isinstance(info.default, BaseModel) or info.default in (None, (), {}, ""):
+                default = ""
+            else:
+                default = str(list(info.default) if isinstance(info.default, tuple) else info.default)
+            lines.append(f"| {key} | {default} | {info.description or ''} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _conflicts(data: dict[str, Any]) -> Iterator[str]:
+    """Yield what no single key can tell; works on raw data, so that these errors come along with all others."""
+    materials = data.get("materials")
+    materials = materials if isinstance(materials, dict) else {}
+    names = list(materials)
+    for name in names:
+        if _has(materials[name], "color", "checker"):
+            yield f"materials.{name}: has color and checker, expected one of them"
+    placed = [("camera", data.get("camera"))]
+    for group in ("objects", "sphere_lights"):
+        tables = data.get(group)
+        placed += [(f"{group}[{i}]", table) for i, table in enumerate(tables)] if isinstance(tables, list) else []
+    for path, table in placed:
+        if not isinstance(table, dict):
+            continue
+        material = table.get("material")
+        if isinstance(material, str) and path.startswith("objects") and material not in names:
+            yield f"{path}.material: got {material!r}, expected one of the materials {_listed(names)}"
+        ways = [key for key in ("position", "keyframes", "orbit") if key in table]
+        if len(ways) > 1:
+            yield f"{path}: has {' and '.join(ways)}, expected one of them"
+        if path == "camera" and not ways:
+            yield f"{path}: expected one of position, keyframes and orbit"
+        if _has(table, "look_at", "rotation_deg"):
+            yield f"{path}: has look_at and rotation_deg, expected one of them"
+        if "rotation_deg" in table and "keyframes" in table:
+            yield f"{path}.rotation_deg: expected it in each of the keyframes instead"
+        yield from _keyframe_conflicts(path, table)
+
+
+def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:
+    keyframes = table.get("keyframes")
+    if not isinstance(keyframes, list):
+        return
+    keys = [key for key in keyframes if isinstance(key, dict)]
+    for i, key in enumerate(keys):
+        turns = [name for name in ("rotation_deg", "quaternion", "look_at") if name in key]
+        if len(turns) > 1:
+            yield f"{path}.keyframes[{i}]: has {' and '.join(turns)}, expected one of them"
+    looking = sum("look_at" in key for key in keys)
+    if 0 < looking < len(keys) and "look_at" not in table:
+        yield f"{path}.keyframes: some have look_at and some do not, expected all or none"
+    times = [time for key in keys if isinstance(time := key.get("time_s"), int | float)]
+    if any(not a < b for a, b in pairwise(times)):
+        yield f"{path}.keyframes: times must increase, got {', '.join(str(time) for time in times)}"
+
+
+def _has(table: Any, *keys: str) -> bool:
+    return isinstance(table, dict) and all(key in table for key in keys)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(sorted(names)) if names else "(none are defined)"
+
+
+def _key_path(location: tuple[int | str, ...], data: Any) -> str:
+    """Write a location as a path of keys, without the tags that pydantic adds where a value has alternatives."""
+    path = ""
+    for k, part in enumerate(location):
+        if isinstance(part, int):
+            path += f"[{part}]"
+            data = data[part] if isinstance(data, list) and part < len(data) else None
+        elif isinstance(data, dict) and (part in data or k == len(location) - 1):
+            path += f".{part}" if path else part
+            data = data.get(part)
+    return path
+
+
+def _sentence(error: ErrorDetails) -> str:
+    kind, got = error["type"], error["input"]
+    if kind == "missing":
+        return "is missing, expected a value"
+    if kind == "extra_forbidden":
+        key, known = str(error["loc"][-1]), _known_keys(error["loc"])
+        close = difflib.get_close_matches(key, known, 1)
+        hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(sorted(known))}"
+        return f"unknown key, {hint}"
+    if kind in ("union_tag_not_found", "union_tag_invalid"):
+        shapes = ", ".join(repr(shape) for shape in OBJECTS if shape != "file")
+        return f"expected either a file or a shape out of {shapes}" + (
+            f", got {got['shape']!r}" if isinstance(got, dict) and "shape" in got else ""
+        )
+    message = error["msg"].replace("Input should be", "expected")
+    return f"{message[0].lower()}{message[1:]}, got {_short(got)}"
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "…"
+
+
+def _known_keys(location: tuple[int | str, ...]) -> list[str]:
+    """Return the keys of the table that a location lies in."""
+    tables: list[type[Table]] = [SceneTable]
+    for part in location[:-1]:
+        if part in OBJECTS and ObjectTable in tables[0].__mro__:
+            tables = [OBJECTS[str(part)]]
+            continue
+        inner = [t for table in tables if part in table.model_fields for t in _tables(table, str(part))]
+        tables = inner or tables
+    return list(dict.fromkeys(key for table in tables for key in table.model_fields))
+
+
+def _tables(table: type[Table], key: str) -> list[type[Table]]:
+    found: list[type[Table]] = []
+    pending: list[Any] = [table.model_fields[key].annotation]
+    while pending:
+        item = pending.pop()
+        if isinstance(item, type) and issubclass(item, Table):
+            found.append(item)
+        pending += get_args(item)
+    return found

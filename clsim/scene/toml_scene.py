@@ -1,0 +1,222 @@
+"""TOML scenes: from the file to the world."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene import shapes
+from clsim.scene.geometry import is_similarity, transformed
+from clsim.scene.files import inside_folder
+from clsim.scene.motion import (
+    Attached,
+    Keyframes,
+    LookAtKeyframes,
+    Motion,
+    Orbit,
+    Quaternion,
+    Static,
+    compose,
+    euler_quaternion,
+    rotation_matrix,
+)
+from clsim.scene.world import Camera, CheckerTexture, Instance, Material, Mesh, Sensor, SphereLight, Vec3, World
+
+if TYPE_CHECKING:  # pydantic costs a third of the start-up, and only scenes from TOML need it
+    from clsim.scene import schema
+
+MAX_BYTES = 16 << 20
+NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file; raises InputError that names the file and line."""
+    tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+        if len(data) > MAX_BYTES:
+            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a scene's TOML")
+        parsed: dict[str, Any] = tomllib.loads(data.decode())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: is not valid TOML: {error}") from None
+    return parsed
+
+
+def load_toml(path: Path) -> World:
+    """Build the world that a TOML scene describes.
+
+    Raises:
+        InputError: with every problem of the file, one line each.
+    """
+    from clsim.scene import schema
+
+    scene = schema.parse(read_toml(path), path)
+    problems: list[str] = []
+    builder = _Builder(scene, path)
+    for i, table in enumerate(scene.objects):
+        with _collecting(problems, f"{path}: objects[{i}]"):
+            builder.add_object(i, table)
+    lights: list[SphereLight] = []
+    for i, light in enumerate(scene.sphere_lights):
+        with _collecting(problems, f"{path}: sphere_lights[{i}]"):
+            lights.append(SphereLight(light.radius_m, light.radiance, _motion(light)))
+    camera: Camera | None = None
+    with _collecting(problems, f"{path}: camera"):
+        camera = _camera(scene.camera)
+    if problems or camera is None:
+        raise InputError("\n".join(problems))
+    motions = [camera.motion, *(i.motion for i in builder.instances), *(light.motion for light in lights)]
+    return World(
+        name=path.stem,
+        camera=camera,
+        meshes=tuple(builder.meshes),
+        instances=tuple(builder.instances),
+        materials=tuple(builder.materials),
+        textures=tuple(builder.textures),
+        sphere_lights=tuple(lights),
+        environment=scene.environment.radiance,
+        sensor=Sensor(**scene.sensor.model_dump()),
+        fps=scene.fps,
+        duration_s=scene.duration_s or max(motion.duration_s for motion in motions) or 1.0,
+        warnings=tuple(builder.warnings),
+    )
+
+
+class _Builder:
+    """Collects meshes, materials and instances as objects are added."""
+
+    def __init__(self, scene: schema.SceneTable, path: Path) -> None:
+        self.folder = path.parent
+        self.meshes: list[Mesh] = []
+        self.instances: list[Instance] = []
+        self.materials: list[Material] = [Material()]
+        self.textures: list[CheckerTexture] = []
+        self.warnings: list[str] = []
+        self.material_ids: dict[str | None, int] = {None: 0}
+        for name, table in scene.materials.items():
+            self.material_ids[name] = len(self.materials)
+            self.materials.append(self._material(table))
+
+    def _material(self, table: schema.MaterialTable) -> Material:
+        texture, color = -1, table.color or (0.5, 0.5, 0.5)
+        if table.checker is not None:
+            checker = table.checker
+            texture, color = len(self.textures), (1.0, 1.0, 1.0)
+            self.textures.append(CheckerTexture(checker.color_a, checker.color_b, checker.squares_per_m))
+        return Material(table.kind, color, texture, table.emission, table.two_sided)
+
+    def add_object(self, index: int, table: schema.ObjectTable) -> None:
+        from clsim.scene import schema
+
+        name, motion = table.name or f"objects[{index}]", _motion(table, table.rotation_deg)
+        material = self.material_ids[table.material]
+        if isinstance(table, schema.FileTable):
+            self._add_file(table, name, motion)
+            return
+        if isinstance(table, schema.BoxTable):
+            mesh = shapes.box(table.size, material)
+        elif isinstance(table, schema.QuadTable):
+            mesh = shapes.quad(table.size, material)
+        elif isinstance(table, schema.SphereTable):
+            mesh = shapes.sphere(table.radius_m, table.segments, material)
+        else:
+            raise TypeError(f"no shape is known for {type(table).__name__}")
+        self.instances.append(Instance(len(self.meshes), motion, name))
+        self.meshes.append(transformed(mesh, np.diag(_scale(table))))
+
+    def _add_file(self, table: schema.FileTable, name: str, motion: Motion) -> None:
+        from clsim.scene.trimesh_scene import load_parts
+
+        parts = load_parts(self.folder / inside_folder(table.file, self.folder))
+        first_mesh, first_material = len(self.meshes), len(self.materials)
+        for mesh in parts.meshes:
+            own = mesh.material_ids + first_material
+            ids = own if table.material is None else np.full_like(own, self.material_ids[table.material])
+            self.meshes.append(replace(mesh, material_ids=ids))
+        self.materials += parts.materials
+        self.warnings += parts.warnings
+        stretch = compose((0.0, 0.0, 0.0), np.diag(_scale(table)))
+        for placed in parts.placements:
+            index, offset = first_mesh + placed.mesh, stretch @ placed.matrix
+            if not is_similarity(offset[:3, :3]):
+                self.meshes.append(transformed(self.meshes[index], offset[:3, :3]))
+                index, offset = len(self.meshes) - 1, compose(offset[:3, 3], np.eye(3))
+            self.instances.append(Instance(index, Attached(motion, offset), f"{name}/{placed.name}"))
+
+
+def _scale(table: schema.ObjectTable) -> Vec3:
+    return table.scale if isinstance(table.scale, tuple) else (table.scale, table.scale, table.scale)
+
+
+def _motion(
+    table: schema.ObjectTable | schema.SphereLightTable | schema.CameraTable,
+    rotation_deg: Vec3 | None = None,
+    target: Vec3 | None = None,
+) -> Motion:
+    """Return how something moves; ``target`` is looked at where the keyframes or the orbit name nothing else."""
+    rotation = euler_quaternion(rotation_deg) if rotation_deg is not None else NO_TURN
+    if table.keyframes is not None:
+        return _keyframed(table.keyframes, target)
+    if table.orbit is not None:
+        orbit = table.orbit
+        return Orbit(
+            orbit.center,
+            orbit.radius_m,
+            orbit.period_s,
+            orbit.height_m,
+            orbit.start_deg,
+            orbit.degrees,
+            orbit.clockwise,
+            orbit.look_at or target,
+            rotation,
+        )
+    position = table.position or (0.0, 0.0, 0.0)
+    if target is not None:
+        return Static(LookAtKeyframes((0.0,), (position,), (target,)).pose(0.0))
+    return Static(compose(position, rotation_matrix(rotation)))
+
+
+def _keyframed(keyframes: tuple[schema.KeyframeTable, ...], target: Vec3 | None) -> Motion:
+    times = tuple(key.time_s for key in keyframes)
+    positions = tuple(key.position for key in keyframes)
+    turned = any(key.rotation_deg is not None or key.quaternion is not None for key in keyframes)
+    targets = tuple(t for key in keyframes if (t := key.look_at or target) is not None)
+    if len(targets) == len(keyframes) and not turned:
+        return LookAtKeyframes(times, positions, targets)
+    return Keyframes(times, positions, tuple(_rotation(key) for key in keyframes))
+
+
+def _rotation(key: schema.KeyframeTable) -> Quaternion:
+    if key.quaternion is not None:
+        return key.quaternion
+    return NO_TURN if key.rotation_deg is None else euler_quaternion(key.rotation_deg)
+
+
+def _camera(table: schema.CameraTable) -> Camera:
+    target = table.look_at
+    if table.orbit is not None and target is None and table.rotation_deg is None:
+        target = table.orbit.center
+    motion = _motion(table, table.rotation_deg, target)
+    return Camera(*table.resolution, table.fov_deg, motion, table.shutter_s)
+
+
+@contextmanager
+def _collecting(problems: list[str], place: str) -> Iterator[None]:
+    """Note an InputError and go on, so that the user sees all of them."""
+    try:
+        yield
+    except InputError as error:
+        problems.append(f"{place}: {error}")

@@ -1,0 +1,122 @@
+"""Checks that every loader's world must pass before anything renders it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.geometry import is_similarity
+from clsim.scene.motion import Motion
+from clsim.scene.world import Camera, Mesh, World
+
+MAX_SIDE = 16384
+MAX_PIXELS = 1 << 26
+
+
+def validate(world: World, source: str) -> None:
+    """Check a world: finite numbers, indices in range, positive sizes, rigid poses.
+
+    Raises:
+        InputError: naming the source and the mesh, light or camera, one line per problem (at most ten).
+    """
+    problems: list[str] = []
+    for problem in _problems(world):
+        problems.append(f"{source}: {problem}")
+        if len(problems) == 10:
+            break
+    if problems:
+        raise InputError("\n".join(problems))
+
+
+def _problems(world: World) -> Iterator[str]:
+    yield from _camera_problems(world.camera)
+    names = {instance.mesh: instance.name for instance in reversed(world.instances)}
+    for i, mesh in enumerate(world.meshes):
+        for problem in _mesh_problems(mesh, len(world.materials)):
+            yield f"mesh {names.get(i) or i}: {problem}"
+    for k, instance in enumerate(world.instances):
+        name = f"object {instance.name or k}"
+        if not 0 <= instance.mesh < len(world.meshes):
+            yield f"{name}: uses mesh {instance.mesh}, expected one of the {len(world.meshes)} meshes"
+        yield from _motion_problems(name, instance.motion)
+    for k, material in enumerate(world.materials):
+        if not _within(material.color, 1.0):
+            yield f"material {k}: color is {material.color}, expected numbers from 0 to 1"
+        if not _within(material.emission):
+            yield f"material {k}: emission is {material.emission}, expected finite numbers from 0"
+        if not -1 <= material.texture < len(world.textures):
+            yield f"material {k}: uses texture {material.texture}, expected one of the {len(world.textures)} textures"
+    for k, light in enumerate(world.sphere_lights):
+        if not (_within((light.radius_m,)) and light.radius_m > 0):
+            yield f"sphere light {k}: radius is {light.radius_m} m, expected a positive number"
+        if not _within(light.radiance):
+            yield f"sphere light {k}: radiance is {light.radiance}, expected finite numbers from 0"
+        yield from _motion_problems(f"sphere light {k}", light.motion)
+    if not _within(world.environment):
+        yield f"environment: radiance is {world.environment}, expected finite numbers from 0"
+    sensor = world.sensor
+    for key in ("threshold_on", "threshold_off", "scale", "floor"):
+        if not 0 < getattr(sensor, key) < math.inf:
+            yield f"sensor: {key} is {getattr(sensor, key)}, expected a positive number"
+    for key in ("fps", "duration_s"):
+        if not 0 < getattr(world, key) < math.inf:
+            yield f"{key} is {getattr(world, key)}, expected a positive number"
+
+
+def _camera_problems(camera: Camera) -> Iterator[str]:
+    for key in ("width", "height"):
+        if not 1 <= getattr(camera, key) <= MAX_SIDE:
+            yield f"camera: {key} is {getattr(camera, key)} pixels, expected 1 to {MAX_SIDE}"
+    if camera.width * camera.height > MAX_PIXELS:
+        yield f"camera: {camera.width}×{camera.height} is more than {MAX_PIXELS} pixels"
+    if not 0 < camera.fov_deg < 180:
+        yield f"camera: fov_deg is {camera.fov_deg}, expected more than 0 and less than 180"
+    if not 0 <= camera.shutter_s < math.inf:
+        yield f"camera: shutter_s is {camera.shutter_s}, expected a number from 0"
+    yield from _motion_problems("camera", camera.motion)
+
+
+def _mesh_problems(mesh: Mesh, materials: int) -> Iterator[str]:
+    n, m = len(mesh.vertices), len(mesh.triangles)
+    if m == 0:
+        yield "has no triangles"
+    for key, array, shape in (
+        ("vertices", mesh.vertices, (n, 3)),
+        ("triangles", mesh.triangles, (m, 3)),
+        ("material ids", mesh.material_ids, (m,)),
+        ("normals", mesh.normals, (n, 3)),
+        ("uvs", mesh.uvs, (n, 2)),
+    ):
+        if array is not None and array.shape != shape:
+            yield f"{key} have shape {array.shape}, expected {shape}"
+        elif array is not None and array.dtype.kind == "f":
+            bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
+            if len(bad):
+                value = ", ".join(f"{x:g}" for x in array[bad[0]])
+                yield f"{key}[{bad[0]}] is ({value}), expected finite numbers"
+    if m and (mesh.triangles.min() < 0 or mesh.triangles.max() >= n):
+        wrong = mesh.triangles[(mesh.triangles < 0) | (mesh.triangles >= n)][0]
+        yield f"a triangle uses vertex {wrong}, expected 0 to {n - 1}"
+    if len(mesh.material_ids) and not (mesh.material_ids.min() >= 0 and mesh.material_ids.max() < materials):
+        yield f"a triangle uses a material out of range, expected 0 to {materials - 1}"
+
+
+def _motion_problems(name: str, motion: Motion) -> Iterator[str]:
+    if not 0 <= motion.duration_s < math.inf:
+        yield f"{name}: its motion lasts {motion.duration_s} s, expected a finite time"
+        return
+    for time_s in (0.0, motion.duration_s / 2, motion.duration_s):
+        matrix = motion.pose(time_s)
+        if matrix.shape != (4, 4) or not np.isfinite(matrix.astype(np.float32)).all():
+            yield f"{name}: its pose at {time_s:g} s has a number that is not finite"
+            return
+        if not is_similarity(matrix[:3, :3]):
+            yield f"{name}: its pose at {time_s:g} s is not a rotation with one positive scale"
+            return
+
+
+def _within(values: Iterable[float], highest: float = math.inf) -> bool:
+    return all(math.isfinite(value) and 0 <= value <= highest for value in values)
