@@ -1,2 +1,32 @@
-"""clsim: live event-camera simulation from path-traced 3-D scenes."""
+"""clsim: live event-camera simulation from path-traced 3-D scenes.
 
+>>> import clsim
+>>> for batch in clsim.stream("two-boxes", spp=8):  # doctest: +SKIP
+...     print(len(batch), "events")
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from clsim.errors import InputError
+
+if TYPE_CHECKING:
+    from clsim.live.session import stream
+
+try:
+    __version__ = version("clsim")
+except PackageNotFoundError:  # a plain checkout, not installed
+    __version__ = "0+unknown"
+
+__all__ = ["InputError", "__version__", "stream"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the pipeline only when it is asked for: the light rooms must not wait for it."""
+    if name == "stream":
+        from clsim.live.session import stream
+
+        return stream
+    raise AttributeError(f"module 'clsim' has no attribute {name!r}")

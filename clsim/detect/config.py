@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
-from clsim.errors import InputError
+from clsim.errors import InputError, require_choice
 
 Method = Literal["esim", "wlr-esim", "esim-ad"]
 Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
 EventRule = Literal["interpolated", "frame"]
+Kernel = Literal["gaussian", "epanechnikov"]
+Response = Literal["ln", "lin-log"]
+Luminance = Literal["rec709", "rec601"]
+Precision = Literal["float32", "float64"]
 
 
 @dataclass(frozen=True)
@@ -33,20 +37,27 @@ class DetectorConfig:
     """Side of the box means of the radiance gate [pixels], odd."""
     gate_scale: float = 1.0
     """s: the radiance gate solves where |d| > s·C."""
-    kernel: Literal["gaussian", "epanechnikov"] = "gaussian"
+    kernel: Kernel = "gaussian"
     bandwidth_h: float = 1.0
     ridge: float = 1e-5
     """λ: β is penalised by λ times the features' own second moments, α never."""
-    response: Literal["ln", "lin-log"] = "ln"
-    luminance: Literal["rec709", "rec601"] = "rec709"
+    response: Response = "ln"
+    luminance: Luminance = "rec709"
     scale: float = 1.0
     floor: float = 1e-4
     features: tuple[str, ...] | None = None
     """Planes to regress on besides pixel x and y; None takes what the frames have."""
-    precision: Literal["float32", "float64"] = "float32"
+    precision: Precision = "float32"
 
     def __post_init__(self) -> None:
         """Refuse values outside their range; each message names the option."""
+        require_choice("method", self.method, get_args(Method))
+        require_choice("gate", self.gate, get_args(Gate))
+        require_choice("event rule", self.event_rule, get_args(EventRule))
+        require_choice("kernel", self.kernel, get_args(Kernel))
+        require_choice("response", self.response, get_args(Response))
+        require_choice("luminance", self.luminance, get_args(Luminance))
+        require_choice("precision", self.precision, get_args(Precision))
         for name in ("threshold_on", "threshold_off", "bandwidth_h", "gate_scale", "scale", "floor"):
             value = getattr(self, name)
             if not 0 < value < float("inf"):

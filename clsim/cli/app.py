@@ -1,0 +1,37 @@
+"""The list of commands; each lives in a file of its own and imports what it needs when it runs."""
+
+from __future__ import annotations
+
+import typer
+
+from clsim.cli.devices import devices
+from clsim.cli.info import info
+from clsim.cli.live import live
+from clsim.cli.scenes import scenes
+
+app = typer.Typer(
+    help="Live event-camera simulation from path-traced 3-D scenes.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+for command in (live, info, scenes, devices):
+    app.command()(command)
+
+
+def _print_version(value: bool) -> None:
+    if value:
+        from clsim import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Live event-camera simulation from path-traced 3-D scenes."""

@@ -1,0 +1,105 @@
+"""``clsim live``: a scene becomes a live event stream."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from clsim.cli import parse
+from clsim.cli.options import (
+    EVENT_RULE,
+    FPS,
+    HISTORY,
+    JSON,
+    MAX_DEPTH,
+    METHOD,
+    NOISE,
+    OPENCL,
+    RENDER_DEVICE,
+    RESOLUTION,
+    SCENE,
+    SEED,
+    SPP,
+    THREADS,
+    THRESHOLD,
+    WINDOW,
+)
+from clsim.errors import InputError
+
+
+def live(
+    scene: SCENE,
+    out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Where events go: a file (.aedat4, .txt …), tcp://HOST:PORT, udp://HOST:PORT, unix://PATH, "
+            "or - for text on standard output. May be given several times."
+        ),
+    ] = None,
+    duration: Annotated[str | None, typer.Option(help="Simulated time, such as 2s or 500ms. [the motion]")] = None,
+    frames: Annotated[int | None, typer.Option(help="Number of frames, instead of a duration.")] = None,
+    loop: Annotated[bool, typer.Option("--loop", help="Start the motion anew at its end.")] = False,
+    fps: FPS = None,
+    spp: SPP = 8,
+    resolution: RESOLUTION = None,
+    threshold: THRESHOLD = None,
+    method: METHOD = "esim-ad",
+    gate: Annotated[
+        Literal["radiance", "delta-r"], typer.Option(help="Where the fit is solved; delta-r is the paper's.")
+    ] = "radiance",
+    event_rule: EVENT_RULE = "interpolated",
+    window: WINDOW = 13,
+    history: HISTORY = 1,
+    noise: NOISE = "common",
+    seed: SEED = 0,
+    max_depth: MAX_DEPTH = 8,
+    threads: THREADS = None,
+    pace: Annotated[
+        Literal["max", "real"], typer.Option(help="As fast as it can, or by the wall clock.")
+    ] = "max",
+    ring: Annotated[
+        Literal["block", "drop-oldest"],
+        typer.Option(help="block loses nothing; drop-oldest never waits (with --pace real)."),
+    ] = "block",
+    render_device: RENDER_DEVICE = "cpu",
+    opencl: OPENCL = None,
+    as_json: JSON = False,
+) -> int:
+    """Turn a scene into a live event stream.
+
+    Example: `clsim live two-boxes --out events.aedat4 --out tcp://127.0.0.1:7777 --loop`
+    """
+    from clsim.live.options import LiveOptions
+
+    outputs = tuple(out or ())
+    if as_json and "-" in outputs:
+        raise InputError("--json and --out - would both write to standard output; give --out a file instead")
+    options = LiveOptions(
+        scene=scene,
+        duration_s=None if duration is None else parse.duration_s(duration),
+        frames=frames,
+        loop=loop,
+        fps=fps,
+        spp=spp,
+        resolution=None if resolution is None else parse.resolution(resolution),
+        threshold=None if threshold is None else parse.threshold(threshold),
+        method=method,
+        gate=gate,
+        event_rule=event_rule,
+        window=window,
+        history=history,
+        noise=noise,
+        seed=seed,
+        max_depth=max_depth,
+        threads=threads,
+        pace=pace,
+        ring=ring,
+        render_device=render_device,
+        opencl=opencl,
+        outputs=outputs,
+    )
+    from clsim.cli.status import run_session
+    from clsim.live.session import open_session
+
+    return run_session(open_session(options), as_json=as_json)

@@ -1,0 +1,40 @@
+"""Options that several commands share, each defined once."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import typer
+
+from clsim.detect.config import EventRule, Method
+
+SCENE = Annotated[
+    str, typer.Argument(help="A bundled scene (see `clsim scenes`) or a .toml, .gltf, .glb, .obj or .ply file.")
+]
+RESOLUTION = Annotated[
+    str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the horizontal field of view stays. [scene's own]")
+]
+FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [scene's own]")]
+SPP = Annotated[int, typer.Option(help="Light paths per pixel and frame.")]
+MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path, in bounces.")]
+THREADS = Annotated[int | None, typer.Option(help="Threads that render. [one a core]")]
+SEED = Annotated[int, typer.Option(help="Seed of all random numbers.")]
+NOISE = Annotated[
+    Literal["common", "independent"],
+    typer.Option(help="Same random numbers in every frame, so that noise cancels in differences; or fresh ones."),
+]
+THRESHOLD = Annotated[
+    str | None, typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [scene's own]")
+]
+METHOD = Annotated[
+    Method,
+    typer.Option(help="esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens."),
+]
+EVENT_RULE = Annotated[
+    EventRule, typer.Option(help="interpolated: each crossing gets its own time; frame: at most one event a frame.")
+]
+WINDOW = Annotated[int, typer.Option(help="Side of the regression window [pixels], odd, 3…21.")]
+HISTORY = Annotated[int, typer.Option(help="Frames whose windows form one regression, 1…5.")]
+RENDER_DEVICE = Annotated[str, typer.Option(help="Where to render: cpu, cuda:0 … (see `clsim devices`).")]
+OPENCL = Annotated[str | None, typer.Option(help="Part of the name of the OpenCL device. [a GPU if there is one]")]
+JSON = Annotated[bool, typer.Option("--json", help="Print machine-readable results on standard output.")]

@@ -1,0 +1,109 @@
+"""What the user sees of a run: a status line while it lasts, a summary at its end."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+if TYPE_CHECKING:
+    from clsim.live.session import Session
+
+_REFRESH_S = 0.1
+INTERRUPTED = 130
+OUTPUT_FAILED = 1
+
+
+def run_session(session: Session, *, as_json: bool) -> int:
+    """Run a session to its end or to Ctrl-C; return the exit status."""
+    console = Console(stderr=True)
+    for output in session.pipeline.outputs:
+        warning = getattr(output.sink, "warning", None)
+        if warning:
+            console.print(f"clsim: {warning}", style="yellow", highlight=False)
+    for sentence in session.world.warnings:
+        console.print(f"clsim: {sentence}", style="yellow", highlight=False)
+    session.start()
+    interrupted, all_ended = False, True
+    try:
+        if console.is_terminal:
+            with Live(_status_line(session), console=console, transient=True, auto_refresh=False) as display:
+                while not session.pipeline.wait(_REFRESH_S):
+                    display.update(_status_line(session), refresh=True)
+        else:
+            while not session.pipeline.wait(_REFRESH_S):
+                pass
+    except KeyboardInterrupt:
+        interrupted = True
+        all_ended = session.pipeline.stop()
+    session.write_sidecars(complete=not interrupted)
+    summary = session.summary() | {"interrupted": interrupted}
+    _print_warnings(console, session, summary)
+    if as_json:
+        print(json.dumps(summary), flush=True)
+    else:
+        _print_summary(console, summary)
+    status = INTERRUPTED if interrupted else OUTPUT_FAILED if any("error" in o for o in summary["outputs"]) else 0
+    if not all_ended:
+        # A thread is still inside a compiler; the files are closed, so nothing is lost by not waiting for it.
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)
+    return status
+
+
+def _status_line(session: Session) -> Text:
+    progress, schedule = session.pipeline.progress, session.schedule
+    if progress.first_frame_s is None:
+        return Text(f"{session.world.name}: building kernels …", style="dim")
+    total = "" if schedule.total is None else f"/{schedule.time_us(schedule.total - 1) * 1e-6:.2f}"
+    summary = session.summary()
+    simulated_s = max(summary["simulated_s"], 1e-9)
+    clients = sum(int(o.get("clients", 0)) for o in summary["outputs"])
+    lost = sum(int(o.get("dropped_events", 0)) for o in summary["outputs"])
+    parts = [
+        f"t {summary['simulated_s']:.3f}{total} s",
+        f"{summary['frames_per_s']:.1f} frames/s",
+        f"{_count(summary['events'])} events",
+        f"{_count(summary['events'] / simulated_s)} events/s simulated",
+        f"solved {summary['solved_share']:.0%}",
+        f"ring {progress.fill}",
+        f"drops {summary['dropped_frames']}",
+    ]
+    if any("clients" in o for o in summary["outputs"]):
+        parts.append(f"clients {clients}" + (f" (lost {_count(lost)})" if lost else ""))
+    return Text("  ".join(parts), style="cyan", no_wrap=True, overflow="ellipsis")
+
+
+def _print_summary(console: Console, summary: dict[str, Any]) -> None:
+    simulated_s, wall_s = summary["simulated_s"], summary["wall_s"]
+    console.print(
+        f"[bold]{summary['scene']}[/] {summary['width']}x{summary['height']}: "
+        f"[bold]{summary['events']:,} events[/] ({summary['on_events']:,} on) in {simulated_s:.3f} s simulated, "
+        f"{summary['frames']:,} frames in {wall_s:.1f} s ({summary['frames_per_s']:.1f} frames/s after a start of "
+        f"{summary['startup_s'] or 0:.1f} s)",
+        highlight=False,
+    )
+    console.print(
+        f"solved {summary['solved_share']:.1%} of the pixels, {summary['dropped_frames']} frames dropped, "
+        f"{summary['cpu_s']:.1f} CPU-seconds" + (" — interrupted" if summary["interrupted"] else ""),
+        highlight=False,
+    )
+    for output in summary["outputs"]:
+        console.print(f"→ {output['name']}" + (f": {output['error']}" if "error" in output else ""), highlight=False)
+
+
+def _print_warnings(console: Console, session: Session, summary: dict[str, Any]) -> None:
+    pass
+
+
+def _count(value: float) -> str:
+    for limit, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if value >= limit:
+            return f"{value / limit:.1f} {unit}"
+    return f"{value:.0f}"

@@ -1,0 +1,90 @@
+"""What the user can choose about a live run."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from clsim.detect.config import EventRule, Gate, Method
+from clsim.errors import InputError, require_choice
+from clsim.frames import Policy
+from clsim.live.pipeline import Pace
+
+Noise = Literal["common", "independent"]
+LIVE_GATES = ("delta-r", "radiance")
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Options of a live run; None takes the scene's own value."""
+
+    scene: str | Path
+    """Name of a bundled scene, or a scene file."""
+    duration_s: float | None = None
+    """Simulated time [s]; None plays the scene's motion once."""
+    frames: int | None = None
+    """Number of frames, instead of a duration."""
+    loop: bool = False
+    """Start the motion anew at its end, for ever or until ``duration_s``."""
+    fps: float | None = None
+    """Frames per simulated second."""
+    spp: int = 8
+    """Light paths per pixel and frame."""
+    resolution: tuple[int, int] | None = None
+    """Width and height [pixels]."""
+    threshold: tuple[float, float] | None = None
+    """Contrast thresholds of ON and OFF events [natural-log units]."""
+    method: Method = "esim-ad"
+    gate: Gate = "radiance"
+    event_rule: EventRule = "interpolated"
+    window: int = 13
+    history: int = 1
+    noise: Noise = "common"
+    seed: int = 0
+    max_depth: int = 8
+    """Longest light path [bounces]."""
+    threads: int | None = None
+    """Threads that render; None takes one a core."""
+    pace: Pace = "max"
+    ring: Policy = "block"
+    render_device: str = "cpu"
+    opencl: str | None = None
+    """Part of the name of the OpenCL device to use."""
+    outputs: tuple[str, ...] = field(default=())
+    """Files and addresses that receive the events."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work; each message names the option as the command line spells it."""
+        require_choice("--noise", self.noise, get_args(Noise))
+        require_choice("--pace", self.pace, get_args(Pace))
+        require_choice("--ring", self.ring, get_args(Policy))
+        for option, number in (("--duration", self.duration_s), ("--fps", self.fps)):
+            if number is not None and not 0 < number < float("inf"):
+                raise InputError(f"{option} must be a positive number, got {number}")
+        for option, count in (("--spp", self.spp), ("--max-depth", self.max_depth)):
+            if count < 1:
+                raise InputError(f"{option} must be at least 1, got {count}")
+        for option, maybe in (("--frames", self.frames), ("--threads", self.threads)):
+            if maybe is not None and maybe < 1:
+                raise InputError(f"{option} must be at least 1, got {maybe}")
+        if self.seed < 0:
+            raise InputError(f"--seed must not be negative, got {self.seed}")
+        if self.frames is not None and self.duration_s is not None:
+            raise InputError("--frames and --duration both set the length of the run; give one of them")
+        if self.resolution is not None and min(self.resolution) < 1:
+            width, height = self.resolution
+            raise InputError(f"--resolution must be at least 1x1, got {width}x{height}")
+        if self.threshold is not None and not all(0 < value < float("inf") for value in self.threshold):
+            raise InputError(f"--threshold must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
+        if self.gate not in LIVE_GATES:
+            raise InputError(
+                f"--gate {self.gate} needs the windows of past frames, which a live run does not keep; "
+                f"use one of {', '.join(LIVE_GATES)}, or `clsim detect` on recorded frames"
+            )
+        if self.ring == "drop-oldest" and self.pace != "real":
+            raise InputError("--ring drop-oldest needs --pace real: without a clock to keep, every frame would be late")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options as plain values, for a sidecar."""
+        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}

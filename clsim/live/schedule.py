@@ -1,0 +1,61 @@
+"""Which frames a run renders, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clsim.frames import frame_time_us
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The frames of a run.
+
+    Attributes:
+        fps: frames per simulated second.
+        pass_frames: frame intervals in one pass of the motion; frame ``pass_frames`` of a loop is frame 0 again.
+        total: number of frames in the run; None never ends.
+        loop: whether motion starts anew after each pass; otherwise frames beyond the pass continue the motion's end.
+        periodic: whether the motion's end meets its start; where it does not, references are reset at the seam.
+    """
+
+    fps: float
+    pass_frames: int
+    total: int | None
+    loop: bool = False
+    periodic: bool = False
+
+    def source_index(self, index: int) -> int:
+        """Return the frame of the source that frame ``index`` of the run shows."""
+        return index % self.pass_frames if self.loop else index
+
+    def time_us(self, index: int) -> int:
+        """Return the time of frame ``index`` of the run [µs]; it runs on over the seams of a loop."""
+        return frame_time_us(index, self.fps)
+
+    def crosses_seam(self, previous: int, index: int) -> bool:
+        """Tell whether a jump of the motion lies between two frames of the run."""
+        return self.loop and not self.periodic and previous // self.pass_frames != index // self.pass_frames
+
+
+def plan(
+    scene_duration_s: float,
+    fps: float,
+    *,
+    duration_s: float | None = None,
+    frames: int | None = None,
+    loop: bool = False,
+    periodic: bool = False,
+) -> Schedule:
+    """Return the schedule of a run: the motion once, or ``duration_s`` or ``frames`` of it, or a loop.
+
+    A run of d seconds has round(d·fps) intervals, hence one frame more: the first one only sets the references.
+    """
+    pass_frames = max(1, round(scene_duration_s * fps))
+    if frames is not None:
+        total: int | None = frames
+    elif duration_s is not None:
+        total = round(duration_s * fps) + 1
+    else:
+        total = None if loop else pass_frames + 1
+    return Schedule(fps, pass_frames, total, loop, periodic)
