@@ -97,17 +97,22 @@ class ReferenceDetector:
             raise InputError(
                 f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
             )
-        if self._ready.any() and frame.time_us <= self._time_us:
-            raise InputError(
-                f"frame {frame.index} is at {frame.time_us} µs, expected a time after {self._time_us} µs, the last frame's"
-            )
-        now = observe(frame, self.planes, self.config)
+        return self.step_observation(observe(frame, self.planes, self.config), frame.time_us)
+
+    def step_observation(self, now: Observation, time_us: int) -> EventBatch:
+        """Process brightness and features given directly, for tests at values that no frame can hold.
+
+        Raises:
+            InputError: ``time_us`` is not later than the last frame's.
+        """
+        if self._ready.any() and time_us <= self._time_us:
+            raise InputError(f"a frame is at {time_us} µs, expected later than {self._time_us} µs of the one before")
         self._history.append(now)
         valid = now.valid.ravel()
         fresh = np.flatnonzero(valid & ~self._ready)
         running = np.flatnonzero(valid & self._ready)
-        events = self._run(now, fresh, running, frame.time_us)
-        self._time_us = frame.time_us
+        events = self._run(now, fresh, running, time_us)
+        self._time_us = time_us
         self._ready |= valid
         self.stats.frames += 1
         self.stats.events += len(events)

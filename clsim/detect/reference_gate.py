@@ -154,11 +154,9 @@ def leaves_range(model: Model, pixels: Pixels, observation: Observation) -> tupl
     x = model.centre(pixels, observation)
     size = np.maximum(np.abs(lo), np.abs(hi))
     slack = RANGE_MARGIN * size
-    outside = (x < lo - slack) | (x > hi + slack)
+    outside: Mask = (x < lo - slack) | (x > hi + slack)
     distance = np.minimum(np.abs(x - (lo - slack)), np.abs(x - (hi + slack)))
     # A feature that is and was 0 everywhere is not near its threshold: no rounding moves it.
     extent = np.maximum(size, np.abs(x))
     relative = np.where(extent > 0, distance / np.where(extent > 0, extent, 1.0), np.inf)
-    any_outside: Mask = outside.any(axis=1)
-    nearest: F64 = relative.min(axis=1)
-    return any_outside, nearest
+    return np.any(outside, axis=1), np.min(relative, axis=1)
