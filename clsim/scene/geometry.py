@@ -6,8 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from clsim.scene.motion import Matrix
+from clsim.errors import InputError
+from clsim.scene.motion import Matrix, compose
 from clsim.scene.world import Mesh
+
+MAX_BAKED_TRIANGLES = 20_000_000
 
 
 def is_similarity(linear: Matrix) -> bool:
@@ -38,3 +41,23 @@ def transformed(mesh: Mesh, linear: Matrix) -> Mesh:
         normals = np.ascontiguousarray(turned, np.float32)
     vertices = np.ascontiguousarray(mesh.vertices.astype(np.float64) @ linear.T, np.float32)
     return replace(mesh, vertices=vertices, triangles=triangles, normals=normals)
+
+
+def placed_rigidly(meshes: list[Mesh], index: int, matrix: Matrix) -> tuple[int, Matrix]:
+    """Return a mesh's index and a pose without stretch or mirror; what cannot be a pose goes into a mesh of its own.
+
+    Args:
+        meshes: all meshes so far; one is appended where the matrix stretches.
+        index: the mesh to place.
+        matrix: any affine 4×4 matrix.
+
+    Raises:
+        InputError: if the copies would fill the memory.
+    """
+    linear = matrix[:3, :3]
+    if is_similarity(linear) or not np.isfinite(matrix).all():
+        return index, matrix
+    if sum(len(mesh.triangles) for mesh in meshes) + len(meshes[index].triangles) > MAX_BAKED_TRIANGLES:
+        raise InputError(f"stretched copies of meshes have more than {MAX_BAKED_TRIANGLES} triangles in all")
+    meshes.append(transformed(meshes[index], linear))
+    return len(meshes) - 1, compose(matrix[:3, 3], np.eye(3))

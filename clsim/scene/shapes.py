@@ -35,7 +35,7 @@ def quad(size: tuple[float, float], material: int = 0) -> Mesh:
 
 
 def sphere(radius_m: float, segments: int, material: int = 0) -> Mesh:
-    """Return a sphere about the origin with smooth normals; ``segments`` round the equator, half as many to the poles."""
+    """Return a sphere about the origin with smooth normals; ``segments`` round the equator."""
     rows = max(segments // 2, 2)
     theta, phi = np.meshgrid(np.linspace(0, np.pi, rows + 1), np.linspace(0, 2 * np.pi, segments + 1), indexing="ij")
     normals = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)], -1).reshape(-1, 3)

@@ -14,8 +14,8 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene import shapes
-from clsim.scene.geometry import is_similarity, transformed
 from clsim.scene.files import inside_folder
+from clsim.scene.geometry import placed_rigidly, transformed
 from clsim.scene.motion import (
     Attached,
     Keyframes,
@@ -150,10 +150,7 @@ class _Builder:
         self.warnings += parts.warnings
         stretch = compose((0.0, 0.0, 0.0), np.diag(_scale(table)))
         for placed in parts.placements:
-            index, offset = first_mesh + placed.mesh, stretch @ placed.matrix
-            if not is_similarity(offset[:3, :3]):
-                self.meshes.append(transformed(self.meshes[index], offset[:3, :3]))
-                index, offset = len(self.meshes) - 1, compose(offset[:3, 3], np.eye(3))
+            index, offset = placed_rigidly(self.meshes, first_mesh + placed.mesh, stretch @ placed.matrix)
             self.instances.append(Instance(index, Attached(motion, offset), f"{name}/{placed.name}"))
 
 

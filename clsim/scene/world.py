@@ -6,16 +6,30 @@ Right-handed, +y up, metres, seconds; colours are linear Rec. 709; radiance in W
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene.motion import Motion, Static
+from clsim.scene.motion import Matrix, Motion, Static
 
 Vec3 = tuple[float, float, float]
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
+Wrap = Literal["repeat", "clamp", "mirror"]
+
+
+class Deformation(Protocol):
+    """Vertices that move within their mesh: a skin, or morph targets."""
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the animation [s]."""
+        ...
+
+    def vertices_at(self, time_s: float) -> tuple[F32, F32 | None]:
+        """Return vertices ``[n, 3]`` [m] and shading normals ``[n, 3]`` (None: flat) at a time, in object space."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -35,6 +49,7 @@ class Mesh:
     material_ids: I32
     normals: F32 | None = None
     uvs: F32 | None = None
+    deformation: Deformation | None = None
 
 
 @dataclass(frozen=True)
@@ -56,22 +71,71 @@ class CheckerTexture:
 
 
 @dataclass(frozen=True)
-class Material:
-    """A surface.
+class ImageTexture:
+    """An image, sampled bilinearly unless ``nearest``.
 
     Attributes:
-        kind: the scattering model.
-        color: diffuse reflectance (multiplied by the texture where there is one).
-        texture: index into ``World.textures``, or -1.
-        emission: radiance that the surface emits; a triangle that emits is an area light.
-        two_sided: whether the back scatters and emits as the front does.
+        pixels: uint8 ``[h, w, 4]`` RGBA, row 0 at v = 1 (the top of the image).
+        srgb: whether R, G, B are sRGB-encoded (colours) or plain numbers (roughness, normals).
+        wrap_u, wrap_v: what lies outside 0…1.
+        uv_matrix: 2×3 matrix applied to (u, v, 1) first.
     """
 
-    kind: Literal["diffuse"] = "diffuse"
+    pixels: npt.NDArray[np.uint8]
+    srgb: bool = True
+    wrap_u: Wrap = "repeat"
+    wrap_v: Wrap = "repeat"
+    nearest: bool = False
+    uv_matrix: tuple[Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+
+Texture = CheckerTexture | ImageTexture
+
+
+@dataclass(frozen=True)
+class Material:
+    """A surface. Textures are indices into ``World.textures``, -1 for none.
+
+    Attributes:
+        kind: the scattering model: ``diffuse``; ``conductor`` (metal: complex index ``eta``, ``k``, or Schlick with
+            F0 = ``color`` where ``eta`` is None); ``dielectric`` (glass, refracting, index ``ior``);
+            ``thin-dielectric`` (a pane); ``plastic`` (a dielectric coat of index ``ior`` over a diffuse base);
+            ``principled`` (glTF metallic-roughness with clearcoat and transmission).
+        color: diffuse reflectance or base colour (multiplied by the texture where there is one).
+        emission: radiance that the surface emits; a triangle that emits is an area light.
+        two_sided: whether the back scatters and emits as the front does.
+        alpha: GGX roughness α of the specular lobe; 0 is a perfect mirror or smooth glass.
+        roughness_texture: G is perceptual roughness (α = (G·√alpha)²), B metalness, as in glTF.
+        specular_color: multiplies the specular lobe.
+        nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
+        alpha_mode: ``opaque``; ``mask`` cuts where opacity < ``alpha_cutoff``; ``blend`` lets that share through.
+        opacity_texture: opacity is ``opacity`` times this texture's alpha channel.
+    """
+
+    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"] = "diffuse"
     color: Vec3 = (0.5, 0.5, 0.5)
     texture: int = -1
     emission: Vec3 = (0.0, 0.0, 0.0)
+    emission_texture: int = -1
     two_sided: bool = True
+    alpha: float = 0.0
+    roughness_texture: int = -1
+    metallic: float = 0.0
+    ior: float = 1.5
+    eta: Vec3 | None = None
+    k: Vec3 | None = None
+    specular_color: Vec3 = (1.0, 1.0, 1.0)
+    nonlinear: bool = False
+    transmission: float = 0.0
+    clearcoat: float = 0.0
+    clearcoat_alpha: float = 0.0
+    normal_texture: int = -1
+    normal_scale: float = 1.0
+    alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
+    alpha_cutoff: float = 0.5
+    opacity: float = 1.0
+    opacity_texture: int = -1
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -84,14 +148,64 @@ class SphereLight:
 
 
 @dataclass(frozen=True)
+class PunctualLight:
+    """A light without size: its pose gives position and direction (it shines along −z, as in glTF).
+
+    Attributes:
+        kind: ``point``, ``spot`` or ``directional``.
+        intensity: radiant intensity [W·sr⁻¹] of a point or spot, irradiance [W·m⁻²] of a directional light.
+        inner_deg, outer_deg: half angles of a spot's cone: full inside, none outside.
+    """
+
+    kind: Literal["point", "spot", "directional"]
+    intensity: Vec3
+    motion: Motion
+    inner_deg: float = 0.0
+    outer_deg: float = 45.0
+
+
+@dataclass(frozen=True)
+class EnvironmentMap:
+    """A latitude-longitude image at infinity, on top of the constant environment.
+
+    Attributes:
+        radiance: float32 ``[h, w, 3]``; row 0 is +y, column 0…w runs from −z over +x, +z, −x back to −z.
+        to_world: 3×3 rotation from the image's frame to the world.
+    """
+
+    radiance: F32
+    to_world: Matrix
+
+
+@dataclass(frozen=True)
+class Lens:
+    """What makes a camera more than a pinhole.
+
+    Attributes:
+        aperture_radius_m: radius of a thin lens; 0 is a pinhole.
+        focus_distance_m: distance of the plane in focus.
+        model: ``perspective`` with Brown–Conrady ``distortion`` (k1, k2, p1, p2, k3), or ``fisheye``
+            (equidistant, Kannala–Brandt) with (k1, k2, k3, k4), as OpenCV defines them.
+        principal_point: offset of the optical centre from the image centre, in image widths, x right and y down.
+    """
+
+    aperture_radius_m: float = 0.0
+    focus_distance_m: float = 1.0
+    model: Literal["perspective", "fisheye"] = "perspective"
+    distortion: tuple[float, ...] = ()
+    principal_point: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class Camera:
-    """A pinhole camera; ``fov_deg`` is horizontal, pixels are square."""
+    """A camera; ``fov_deg`` is horizontal, pixels are square."""
 
     width: int
     height: int
     fov_deg: float
     motion: Motion
     shutter_s: float = 0.0
+    lens: Lens = field(default_factory=Lens)
 
 
 @dataclass(frozen=True)
@@ -119,9 +233,11 @@ class World:
     meshes: tuple[Mesh, ...] = ()
     instances: tuple[Instance, ...] = ()
     materials: tuple[Material, ...] = ()
-    textures: tuple[CheckerTexture, ...] = ()
+    textures: tuple[Texture, ...] = ()
     sphere_lights: tuple[SphereLight, ...] = ()
+    punctual_lights: tuple[PunctualLight, ...] = ()
     environment: Vec3 = (0.0, 0.0, 0.0)
+    environment_map: EnvironmentMap | None = None
     sensor: Sensor = field(default_factory=Sensor)
     fps: float = 120.0
     duration_s: float = 1.0
