@@ -79,7 +79,7 @@ class ReferenceDetector:
         self._ready: Mask = np.zeros(count, dtype=bool)
         self._history: deque[Observation] = deque(maxlen=config.history)
         depth = 2 + self.planes.index("Depth") if "Depth" in self.planes else None
-        self._model = Model(count, 2 + len(self.planes), depth)
+        self.model = Model(count, 2 + len(self.planes), depth)
         self._time_us = 0
 
     def reset(self) -> None:
@@ -144,7 +144,7 @@ class ReferenceDetector:
         margin[fitted] = np.minimum(margin[fitted], outcome.margin)
         if fit is not None:
             new = np.concatenate([np.ones(len(fresh), dtype=bool), outcome.fired])
-            self._model.replace(pixels[new], fit.take(new), boxes)
+            self.model.replace(pixels[new], fit.take(new), boxes)
         self.stats.tested += len(running)
         self.stats.solved += len(fitted) if self.config.method != "esim" else 0
         self.stats.many_crossings += outcome.many
@@ -161,8 +161,8 @@ class ReferenceDetector:
             return Verdict(everywhere, np.zeros(len(running)), np.full(len(running), np.inf))
         ref = self.ref.reshape(-1)
         if boxes is not None:
-            return radiance(self._model, running, ref, now, boxes, self.config)
-        return delta_r(self._model, running, ref, now, self.config)
+            return radiance(self.model, running, ref, now, boxes, self.config)
+        return delta_r(self.model, running, ref, now, self.config)
 
     def _regress(self, now: Observation, pixels: Pixels) -> tuple[F64, Fit | None]:
         if self.config.method == "esim":

@@ -77,7 +77,7 @@ def _interpolated_rule(step: Step, pixels: Pixels, width: int, config: DetectorC
     change = step.after - step.ref
     on = change > 0
     size = np.where(on, config.threshold_on, config.threshold_off)
-    crossings = np.maximum(np.floor(np.abs(change) / size), np.abs(change) >= size)
+    crossings = np.floor(np.abs(change) / size)
     stride = np.where(on, size, -size)
     ref = step.ref + crossings * stride
     written = np.minimum(crossings, MAX_EVENTS_PER_STEP).astype(np.int64)

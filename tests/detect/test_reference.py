@@ -222,23 +222,27 @@ def test_frame_rule_jumps_to_the_level():
 
 
 def test_nan_centre_keeps_its_reference_and_the_first_valid_frame_initialises():
-    frames = ramp(4, 0.15)
+    frames = ramp(4, 0.25)
     frames[1].plane("G")[1, 2] = np.nan
     frames[0].plane("Depth")[0, 0] = np.inf
     detector = ReferenceDetector(DetectorConfig(method="wlr-esim", window=3), 4, 3, frames[0].names)
     kept = None
-    fired = []
+    fired, batches = [], []
     for frame in frames:
         batch = detector.step(frame)
+        batches.append(batch)
         fired.append({(e["x"], e["y"]) for e in batch})
         if frame.index == 0:
             kept = detector.ref[1, 2]
             assert detector.stats.initialised == 11 and detector.stats.masked == 1
         if frame.index == 1:
             assert detector.ref[1, 2] == kept
-    assert fired[0] == set() and fired[1] == set()
-    assert (2, 1) in fired[2], "the reference of frame 0 still counts"
-    assert (0, 0) not in fired[2] and (0, 0) in fired[3]
+    everywhere = {(x, y) for x in range(4) for y in range(3)}
+    assert fired[0] == set()
+    assert fired[1] == everywhere - {(0, 0), (2, 1)}
+    assert fired[2] == fired[3] == everywhere
+    counts = [int(((batch["x"] == 2) & (batch["y"] == 1)).sum()) for batch in batches]
+    assert counts == [0, 0, 2, 1], "the reference of frame 0 still counts"
     assert np.isfinite(detector.level).all()
 
 
