@@ -1,0 +1,93 @@
+"""Event files of every kind, opened by the ending of their name."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clsim.errors import InputError
+from clsim.events.batch import Sink
+from clsim.events.filesink import STDOUT, FlushPolicy
+from clsim.events.filesource import EventSource
+
+_KEEPS = "a kill loses at most the last flush (50 ms or 65536 events)"
+_ALL_OR_NOTHING = "appears under its name only when complete: a kill loses everything"
+
+
+@dataclass(frozen=True)
+class FileFormat:
+    """One kind of event file: its name, endings, the module that reads and writes it, and what a kill costs."""
+
+    name: str
+    endings: tuple[str, ...]
+    module: str
+    promise: str
+
+    def load(self) -> Any:
+        """Import the module; it has ``open_sink(path, width, height, flush, **options)`` and ``open_source(path)``."""
+        return importlib.import_module(f"clsim.events.{self.module}")
+
+
+FORMATS = (
+    FileFormat("aedat4", (".aedat4",), "aedat4", _KEEPS),
+    FileFormat("text", (".txt", ".csv"), "text", _KEEPS),
+)
+"""Every format, in the order help texts list them."""
+
+
+def open_sink(
+    path: str | os.PathLike[str],
+    width: int,
+    height: int,
+    *,
+    format: str | None = None,
+    flush: FlushPolicy | None = None,
+    **options: Any,
+) -> Sink:
+    """Open an event file for writing, replacing one that is there; ``-`` is standard output, as text by default.
+
+    ``format`` names one of FORMATS where the ending of the name shall not decide. ``options`` are the format's own.
+    Raises InputError for an unknown ending or option, a sensor the format cannot hold, and a path that cannot be
+    written, all before any event is asked for.
+    """
+    target = Path(path)
+    chosen = _by_name(format) if format else _by_name("text") if target == STDOUT else _by_ending(target)
+    opener = chosen.load().open_sink
+    known = list(inspect.signature(opener).parameters)[4:]
+    for option in options:
+        if option not in known:
+            raise InputError(
+                f"{target}: {chosen.name} has no option {option}; expected one of: {', '.join(known) or 'none'}"
+            )
+    sink: Sink = opener(target, width, height, flush or FlushPolicy(), **options)
+    return sink
+
+
+def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> EventSource:
+    """Open an event file for reading in bounded memory; see EventSource.
+
+    Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
+    """
+    target = Path(path)
+    chosen = _by_name(format) if format else _by_ending(target)
+    source: EventSource = chosen.load().open_source(target)
+    return source
+
+
+def _by_ending(path: Path) -> FileFormat:
+    for candidate in FORMATS:
+        if path.name.lower().endswith(candidate.endings):
+            return candidate
+    endings = ", ".join(ending for candidate in FORMATS for ending in candidate.endings)
+    raise InputError(f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {endings}')
+
+
+def _by_name(name: str) -> FileFormat:
+    for candidate in FORMATS:
+        if candidate.name == name:
+            return candidate
+    raise InputError(f'event format "{name}" is unknown; expected one of: {", ".join(each.name for each in FORMATS)}')

@@ -1,0 +1,195 @@
+"""What every file writer shares: checking events, gathering them, flushing in time, and naming what went wrong."""
+
+from __future__ import annotations
+
+import abc
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.events.batch import EventBatch, SinkError, empty_batch
+
+STDOUT = Path("-")
+"""The path that means standard output."""
+
+
+@dataclass(frozen=True)
+class FlushPolicy:
+    """When gathered events go to the file: after so many of them, or at the first write this long after the last flush.
+
+    A killed process loses what was gathered since its last flush, never more.
+    """
+
+    events: int = 65536
+    interval_s: float = 0.05
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a format can hold: sizes up to ``size`` pixels, times below ``end_us`` µs, gaps below ``gap_us`` µs."""
+
+    format: str
+    size: int
+    end_us: int = 2**63
+    gap_us: int = 2**63
+
+
+class FileSink(abc.ABC):
+    """Checks, gathers and flushes; a format says how gathered events are stored (``_store``) and finished (``_finish``)."""
+
+    def __init__(self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy) -> None:
+        """Check that the format can hold the sensor; opens nothing."""
+        for name, size in (("width", width), ("height", height)):
+            if not 1 <= size <= limits.size:
+                raise InputError(f"{path}: {name} {size} does not fit {limits.format}, which holds 1 to {limits.size}")
+        self.path = path
+        self.width = width
+        self.height = height
+        self._limits = limits
+        self._flush = flush
+        self._pending = empty_batch(flush.events)
+        self._count = 0
+        self._flushed_s = -float("inf")
+        self._last_us = 0
+        self._closed = False
+
+    @abc.abstractmethod
+    def _store(self, events: EventBatch) -> None:
+        """Hand one or more checked events to the operating system."""
+
+    @abc.abstractmethod
+    def _finish(self) -> None:
+        """Complete the file after the last event and release it; called once."""
+
+    def write(self, batch: EventBatch) -> None:
+        """Take a batch; see Sink.write."""
+        if self._closed:
+            raise ValueError(f"{self.path}: write after close")
+        if len(batch):
+            self._check(batch)
+        done = 0
+        while done < len(batch):
+            taken = min(len(batch) - done, len(self._pending) - self._count)
+            self._pending[self._count : self._count + taken] = batch[done : done + taken]
+            self._count += taken
+            done += taken
+            if self._count == len(self._pending):
+                self.flush()
+        if self._count and time.monotonic() - self._flushed_s >= self._flush.interval_s:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all gathered events to the operating system: a kill no longer loses them.
+
+        Raises SinkError when the medium fails; the gathered events are then lost.
+        """
+        self._flushed_s = time.monotonic()
+        count, self._count = self._count, 0
+        if count:
+            with naming_failures(self.path):
+                self._store(self._pending[:count])
+
+    def close(self) -> None:
+        """Flush, complete the file and release it; safe to call twice. Raises SinkError when the medium fails."""
+        if self._closed:
+            return
+        self._closed = True
+        try:
+            self.flush()
+        finally:
+            with naming_failures(self.path):
+                self._finish()
+
+    def _check(self, batch: EventBatch) -> None:
+        """Refuse what the format would wrap silently."""
+        t = batch["t"]
+        first, last = int(t[0]), int(t[-1])
+        if first < 0:
+            raise InputError(f"{self.path}: event time {first} µs is negative; expected 0 or later")
+        if first < self._last_us:
+            raise InputError(f"{self.path}: event time goes back from {self._last_us} µs to {first} µs")
+        steps = np.diff(t)
+        if steps.size and steps.min() < 0:
+            at = int(np.argmin(steps))
+            raise InputError(f"{self.path}: event time goes back from {t[at]} µs to {t[at + 1]} µs")
+        if last >= self._limits.end_us:
+            raise InputError(
+                f"{self.path}: event time {last} µs is too late for {self._limits.format}, "
+                f"which ends at {self._limits.end_us - 1} µs"
+            )
+        gap = max(first - self._last_us, int(steps.max()) if steps.size else 0)
+        if gap >= self._limits.gap_us:
+            raise InputError(
+                f"{self.path}: {gap} µs without an event are too long for {self._limits.format}, "
+                f"which bridges at most {self._limits.gap_us - 1} µs"
+            )
+        for axis, size in (("x", self.width), ("y", self.height)):
+            largest = int(batch[axis].max())
+            if largest >= size:
+                raise InputError(
+                    f"{self.path}: event at {axis} = {largest} lies outside the {size} pixels of the sensor"
+                )
+        self._last_us = last
+
+
+class ByteFile:
+    """A file or standard output, written without buffers: what was written survives the process."""
+
+    def __init__(self, path: Path) -> None:
+        """Create or empty the file; raises InputError when that cannot be."""
+        self.path = path
+        try:
+            if path == STDOUT:
+                self._descriptor = os.dup(1)
+            else:
+                self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        except OSError as error:
+            raise unwritable(path, error) from None
+        self.size = 0
+
+    def write(self, data: bytes | memoryview) -> None:
+        """Append everything or raise OSError; a file that was deleted meanwhile counts as an error."""
+        if self.path != STDOUT and os.fstat(self._descriptor).st_nlink == 0:
+            raise FileNotFoundError(0, "the file or its folder was deleted while it was written")
+        view = memoryview(data).cast("B")
+        while len(view):
+            written = os.write(self._descriptor, view)
+            self.size += written
+            view = view[written:]
+
+    def write_at(self, offset: int, data: bytes) -> None:
+        """Overwrite bytes written earlier."""
+        os.pwrite(self._descriptor, data, offset)
+
+    def seekable(self) -> bool:
+        """Whether write_at works (not so for pipes)."""
+        try:
+            os.lseek(self._descriptor, 0, os.SEEK_CUR)
+        except OSError:
+            return False
+        return self.path != STDOUT
+
+    def close(self) -> None:
+        """Release the file."""
+        os.close(self._descriptor)
+
+
+def unwritable(path: Path, error: OSError) -> InputError:
+    """Return the one sentence for a path that cannot be opened for writing."""
+    return InputError(f"{path}: cannot be written ({error.strerror or error}); expected a file in a folder that exists")
+
+
+@contextlib.contextmanager
+def naming_failures(path: Path) -> Iterator[None]:
+    """Turn a failure of the medium into a SinkError that names the file and the cause."""
+    try:
+        yield
+    except OSError as error:
+        name = "standard output" if path == STDOUT else str(path)
+        raise SinkError(f"{name}: writing failed ({error.strerror or error})") from error
