@@ -1,6 +1,9 @@
 """What the world is: the scene schema, loaders and motion."""
 
+from clsim.scene.describe import describe
+from clsim.scene.load import bundled_names, bundled_scenes, load_world
 from clsim.scene.motion import Motion, Static
+from clsim.scene.validate import validate
 from clsim.scene.world import (
     Camera,
     CheckerTexture,
@@ -35,4 +38,9 @@ __all__ = [
     "Static",
     "Texture",
     "World",
+    "bundled_names",
+    "bundled_scenes",
+    "describe",
+    "load_world",
+    "validate",
 ]

@@ -116,7 +116,9 @@ class _Builder:
             checker = table.checker
             texture, color = len(self.textures), (1.0, 1.0, 1.0)
             self.textures.append(CheckerTexture(checker.color_a, checker.color_b, checker.squares_per_m))
-        return Material(table.kind, color, texture, table.emission, table.two_sided)
+        return Material(
+            kind=table.kind, color=color, texture=texture, emission=table.emission, two_sided=table.two_sided
+        )
 
     def add_object(self, index: int, table: schema.ObjectTable) -> None:
         from clsim.scene import schema
