@@ -1,1 +1,13 @@
-"""The Warp path tracer: World → Frame."""
+"""The path tracer: a World in, Frames out, in Warp on a CPU or GPU."""
+
+from clsim.render.devices import check_device, list_render_devices
+from clsim.render.tracer import PathTracer, RenderCancelled, RenderOptions, describe_build
+
+__all__ = [
+    "PathTracer",
+    "RenderCancelled",
+    "RenderOptions",
+    "check_device",
+    "describe_build",
+    "list_render_devices",
+]

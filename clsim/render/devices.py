@@ -1,0 +1,61 @@
+"""Warp start-up and the devices it renders on."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import threading
+
+import warp as wp
+
+from clsim.errors import InputError
+
+_NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+_started = False
+_lock = threading.Lock()
+
+
+def start_warp() -> None:
+    """Initialise Warp once, without its banner and without its complaint that there is no GPU.
+
+    That complaint is printed by native code straight to file descriptor 2, so the descriptor is diverted while Warp
+    starts; whatever else was written meanwhile is passed on.
+    """
+    global _started
+    with _lock:
+        if _started:
+            return
+        wp.config.log_level = wp.LOG_ERROR
+        sys.stderr.flush()
+        try:
+            terminal = os.dup(2)
+        except OSError:  # the process has no standard error at all
+            wp.init()
+            _started = True
+            return
+        with tempfile.TemporaryFile() as diverted:
+            os.dup2(diverted.fileno(), 2)
+            try:
+                wp.init()
+            finally:
+                os.dup2(terminal, 2)
+                os.close(terminal)
+                diverted.seek(0)
+                for line in diverted:
+                    if _NO_DRIVER not in line:
+                        os.write(2, line)
+        _started = True
+
+
+def list_render_devices() -> list[str]:
+    """Return the names of the devices there are, "cpu" first, then "cuda:0" and so on."""
+    start_warp()
+    return [str(device.alias) for device in wp.get_devices()]
+
+
+def check_device(name: str) -> None:
+    """Raise InputError unless there is a render device of that name."""
+    known = list_render_devices()
+    if name not in known:
+        raise InputError(f"--render-device {name}: no such render device, expected one of {', '.join(known)}")

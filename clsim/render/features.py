@@ -1,0 +1,109 @@
+"""What a scene has: kernels are built for exactly that and nothing more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from clsim.scene import CheckerTexture, Lens, Material, Mesh, World
+
+Strategy = Literal["mis", "light", "scatter"]
+
+
+@dataclass(frozen=True)
+class Features:
+    """The switches of the kernel factory; a part whose switch is off is not compiled in.
+
+    Attributes:
+        two_level: something moves, so rays pass through a tree over instances; else one mesh holds everything.
+        smooth_normals: some mesh has shading normals.
+        textures: some used material has a texture.
+        one_sided: some used material's back is black.
+        triangle_lights: some triangle emits.
+        sphere_lights: the number of sphere lights is not zero.
+        environment: the environment emits.
+        variances: the planes of variances are wanted.
+        strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
+            The last two are for checking the first.
+    """
+
+    two_level: bool
+    smooth_normals: bool
+    textures: bool
+    one_sided: bool
+    triangle_lights: bool
+    sphere_lights: bool
+    environment: bool
+    variances: bool
+    strategy: Strategy
+
+    def describe(self) -> dict[str, list[str]]:
+        """Return what is compiled in, under "built in", and what is not, under "left out"."""
+        rows = (
+            (self.two_level, "moving objects (two-level tree)"),
+            (self.smooth_normals, "smooth shading normals"),
+            (self.textures, "textures"),
+            (self.one_sided, "one-sided materials"),
+            (self.triangle_lights, "triangle area lights"),
+            (self.sphere_lights, "sphere lights"),
+            (self.environment, "constant environment"),
+            (self.variances, "variance planes"),
+        )
+        return {
+            "built in": [text for present, text in rows if present],
+            "left out": [text for present, text in rows if not present],
+        }
+
+
+def _used_meshes(world: World) -> list[Mesh]:
+    return [world.meshes[index] for index in sorted({instance.mesh for instance in world.instances})]
+
+
+def _used_materials(world: World) -> list[Material]:
+    meshes = _used_meshes(world)
+    used = {int(i) for mesh in meshes for i in np.unique(mesh.material_ids)}
+    return [world.materials[i] for i in sorted(used)]
+
+
+def checker_of(world: World, material: Material) -> int:
+    """Return the index of the material's texture if it is a checkerboard, else -1."""
+    is_checker = material.texture >= 0 and isinstance(world.textures[material.texture], CheckerTexture)
+    return material.texture if is_checker else -1
+
+
+def unsupported(world: World) -> tuple[str, ...]:
+    """Return what the world asks for and the tracer does not do, one sentence each."""
+    meshes, materials = _used_meshes(world), _used_materials(world)
+    rows = (
+        (any(m.kind != "diffuse" for m in materials), "materials other than diffuse are rendered as diffuse"),
+        (
+            any(m.texture >= 0 and checker_of(world, m) < 0 for m in materials),
+            "image textures are rendered as their material's constant color",
+        ),
+        (any(m.emission_texture >= 0 for m in materials), "textures of emission are left out"),
+        (any(m.normal_texture >= 0 for m in materials), "normal maps are left out"),
+        (any(m.alpha_mode != "opaque" for m in materials), "cut-out and translucent materials are rendered as opaque"),
+        (any(mesh.deformation is not None for mesh in meshes), "deforming meshes keep their rest shape"),
+        (bool(world.punctual_lights), "point, spot and directional lights are left out"),
+        (world.environment_map is not None, "the environment map is left out"),
+        (world.camera.lens != Lens(), "the camera is rendered as a pinhole without distortion"),
+    )
+    return tuple(text for lacks, text in rows if lacks)
+
+
+def features_of(world: World, variances: bool, strategy: Strategy) -> Features:
+    """Return the features that the world needs."""
+    meshes, materials = _used_meshes(world), _used_materials(world)
+    return Features(
+        two_level=any(instance.motion.duration_s > 0 for instance in world.instances),
+        smooth_normals=any(mesh.normals is not None for mesh in meshes),
+        textures=any(checker_of(world, material) >= 0 for material in materials),
+        one_sided=any(not material.two_sided for material in materials),
+        triangle_lights=any(max(material.emission) > 0 for material in materials),
+        sphere_lights=bool(world.sphere_lights),
+        environment=max(world.environment) > 0,
+        variances=variances,
+        strategy=strategy,
+    )

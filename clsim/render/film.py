@@ -1,0 +1,113 @@
+"""The film: means and variances of the mean of a pixel's samples, as Warp functions.
+
+Box filter: a sample counts for the pixel it falls in. Running moments by Welford's recurrence (Technometrics 4(3),
+1962), which stays honest in float32 where sums of squares would cancel.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.sampling import luminance
+
+
+@wp.struct
+class Sample:
+    """What one camera ray saw; the features are those of the first hit."""
+
+    radiance: wp.vec3
+    albedo: wp.vec3
+    normal: wp.vec3
+    depth: float
+    hit: bool
+
+
+@wp.struct
+class Moments:
+    """Means and sums of squared deviations of a pixel; radiance over all samples, features over those that hit."""
+
+    count: float
+    hits: float
+    radiance: wp.vec3
+    radiance_m2: wp.vec3
+    luminance: float
+    luminance_m2: float
+    albedo: wp.vec3
+    albedo_m2: wp.vec3
+    normal: wp.vec3
+    normal_m2: wp.vec3
+    depth: float
+    depth_m2: float
+
+
+_NAN_BITS = wp.constant(wp.uint32(0x7FC00000))
+
+
+@wp.func
+def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
+    out[plane, pixel] = value[0]
+    out[plane + 1, pixel] = value[1]
+    out[plane + 2, pixel] = value[2]
+
+
+def make_film(variances: bool) -> tuple[Any, Any]:
+    """Return the Warp functions ``add(moments, sample)`` and ``store(moments, pixel, out_planes, out_bits)``."""
+
+    @wp.func
+    def add(moments: Moments, sample: Sample) -> Moments:
+        m = moments
+        m.count = m.count + 1.0
+        delta = sample.radiance - m.radiance
+        m.radiance = m.radiance + delta / m.count
+        if wp.static(variances):
+            m.radiance_m2 = m.radiance_m2 + wp.cw_mul(delta, sample.radiance - m.radiance)
+            y = luminance(sample.radiance)
+            y_delta = y - m.luminance
+            m.luminance = m.luminance + y_delta / m.count
+            m.luminance_m2 = m.luminance_m2 + y_delta * (y - m.luminance)
+        if sample.hit:
+            m.hits = m.hits + 1.0
+            albedo_delta = sample.albedo - m.albedo
+            normal_delta = sample.normal - m.normal
+            depth_delta = sample.depth - m.depth
+            m.albedo = m.albedo + albedo_delta / m.hits
+            m.normal = m.normal + normal_delta / m.hits
+            m.depth = m.depth + depth_delta / m.hits
+            if wp.static(variances):
+                m.albedo_m2 = m.albedo_m2 + wp.cw_mul(albedo_delta, sample.albedo - m.albedo)
+                m.normal_m2 = m.normal_m2 + wp.cw_mul(normal_delta, sample.normal - m.normal)
+                m.depth_m2 = m.depth_m2 + depth_delta * (sample.depth - m.depth)
+        return m
+
+    @wp.func
+    def store(moments: Moments, pixel: int, out_planes: wp.array2d(dtype=float), out_bits: wp.array2d(dtype=wp.uint32)):
+        """Planes in the order of ``frames.BASE_PLANES``, then ``frames.VARIANCE_PLANES``."""
+        coverage = moments.hits / wp.max(moments.count, 1.0)
+        _store3(out_planes, 0, pixel, moments.radiance)
+        _store3(out_planes, 3, pixel, moments.albedo)
+        _store3(out_planes, 6, pixel, moments.normal)
+        out_planes[9, pixel] = moments.depth
+        out_planes[10, pixel] = coverage
+        out_planes[11, pixel] = moments.count
+        if wp.static(variances):
+            # NaN is written as bits: the kernel is compiled as if there were no NaN.
+            if moments.count < 2.0:
+                for i in range(3):
+                    out_bits[12 + i, pixel] = _NAN_BITS
+                out_bits[22, pixel] = _NAN_BITS
+                out_bits[23, pixel] = _NAN_BITS
+            else:
+                scale = 1.0 / (moments.count * (moments.count - 1.0))
+                _store3(out_planes, 12, pixel, moments.radiance_m2 * scale)
+                out_planes[22, pixel] = coverage * (1.0 - coverage) / (moments.count - 1.0)
+                out_planes[23, pixel] = moments.luminance_m2 * scale
+            if moments.hits < 2.0:
+                for i in range(7):
+                    out_bits[15 + i, pixel] = _NAN_BITS
+            else:
+                scale = 1.0 / (moments.hits * (moments.hits - 1.0))
+                _store3(out_planes, 15, pixel, moments.albedo_m2 * scale)
+                _store3(out_planes, 18, pixel, moments.normal_m2 * scale)
+                out_planes[21, pixel] = moments.depth_m2 * scale
+
+    return add, store

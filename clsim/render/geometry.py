@@ -1,0 +1,240 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: RUF046, UP018
+"""Meshes, instances and the intersection of rays with them, as Warp functions.
+
+Everything above the two functions ``_closest_in_mesh`` and ``_any_in_mesh`` is blind to how a mesh is searched, so
+another acceleration structure replaces these two alone.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.features import Features
+
+mat34 = wp.types.matrix(shape=(3, 4), dtype=wp.float32)
+"""An affine map: the upper three rows of a 4×4 matrix."""
+
+FAR = wp.constant(1.0e30)
+_OFFSET = wp.constant(4.0e-6)
+
+
+@wp.struct
+class Geometry:
+    """The triangles of all meshes one after the other, their instances and the analytic spheres."""
+
+    mesh_handles: wp.array(dtype=wp.uint64)
+    mesh_first_vertex: wp.array(dtype=int)
+    mesh_first_triangle: wp.array(dtype=int)
+    vertices: wp.array(dtype=wp.vec3)
+    indices: wp.array(dtype=int)
+    normals: wp.array(dtype=wp.vec3)
+    uvs: wp.array(dtype=wp.vec2)
+    material_ids: wp.array(dtype=int)
+    instance_tree: wp.uint64
+    instance_mesh: wp.array(dtype=int)
+    to_world: wp.array(dtype=mat34)
+    to_object: wp.array(dtype=mat34)
+    spheres: wp.array(dtype=wp.vec4)
+    scale_m: float
+
+
+@wp.struct
+class Hit:
+    """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one."""
+
+    t: float
+    instance: int
+    triangle: int
+    sphere: int
+    weight0: float
+    weight1: float
+
+
+@wp.struct
+class Surface:
+    """A point on a triangle as shading needs it; the normals face the side that the ray came from."""
+
+    position: wp.vec3
+    normal: wp.vec3
+    shading_normal: wp.vec3
+    uv: wp.vec2
+    material: int
+    front: bool
+    area: float
+
+
+@wp.func
+def offset_origin(position: wp.vec3, normal: wp.vec3, scale_m: float) -> wp.vec3:
+    """Return a ray origin moved off the surface, by about sixty roundings of the coordinates involved."""
+    size = wp.max(wp.max(wp.abs(position[0]), wp.abs(position[1])), wp.max(wp.abs(position[2]), scale_m))
+    return position + normal * (_OFFSET * size)
+
+
+@wp.func
+def transform_point(m: mat34, p: wp.vec3) -> wp.vec3:
+    """Return the image of a point."""
+    return m * wp.vec4(p[0], p[1], p[2], 1.0)
+
+
+@wp.func
+def transform_vector(m: mat34, v: wp.vec3) -> wp.vec3:
+    """Return the image of a direction, its length not restored: ray parameters stay those of the world."""
+    return m * wp.vec4(v[0], v[1], v[2], 0.0)
+
+
+@wp.func
+def transform_normal(to_object: mat34, n: wp.vec3) -> wp.vec3:
+    """Return the image of a normal (by the transposed inverse), of unit length."""
+    return wp.normalize(
+        wp.vec3(
+            to_object[0, 0] * n[0] + to_object[1, 0] * n[1] + to_object[2, 0] * n[2],
+            to_object[0, 1] * n[0] + to_object[1, 1] * n[1] + to_object[2, 1] * n[2],
+            to_object[0, 2] * n[0] + to_object[1, 2] * n[1] + to_object[2, 2] * n[2],
+        )
+    )
+
+
+@wp.func
+def hit_sphere(sphere: wp.vec4, origin: wp.vec3, direction: wp.vec3) -> float:
+    """Return the distance at which a unit-length ray enters the sphere; −1 on a miss or from inside."""
+    to_centre = wp.vec3(sphere[0], sphere[1], sphere[2]) - origin
+    along = wp.dot(to_centre, direction)
+    # The distance of centre and ray is taken from the perpendicular: b² − c cancels for far spheres
+    # (Haines et al., Ray Tracing Gems, ch. 7).
+    perpendicular = to_centre - direction * along
+    half_chord2 = sphere[3] * sphere[3] - wp.dot(perpendicular, perpendicular)
+    t = float(-1.0)
+    if half_chord2 > 0.0 and wp.dot(to_centre, to_centre) > sphere[3] * sphere[3]:
+        t = along - wp.sqrt(half_chord2)
+    return t
+
+
+@wp.func
+def _closest_in_mesh(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> wp.MeshQueryRay:
+    return wp.mesh_query_ray(geometry.mesh_handles[mesh], origin, direction, far)
+
+
+@wp.func
+def _any_in_mesh(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
+    return wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
+
+
+def make_intersection(features: Features) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?) and ``surface``."""
+
+    @wp.func
+    def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3) -> Hit:
+        hit = Hit()
+        hit.t = FAR
+        hit.instance = -1
+        hit.triangle = -1
+        hit.sphere = -1
+        if wp.static(features.two_level):
+            candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
+            instance = int(0)
+            while wp.bvh_query_next(candidates, instance, hit.t):
+                to_object = geometry.to_object[instance]
+                mesh = geometry.instance_mesh[instance]
+                local_origin = transform_point(to_object, origin)
+                local_direction = transform_vector(to_object, direction)
+                found = _closest_in_mesh(geometry, mesh, local_origin, local_direction, hit.t)
+                if found.result:
+                    hit.t = found.t
+                    hit.instance = instance
+                    hit.triangle = geometry.mesh_first_triangle[mesh] + found.face
+                    hit.weight0 = found.u
+                    hit.weight1 = found.v
+        else:
+            found = _closest_in_mesh(geometry, 0, origin, direction, hit.t)
+            if found.result:
+                hit.t = found.t
+                hit.instance = 0
+                hit.triangle = found.face
+                hit.weight0 = found.u
+                hit.weight1 = found.v
+        if wp.static(features.sphere_lights):
+            for i in range(geometry.spheres.shape[0]):
+                t = hit_sphere(geometry.spheres[i], origin, direction)
+                if t > 0.0 and t < hit.t:
+                    hit.t = t
+                    hit.triangle = -1
+                    hit.sphere = i
+        return hit
+
+    @wp.func
+    def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
+        if wp.static(features.sphere_lights):
+            for i in range(geometry.spheres.shape[0]):
+                t = hit_sphere(geometry.spheres[i], origin, direction)
+                if t > 0.0 and t < far:
+                    return True
+        if wp.static(features.two_level):
+            candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
+            instance = int(0)
+            while wp.bvh_query_next(candidates, instance, far):
+                to_object = geometry.to_object[instance]
+                local_origin = transform_point(to_object, origin)
+                local_direction = transform_vector(to_object, direction)
+                if _any_in_mesh(geometry, geometry.instance_mesh[instance], local_origin, local_direction, far):
+                    return True
+            return False
+        return _any_in_mesh(geometry, 0, origin, direction, far)
+
+    @wp.func
+    def surface(geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float) -> Surface:
+        """The front of the triangle; ``face`` turns it to the ray."""
+        first = int(0)
+        if wp.static(features.two_level):
+            first = geometry.mesh_first_vertex[geometry.instance_mesh[instance]]
+        i0 = first + geometry.indices[3 * triangle]
+        i1 = first + geometry.indices[3 * triangle + 1]
+        i2 = first + geometry.indices[3 * triangle + 2]
+        weight2 = 1.0 - weight0 - weight1
+        p0 = geometry.vertices[i0]
+        p1 = geometry.vertices[i1]
+        p2 = geometry.vertices[i2]
+        cross = wp.cross(p1 - p0, p2 - p0)
+        point = Surface()
+        point.front = True
+        point.normal = wp.normalize(cross)
+        if wp.static(features.two_level):
+            to_world = geometry.to_world[instance]
+            to_object = geometry.to_object[instance]
+            point.normal = transform_normal(to_object, cross)
+            p0 = transform_point(to_world, p0)
+            p1 = transform_point(to_world, p1)
+            p2 = transform_point(to_world, p2)
+            cross = wp.cross(p1 - p0, p2 - p0)
+        point.area = 0.5 * wp.length(cross)
+        point.position = p0 * weight0 + p1 * weight1 + p2 * weight2
+        point.shading_normal = point.normal
+        if wp.static(features.smooth_normals):
+            blend = geometry.normals[i0] * weight0 + geometry.normals[i1] * weight1 + geometry.normals[i2] * weight2
+            if wp.dot(blend, blend) > 1.0e-12:
+                if wp.static(features.two_level):
+                    point.shading_normal = transform_normal(geometry.to_object[instance], blend)
+                else:
+                    point.shading_normal = wp.normalize(blend)
+        if wp.static(features.textures):
+            point.uv = geometry.uvs[i0] * weight0 + geometry.uvs[i1] * weight1 + geometry.uvs[i2] * weight2
+        point.material = geometry.material_ids[triangle]
+        return point
+
+    return closest, occluded, surface
+
+
+@wp.func
+def face(point: Surface, direction: wp.vec3) -> Surface:
+    """Return the surface turned to the side that a ray along ``direction`` comes from.
+
+    Where the interpolated normal looks away from the ray although the triangle does not, the triangle's is used.
+    """
+    turned = point
+    if wp.dot(point.normal, direction) > 0.0:
+        turned.front = False
+        turned.normal = -point.normal
+        turned.shading_normal = -point.shading_normal
+    if wp.dot(turned.shading_normal, direction) >= 0.0:
+        turned.shading_normal = turned.normal
+    return turned

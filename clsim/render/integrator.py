@@ -1,0 +1,181 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102, UP018
+"""The path tracing kernel, built for what a scene has.
+
+Unidirectional paths with next-event estimation, both ways of finding light joined by the power heuristic (Veach 1997,
+ch. 9), ended by Russian roulette on the throughput.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from clsim.render import sampling
+from clsim.render.bsdf import Materials, make_materials, scatter, scatter_pdf, scatter_value
+from clsim.render.camera import Pinhole, camera_ray
+from clsim.render.features import Features
+from clsim.render.film import Moments, Sample, make_film
+from clsim.render.geometry import Geometry, face, make_intersection, offset_origin
+from clsim.render.lights import Lights, make_lights
+
+_DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
+
+
+@wp.struct
+class Settings:
+    """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame)."""
+
+    samples: int
+    max_depth: int
+    roulette_start: int
+    width: int
+    stream: wp.uint64
+
+
+@wp.struct
+class Scene:
+    """All that a ray may meet."""
+
+    geometry: Geometry
+    materials: Materials
+    lights: Lights
+
+
+@cache
+def build_kernel(features: Features) -> Any:
+    """Return the kernel ``render(scene, camera, settings, first_pixel, out_planes, out_bits)``; a thread is a pixel.
+
+    ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as unsigned integers.
+    """
+    closest, occluded, surface = make_intersection(features)
+    reflectance, emitted = make_materials(features)
+    sample_light, triangle_pdf, sphere_pdf, environment_pdf = make_lights(features, surface, emitted)
+    add, store = make_film(features.variances)
+    by_light = features.strategy != "scatter"
+    by_scatter = features.strategy != "light"
+    has_lights = features.triangle_lights or features.sphere_lights or features.environment
+
+    @wp.func
+    def weight(depth: int, scattered: float, drawn: float) -> float:
+        """MIS weight of light that scattering found, given both densities; the camera's own ray has no rival."""
+        w = float(1.0)
+        if depth > 0:
+            if wp.static(not by_scatter):
+                w = 0.0
+            elif wp.static(by_light):
+                w = sampling.power_heuristic(scattered, drawn)
+        return w
+
+    @wp.func
+    def trace(scene: Scene, start: wp.vec3, toward: wp.vec3, settings: Settings, key: wp.uint64) -> Sample:
+        sample = Sample()
+        origin = start
+        direction = toward
+        throughput = wp.vec3(1.0, 1.0, 1.0)
+        pdf = float(1.0)
+        # Where the ray was scattered, for the densities with which the lights would have been drawn there.
+        last_position = start
+        last_normal = toward
+        for depth in range(settings.max_depth):
+            hit = closest(scene.geometry, origin, direction)
+            if hit.triangle < 0:
+                if wp.static(features.sphere_lights):
+                    if hit.sphere >= 0:
+                        sphere = scene.geometry.spheres[hit.sphere]
+                        drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last_position)
+                        radiance = scene.lights.sphere_radiance[hit.sphere]
+                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(depth, pdf, drawn)
+                        if depth == 0:
+                            centre = wp.vec3(sphere[0], sphere[1], sphere[2])
+                            sample.hit = True
+                            sample.depth = hit.t
+                            sample.normal = wp.normalize(origin + direction * hit.t - centre)
+                        break
+                if wp.static(features.environment):
+                    drawn = environment_pdf(scene.lights, last_normal, direction)
+                    radiance = scene.lights.environment
+                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(depth, pdf, drawn)
+                break
+
+            point = face(surface(scene.geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1), direction)
+            color = reflectance(scene.materials, point)
+            if depth == 0:
+                sample.hit = True
+                sample.depth = hit.t
+                sample.normal = point.shading_normal
+                sample.albedo = color
+            if wp.static(features.triangle_lights):
+                radiance = emitted(scene.materials, point)
+                if radiance[0] + radiance[1] + radiance[2] > 0.0:
+                    distance = wp.length(point.position - last_position)
+                    drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, distance)
+                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(depth, pdf, drawn)
+            if depth + 1 >= settings.max_depth:
+                break
+
+            dimension = (depth + 1) * _DIMENSIONS
+            choice = sampling.uniform2(key, dimension + sampling.CHOICE)
+            if wp.static(by_light and has_lights):
+                u = sampling.uniform2(key, dimension + sampling.LIGHT)
+                light = sample_light(scene.lights, scene.geometry, scene.materials, point, choice[0], u)
+                if light.pdf > 0.0:
+                    value = wp.cw_mul(
+                        wp.cw_mul(throughput, light.radiance),
+                        scatter_value(color, point.shading_normal, light.direction),
+                    )
+                    if value[0] + value[1] + value[2] > 0.0 and not occluded(
+                        scene.geometry, light.origin, light.direction, light.distance
+                    ):
+                        w = float(1.0)
+                        if wp.static(by_scatter):
+                            w = sampling.power_heuristic(light.pdf, scatter_pdf(point.shading_normal, light.direction))
+                        sample.radiance += value * (w / light.pdf)
+
+            direction = scatter(point.shading_normal, sampling.uniform2(key, dimension + sampling.SCATTER))
+            pdf = scatter_pdf(point.shading_normal, direction)
+            # f·cos / pdf of the diffuse model is the reflectance.
+            throughput = wp.cw_mul(throughput, color)
+            if pdf <= 0.0 or wp.dot(direction, point.normal) <= 0.0:
+                break
+            survival = wp.min(wp.max(throughput[0], wp.max(throughput[1], throughput[2])), 0.95)
+            if survival <= 0.0:
+                break
+            if depth + 1 >= settings.roulette_start:
+                if choice[1] >= survival:
+                    break
+                throughput = throughput / survival
+            last_position = point.position
+            last_normal = point.shading_normal
+            origin = offset_origin(point.position, point.normal, scene.geometry.scale_m)
+        return sample
+
+    @wp.kernel(
+        module="unique",
+        enable_backward=False,
+        module_options={"cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -menable-no-nans -w"},
+    )
+    def render(
+        scene: Scene,
+        camera: Pinhole,
+        settings: Settings,
+        first_pixel: int,
+        out_planes: wp.array2d(dtype=float),
+        out_bits: wp.array2d(dtype=wp.uint32),
+    ):
+        pixel = first_pixel + wp.tid()
+        x = float(pixel % settings.width)
+        y = float(pixel // settings.width)
+        stream = sampling.absorb(settings.stream, pixel)
+        moments = Moments()
+        for i in range(settings.samples):
+            key = sampling.stream_key(sampling.absorb(stream, i))
+            jitter = sampling.uniform2(key, sampling.CAMERA)
+            direction = camera_ray(camera, x + jitter[0], y + jitter[1])
+            sample = trace(scene, camera.origin, direction, settings, key)
+            # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
+            if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                moments = add(moments, sample)
+        store(moments, pixel, out_planes, out_bits)
+
+    return render

@@ -1,0 +1,121 @@
+"""Random numbers and sampling densities, as Warp functions.
+
+Each sample of each pixel has a stream of its own: ``word(d) = mix64((key + d)·γ)`` for dimension d = 0, 1, …, where
+the key is a 55-bit hash of (seed, pixel, sample) shifted left by 9. Multiplication by the odd γ and ``mix64`` are
+bijections of 64-bit words, so two streams with different keys share no word at all, and words depend on every bit of
+seed, pixel and sample. Dimensions are fixed (``DIMENSIONS_PER_BOUNCE`` each bounce), whatever branch a path takes:
+frames rendered with common random numbers stay in step where only part of the picture changes.
+
+``mix64`` is David Stafford's variant 13 of the MurmurHash3 finaliser, γ the golden-ratio increment of SplitMix64
+(Steele, Lea, Flood, OOPSLA 2014).
+"""
+
+import warp as wp
+
+DIMENSION_BITS = 9
+DIMENSIONS_PER_BOUNCE = 4
+"""Pairs of uniform numbers set aside for each bounce: light, scattering, roulette and lobe, one spare."""
+MAX_BOUNCES = 2**DIMENSION_BITS // DIMENSIONS_PER_BOUNCE - 1
+
+CAMERA = wp.constant(0)
+LIGHT = wp.constant(0)
+SCATTER = wp.constant(1)
+CHOICE = wp.constant(2)
+
+_GAMMA = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
+_MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
+_MIX_B = wp.constant(wp.uint64(0x94D049BB133111EB))
+
+
+@wp.func
+def mix64(x: wp.uint64) -> wp.uint64:
+    """Return a bijective hash of a 64-bit word in which every input bit moves every output bit."""
+    a = (x ^ (x >> wp.uint64(30))) * _MIX_A
+    b = (a ^ (a >> wp.uint64(27))) * _MIX_B
+    return b ^ (b >> wp.uint64(31))
+
+
+@wp.func
+def absorb(state: wp.uint64, value: int) -> wp.uint64:
+    """Return the hash state after one more integer."""
+    return mix64(state + wp.uint64(value + 1) * _GAMMA)
+
+
+@wp.func
+def stream_key(state: wp.uint64) -> wp.uint64:
+    """Return the key of a stream: the hash with its low bits cleared to make room for the dimension."""
+    return state << wp.uint64(9)
+
+
+@wp.func
+def uniform2(key: wp.uint64, dimension: int) -> wp.vec2:
+    """Return the stream's pair of uniform numbers in [0, 1) for that dimension."""
+    word = mix64((key | wp.uint64(dimension)) * _GAMMA)
+    # 24 bits each, the most a float32 in [0, 1) holds without rounding up to 1.
+    high = float(wp.int32(word >> wp.uint64(40)))
+    low = float(wp.int32((word >> wp.uint64(16)) & wp.uint64(0xFFFFFF)))
+    return wp.vec2(high * (1.0 / 16777216.0), low * (1.0 / 16777216.0))
+
+
+@wp.func
+def tangent_frame(n: wp.vec3) -> wp.mat33:
+    """Return a rotation whose columns are two tangents and the unit normal (Duff et al., JCGT 6(1), 2017)."""
+    sign = wp.where(n[2] >= 0.0, 1.0, -1.0)
+    a = -1.0 / (sign + n[2])
+    b = n[0] * n[1] * a
+    t = wp.vec3(1.0 + sign * n[0] * n[0] * a, sign * b, -sign * n[0])
+    s = wp.vec3(b, sign + n[1] * n[1] * a, -n[1])
+    return wp.matrix_from_cols(t, s, n)
+
+
+@wp.func
+def cosine_hemisphere(n: wp.vec3, u: wp.vec2) -> wp.vec3:
+    """Return a unit direction about ``n`` with density cos θ / π per steradian (Malley's method)."""
+    radius = wp.sqrt(u[0])
+    phi = 2.0 * wp.pi * u[1]
+    z = wp.sqrt(wp.max(1.0 - u[0], 0.0))
+    return wp.normalize(tangent_frame(n) * wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), z))
+
+
+@wp.func
+def cone(axis: wp.vec3, one_minus_cos: float, u: wp.vec2) -> wp.vec3:
+    """Return a unit direction uniform in the cone about ``axis``; 1 − cos of the half angle keeps thin cones exact."""
+    h = u[0] * one_minus_cos
+    sin_theta = wp.sqrt(wp.max(h * (2.0 - h), 0.0))
+    phi = 2.0 * wp.pi * u[1]
+    return wp.normalize(tangent_frame(axis) * wp.vec3(sin_theta * wp.cos(phi), sin_theta * wp.sin(phi), 1.0 - h))
+
+
+@wp.func
+def uniform_triangle(u: wp.vec2) -> wp.vec3:
+    """Return barycentric weights uniform over a triangle."""
+    r = wp.sqrt(u[0])
+    return wp.vec3(1.0 - r, r * (1.0 - u[1]), r * u[1])
+
+
+@wp.func
+def power_heuristic(pdf: float, other: float) -> float:
+    """Return the MIS weight of a sample drawn with density ``pdf`` (Veach 1997, eq. 9.13, β = 2)."""
+    # Written with a ratio so that the squares of large densities do not overflow.
+    ratio = other / pdf
+    return 1.0 / (1.0 + ratio * ratio)
+
+
+@wp.func
+def luminance(c: wp.vec3) -> float:
+    """Return the Rec. 709 luminance of a linear colour."""
+    return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
+
+
+@wp.func_native("""
+    unsigned int bits;
+    __builtin_memcpy(&bits, &x, 4);
+    return (bits & 0x7f800000u) != 0x7f800000u;
+""")
+def _finite(x: float) -> bool: ...
+
+
+@wp.func
+def finite(v: wp.vec3) -> bool:
+    """Whether no component is NaN or infinite, by the bits: kernels are compiled as if there were no NaN."""
+    return _finite(v[0]) and _finite(v[1]) and _finite(v[2])

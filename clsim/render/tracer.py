@@ -1,0 +1,246 @@
+"""The path tracer: a World in, Frames out."""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import warp as wp
+
+from clsim.errors import InputError, require_choice
+from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, frame_time_us
+from clsim.render.camera import pinhole
+from clsim.render.devices import check_device
+from clsim.render.features import Strategy, features_of, unsupported
+from clsim.render.integrator import Settings, build_kernel
+from clsim.render.sampling import MAX_BOUNCES
+from clsim.render.upload import SceneData
+from clsim.scene import World
+from clsim.scene.validate import validate
+
+_TILE_PATHS = 4096
+"""Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
+_MASK64 = (1 << 64) - 1
+
+
+class RenderCancelled(Exception):  # noqa: N818 - asked for, not an error
+    """``PathTracer.cancel`` was called; the frame is incomplete."""
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How to render a world."""
+
+    spp: int = 8
+    """Paths per pixel and frame."""
+    fps: float | None = None
+    """Frames per simulated second; None takes the world's."""
+    frames: int | None = None
+    """Number of frames; None plays the world's motion once, both ends included."""
+    seed: int = 0
+    """Seed of all random numbers, 0 to 2⁶⁴ − 1."""
+    noise: Literal["common", "independent"] = "common"
+    """Whether every frame uses the same random numbers, so that a still pixel stays exactly the same, or its own."""
+    max_depth: int = 8
+    """Longest path in edges: 1 sees emitters only, 2 adds direct light, 3 one bounce of indirect light."""
+    roulette_start: int = 5
+    """Number of edges after which Russian roulette may end a path."""
+    threads: int | None = None
+    """Threads on a CPU; None takes one a core. Pictures do not depend on it."""
+    tile_pixels: int | None = None
+    """Pixels in a launch; None chooses. Pictures do not depend on it."""
+    device: str = "cpu"
+    """Render device, "cpu" or "cuda:0" …"""
+    variances: bool = False
+    """Whether frames have the planes of variances."""
+    strategy: Strategy = "mis"
+    """How light is found; other than "mis" only to check it."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work, in the command line's spelling."""
+        require_choice("--noise", self.noise, ("common", "independent"))
+        for option, value in (
+            ("--spp", self.spp),
+            ("--frames", self.frames),
+            ("--max-depth", self.max_depth),
+            ("--threads", self.threads),
+            ("tile_pixels", self.tile_pixels),
+        ):
+            if value is not None and value < 1:
+                raise InputError(f"{option} must be at least 1, got {value}")
+        if self.max_depth > MAX_BOUNCES:
+            raise InputError(f"--max-depth must be at most {MAX_BOUNCES}, got {self.max_depth}")
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise InputError(f"--fps must be a positive number, got {self.fps}")
+        if not 0 <= self.seed <= _MASK64:
+            raise InputError(f"--seed must be from 0 to 2^64 - 1, got {self.seed}")
+
+
+def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
+    """Return what is "built in" to this world's kernel, what is "left out", and what it has that is "not supported"."""
+    facts = features_of(world, options.variances, options.strategy).describe()
+    return facts | {"not supported": list(unsupported(world))}
+
+
+class PathTracer:
+    """Renders a world; a ``clsim.frames.FrameSource``.
+
+    Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
+    noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its material's albedo, a
+    sphere light has albedo 0.
+
+    Attributes:
+        warnings: what the world asks for and is rendered without, one sentence each.
+    """
+
+    def __init__(self, world: World, options: RenderOptions) -> None:
+        """Copy the world to the device and build its kernel.
+
+        Raises:
+            InputError: the world or an option cannot be used.
+        """
+        validate(world, world.name)
+        camera = world.camera
+        if camera.shutter_s > 0:
+            raise InputError(
+                f"{world.name}: camera.shutter_s is {camera.shutter_s:g}, but motion blur is not supported; expected 0"
+            )
+        check_device(options.device)
+        self.width = camera.width
+        self.height = camera.height
+        self.names: tuple[str, ...] = ALL_PLANES if options.variances else BASE_PLANES
+        self.fps = options.fps or world.fps
+        self.frame_count: int | None = options.frames or max(1, round(world.duration_s * self.fps)) + 1
+        self._options = options
+        self._camera = camera
+        self._device = wp.get_device(options.device)
+        self.warnings = unsupported(world)
+        features = features_of(world, options.variances, options.strategy)
+        self._kernel = build_kernel(features)
+        self._data = SceneData(world, features, self._device)
+        self._settings: Any = Settings()
+        self._settings.samples = options.spp
+        self._settings.max_depth = options.max_depth
+        self._settings.roulette_start = options.roulette_start
+        self._settings.width = camera.width
+        self._cancelled = threading.Event()
+        self._targets: dict[int, tuple[Any, Any]] = {}
+
+        pixels = camera.width * camera.height
+        if self._device.is_cpu:
+            threads = options.threads or len(os.sched_getaffinity(0))
+            self._tile = options.tile_pixels or max(1, _TILE_PATHS // options.spp)
+        else:
+            threads = 1
+            self._tile = options.tile_pixels or pixels
+        self._tile = min(self._tile, pixels)
+        self._launches = [self._record() for _ in range(min(threads, -(-pixels // self._tile)))]
+        # The calling thread renders too.
+        self._pool = ThreadPoolExecutor(len(self._launches) - 1, "clsim-tile") if len(self._launches) > 1 else None
+
+    def fill(self, index: int, out: Frame) -> None:
+        """Render frame ``index`` (from 0; beyond the motion's end it goes on as the motion does) into ``out``.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
+        """
+        if out.names != self.names or (out.height, out.width) != (self.height, self.width):
+            raise ValueError(f"expected a frame {self.width}x{self.height} with the planes {', '.join(self.names)}")
+        if self._cancelled.is_set():
+            raise RenderCancelled
+        time_us = frame_time_us(index, self.fps)
+        time_s = time_us * 1e-6
+        self._data.update(time_s)
+        camera = pinhole(self._camera, self._camera.motion.pose(time_s))
+        state = self._options.seed * 0x9E3779B97F4A7C15 + 1
+        if self._options.noise == "independent":
+            state = state * 0xD1342543DE82EF95 + index + 1
+        self._settings.stream = _mix64(state)
+        planes, bits = self._target(out)
+        for launch in self._launches:
+            launch.set_param_at_index(1, camera)
+            launch.set_param_at_index(2, self._settings)
+            launch.set_param_at_index(4, planes)
+            launch.set_param_at_index(5, bits)
+        self._render_tiles()
+        if not self._device.is_cpu:
+            wp.copy(self._host(out), planes)
+            wp.synchronize_device(self._device)
+        out.time_us, out.index = time_us, index
+
+    def cancel(self) -> None:
+        """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread."""
+        self._cancelled.set()
+
+    def close(self) -> None:
+        """End the threads and let go of all memory; safe to call twice."""
+        self.cancel()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+        self._launches.clear()
+        self._targets.clear()
+
+    def _record(self) -> Any:
+        """Record a launch, one for each thread since its parameters change."""
+        planes = wp.zeros((len(self.names), self._tile), dtype=wp.float32, device=self._device)
+        bits: Any = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+        camera = pinhole(self._camera, self._camera.motion.pose(0.0))
+        return wp.launch(
+            self._kernel,
+            dim=self._tile,
+            inputs=[self._data.scene, camera, self._settings, 0],
+            outputs=[planes, bits],
+            device=self._device,
+            record_cmd=True,
+        )
+
+    def _render_tiles(self) -> None:
+        pixels = self.width * self.height
+        tiles = iter(range(0, pixels, self._tile))
+        # next() of a range iterator is one step of the interpreter, so that threads may share it.
+        workers = [self._pool.submit(self._drain, launch, tiles) for launch in self._launches[1:]] if self._pool else []
+        try:
+            self._drain(self._launches[0], tiles)
+        except BaseException:
+            self._cancelled.set()
+            raise
+        finally:
+            for worker in workers:
+                worker.result()
+        if self._cancelled.is_set():
+            raise RenderCancelled
+
+    def _drain(self, launch: Any, tiles: Any) -> None:
+        for first in tiles:
+            if self._cancelled.is_set():
+                return
+            launch.set_dim(min(self._tile, self.width * self.height - first))
+            launch.set_param_at_index(3, first)
+            launch.launch()
+
+    def _target(self, out: Frame) -> tuple[Any, Any]:
+        """Return the array that the kernel writes, and the same as bits: the frame's own memory on a CPU."""
+        shape = (len(self.names), self.width * self.height)
+        address = out.planes.ctypes.data if self._device.is_cpu else 0
+        if address not in self._targets:
+            on_host = self._device.is_cpu
+            planes = self._host(out) if on_host else wp.empty(shape, dtype=wp.float32, device=self._device)
+            bits: Any = wp.array(ptr=planes.ptr, shape=shape, dtype=wp.uint32, device=self._device)
+            self._targets[address] = (planes, bits)
+        return self._targets[address]
+
+    def _host(self, out: Frame) -> Any:
+        shape = (len(self.names), self.width * self.height)
+        return wp.array(ptr=out.planes.ctypes.data, shape=shape, dtype=wp.float32, device="cpu")
+
+
+def _mix64(x: int) -> int:
+    """``sampling.mix64`` on the host."""
+    x &= _MASK64
+    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9 & _MASK64
+    x = (x ^ (x >> 27)) * 0x94D049BB133111EB & _MASK64
+    return x ^ (x >> 31)

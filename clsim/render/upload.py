@@ -1,0 +1,241 @@
+"""From a World to the arrays that the kernels read, and their change from frame to frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.bsdf import Materials
+from clsim.render.features import Features, checker_of
+from clsim.render.geometry import Geometry, mat34
+from clsim.render.integrator import Scene
+from clsim.render.lights import Lights
+from clsim.scene import CheckerTexture, Instance, Mesh, Static, World
+
+_F64 = npt.NDArray[np.float64]
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+_STEPS = 1 << 24
+_BLACK = (0.0, 0.0, 0.0)
+_NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32))
+"""A triangle without area, for a world without meshes."""
+
+
+@dataclass(frozen=True)
+class _Placement:
+    """The meshes that rays search and where they stand; all that never moves is one mesh in world space, the first."""
+
+    meshes: list[Mesh]
+    instances: list[Instance]
+
+
+def _place(world: World) -> _Placement:
+    still = [instance for instance in world.instances if instance.motion.duration_s == 0]
+    moving = [instance for instance in world.instances if instance.motion.duration_s > 0]
+    meshes: list[Mesh] = []
+    instances: list[Instance] = []
+    if still or not moving:
+        meshes.append(_merge(world, still) if still else _NOTHING)
+        instances.append(Instance(0, Static(np.eye(4))))
+    slots: dict[int, int] = {}
+    for instance in moving:
+        if instance.mesh not in slots:
+            slots[instance.mesh] = len(meshes)
+            meshes.append(world.meshes[instance.mesh])
+        instances.append(Instance(slots[instance.mesh], instance.motion, instance.name))
+    return _Placement(meshes, instances)
+
+
+def _merge(world: World, instances: list[Instance]) -> Mesh:
+    """Join still instances to one mesh in world space."""
+    vertices, triangles, normals, uvs, materials = [], [], [], [], []
+    first = 0
+    for instance in instances:
+        mesh, pose = world.meshes[instance.mesh], instance.motion.pose(0.0)
+        vertices.append((mesh.vertices @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32))
+        triangles.append(mesh.triangles + np.int32(first))
+        normals.append((_normals(mesh) @ np.linalg.inv(pose[:3, :3])).astype(np.float32))
+        uvs.append(_uvs(mesh))
+        materials.append(mesh.material_ids)
+        first += len(mesh.vertices)
+    blended = np.concatenate(normals)
+    lengths = np.linalg.norm(blended, axis=1, keepdims=True)
+    return Mesh(
+        np.concatenate(vertices),
+        np.concatenate(triangles),
+        np.concatenate(materials),
+        np.divide(blended, lengths, out=np.zeros_like(blended), where=lengths > 0),
+        np.concatenate(uvs),
+    )
+
+
+def _normals(mesh: Mesh) -> npt.NDArray[np.float32]:
+    """Vertex normals; 0 means flat shading."""
+    return np.zeros_like(mesh.vertices) if mesh.normals is None else mesh.normals
+
+
+def _uvs(mesh: Mesh) -> npt.NDArray[np.float32]:
+    return np.zeros((len(mesh.vertices), 2), np.float32) if mesh.uvs is None else mesh.uvs
+
+
+class SceneData:
+    """A world on a device.
+
+    Attributes:
+        scene: what the kernel takes.
+    """
+
+    def __init__(self, world: World, features: Features, device: Any) -> None:
+        """Copy the world to the device and build its acceleration structures, at time 0."""
+        self._device = device
+        self._features = features
+        self._sphere_lights = world.sphere_lights
+        placement = _place(world)
+        self._instances = placement.instances
+        self.scene = Scene()
+        self.scene.materials = self._materials(world)
+        geometry = self._geometry(placement, world)
+        self.scene.geometry = geometry
+        self.scene.lights = self._lights(world, placement)
+
+    def update(self, time_s: float) -> None:
+        """Move everything to where it is at that time; work only where something moves."""
+        if self._features.two_level:
+            poses = np.array([instance.motion.pose(time_s) for instance in self._instances])
+            lowers, uppers = self._bounds(poses)
+            self._to_world.assign(poses[:, :3].astype(np.float32))
+            self._to_object.assign(np.linalg.inv(poses)[:, :3].astype(np.float32))
+            self._lowers.assign(lowers.astype(np.float32))
+            self._uppers.assign(uppers.astype(np.float32))
+            self._tree.refit()
+        if any(light.motion.duration_s > 0 for light in self._sphere_lights):
+            self._spheres.assign(self._sphere_rows(time_s))
+
+    def _array(self, values: Any, dtype: Any) -> Any:
+        """Copy to the device; an empty array becomes one entry of zeros, since its fields are never read."""
+        data = np.asarray(values)
+        return (
+            wp.array(data, dtype=dtype, device=self._device) if data.size else wp.zeros(1, dtype, device=self._device)
+        )
+
+    def _materials(self, world: World) -> Any:
+        materials = Materials()
+        materials.color = self._array([m.color for m in world.materials], wp.vec3)
+        materials.emission = self._array([m.emission for m in world.materials], wp.vec3)
+        materials.two_sided = self._array([int(m.two_sided) for m in world.materials], wp.int32)
+        materials.texture = self._array([checker_of(world, m) for m in world.materials], wp.int32)
+        # An entry for each texture, so that indices stay those of the world; those of images are never read.
+        checkers = [t if isinstance(t, CheckerTexture) else CheckerTexture(_BLACK, _BLACK) for t in world.textures]
+        materials.checker_a = self._array([t.color_a for t in checkers], wp.vec3)
+        materials.checker_b = self._array([t.color_b for t in checkers], wp.vec3)
+        materials.checker_scale = self._array([t.scale for t in checkers], wp.float32)
+        return materials
+
+    def _geometry(self, placement: _Placement, world: World) -> Any:
+        meshes = placement.meshes
+        first_vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)])
+        geometry = Geometry()
+        geometry.mesh_first_vertex = self._array(first_vertex[:-1], wp.int32)
+        geometry.mesh_first_triangle = self._array(first_triangle[:-1], wp.int32)
+        geometry.vertices = self._array(np.concatenate([mesh.vertices for mesh in meshes]), wp.vec3)
+        geometry.indices = self._array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32)
+        geometry.material_ids = self._array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32)
+        if self._features.smooth_normals:
+            geometry.normals = self._array(np.concatenate([_normals(mesh) for mesh in meshes]), wp.vec3)
+        if self._features.textures:
+            geometry.uvs = self._array(np.concatenate([_uvs(mesh) for mesh in meshes]), wp.vec2)
+        self._meshes = [
+            wp.Mesh(
+                geometry.vertices[first_vertex[i] : first_vertex[i + 1]],
+                geometry.indices[3 * first_triangle[i] : 3 * first_triangle[i + 1]],
+            )
+            for i in range(len(meshes))
+        ]
+        geometry.mesh_handles = self._array([mesh.id for mesh in self._meshes], wp.uint64)
+
+        poses = np.array([instance.motion.pose(0.0) for instance in placement.instances])
+        boxes = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in meshes], np.float64)
+        used = boxes[[instance.mesh for instance in placement.instances]]
+        self._centres = used.mean(axis=1)
+        self._extents = (used[:, 1] - used[:, 0]) / 2
+        lowers, uppers = self._bounds(poses)
+        spheres = self._sphere_rows(0.0)
+        least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
+        most = np.vstack([uppers, spheres[:, :3] + spheres[:, 3:]]).max(axis=0)
+        geometry.scale_m = float((most - least).max() / 2)
+        self._radius_m = float(np.linalg.norm(most - least) / 2)
+
+        geometry.instance_mesh = self._array([instance.mesh for instance in placement.instances], wp.int32)
+        self._to_world = self._array(poses[:, :3].astype(np.float32), mat34)
+        self._to_object = self._array(np.linalg.inv(poses)[:, :3].astype(np.float32), mat34)
+        geometry.to_world, geometry.to_object = self._to_world, self._to_object
+        if self._features.two_level:
+            self._lowers = self._array(lowers.astype(np.float32), wp.vec3)
+            self._uppers = self._array(uppers.astype(np.float32), wp.vec3)
+            self._tree: Any = wp.Bvh(self._lowers, self._uppers)
+            geometry.instance_tree = self._tree.id
+        if len(spheres):
+            self._spheres = self._array(spheres, wp.vec4)
+            geometry.spheres = self._spheres
+        return geometry
+
+    def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
+        """World boxes of the instances, a little wide so that flat ones and rounding miss nothing."""
+        centres = np.einsum("nij,nj->ni", poses[:, :3, :3], self._centres) + poses[:, :3, 3]
+        extents = np.einsum("nij,nj->ni", np.abs(poses[:, :3, :3]), self._extents)
+        extents += 1e-6 * (1.0 + np.abs(centres) + extents)
+        return centres - extents, centres + extents
+
+    def _sphere_rows(self, time_s: float) -> npt.NDArray[np.float32]:
+        rows = [(*light.motion.pose(time_s)[:3, 3], light.radius_m) for light in self._sphere_lights]
+        return np.array(rows, np.float32).reshape(-1, 4)
+
+    def _lights(self, world: World, placement: _Placement) -> Any:
+        """Number the lights and give each its share of the power, as it is at time 0."""
+        emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
+        sides = np.array([2.0 if material.two_sided else 1.0 for material in world.materials])
+        power_of = emission @ _LUMINANCE * sides * math.pi
+        ranks, emitting = [], []
+        for mesh in placement.meshes:
+            emits = power_of[mesh.material_ids] > 0 if len(power_of) else np.zeros(len(mesh.triangles), bool)
+            ranks.append(np.where(emits, np.cumsum(emits) - 1, -1))
+            emitting.append(np.flatnonzero(emits))
+        first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in placement.meshes)])
+        powers: list[_F64] = []
+        instance_of, triangle_of, instance_first = [], [], [0]
+        for k, instance in enumerate(placement.instances):
+            mesh, local = placement.meshes[instance.mesh], emitting[instance.mesh]
+            corners = (mesh.vertices @ instance.motion.pose(0.0)[:3, :3].T)[mesh.triangles[local]]
+            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            powers.append(0.5 * np.linalg.norm(cross, axis=1) * power_of[mesh.material_ids[local]])
+            instance_of.append(np.full(len(local), k))
+            triangle_of.append(first_triangle[instance.mesh] + local)
+            instance_first.append(instance_first[-1] + len(local))
+        for light in world.sphere_lights:
+            surface_m2 = 4 * math.pi * light.radius_m**2
+            powers.append(np.array([surface_m2 * math.pi * float(np.dot(light.radiance, _LUMINANCE))]))
+        power = np.concatenate(powers)
+        environment = float(np.dot(world.environment, _LUMINANCE)) * (2 * math.pi * max(self._radius_m, 1e-3)) ** 2
+        # Scattering finds a constant environment just as well, so that lamps keep at least half of the samples.
+        power = np.append(power, min(environment, power.sum()) if power.sum() > 0 else environment)
+
+        lights = Lights()
+        share = np.cumsum(power) / power.sum() if power.sum() > 0 else np.zeros_like(power)
+        cumulative = np.round(share * _STEPS) / _STEPS
+        probability = np.diff(cumulative, prepend=0.0)
+        lights.cumulative = self._array(cumulative.astype(np.float32), wp.float32)
+        lights.probability = self._array(probability.astype(np.float32), wp.float32)
+        lights.instance = self._array(np.concatenate(instance_of), wp.int32)
+        lights.triangle = self._array(np.concatenate(triangle_of), wp.int32)
+        lights.instance_first = self._array(instance_first[:-1], wp.int32)
+        lights.triangle_rank = self._array(np.concatenate(ranks), wp.int32)
+        lights.first_sphere = instance_first[-1]
+        lights.sphere_radiance = self._array([light.radiance for light in world.sphere_lights], wp.vec3)
+        lights.environment = wp.vec3(*world.environment)
+        lights.environment_probability = float(probability[-1])
+        return lights
