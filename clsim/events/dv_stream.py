@@ -73,6 +73,8 @@ class StreamHeader:
     height: int
     stream_id: int = 0
     """Packets of other ids are not events."""
+    data_table_position: int = -1
+    """Where a file's packets end; -1 in a stream, and in a file whose writer was killed."""
 
 
 class DvEncoder:
@@ -86,7 +88,7 @@ class DvEncoder:
         """
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
             raise InputError(f"a DV stream's coordinates are int16: {width}x{height} is not within 1x1 … 32768x32768")
-        self.header = _pack_header(width, height, compression)
+        self.header = pack_header(width, height, compression)
         """The first bytes every client gets."""
         self._limits = (width, height)
         self._compression = compression
@@ -121,7 +123,8 @@ class DvEncoder:
         return PACKET_HEAD.pack(0, len(payload)) + payload
 
 
-def _pack_header(width: int, height: int, compression: Compression) -> bytes:
+def pack_header(width: int, height: int, compression: Compression, data_table_position: int = -1) -> bytes:
+    """Return the header of one event stream; a file that is complete names the position of its data table in it."""
     description = f"""<dv version="2.0">
     <node name="outInfo" path="/outInfo/">
         <node name="0" path="/outInfo/0/">
@@ -141,8 +144,9 @@ def _pack_header(width: int, height: int, compression: Compression) -> bytes:
 """.encode()
     padding = bytes(4 - len(description) % 4)  # at least the one NUL that ends a FlatBuffers string
     size = _HEADER_HEAD.size + len(description) + len(padding)
-    head = _HEADER_HEAD.pack(size - 4, 24, b"IOHE", 10, 24, 4, 12, 8, 10, int(compression), 16, -1, len(description))
-    return head + description + padding
+    layout = (10, 24, 4, 12, 8, 10)
+    fields = (int(compression), 16, data_table_position, len(description))
+    return _HEADER_HEAD.pack(size - 4, 24, b"IOHE", *layout, *fields) + description + padding
 
 
 class _Table:
@@ -187,11 +191,12 @@ class _Table:
         return start + 4, count
 
 
-def parse_header(data: bytes) -> StreamHeader:
+def parse_header(data: bytes, accept_zstd: bool = False) -> StreamHeader:
     """Read a header (with its size prefix).
 
     Raises:
-        InputError: it is malformed, describes no event stream, or names a compression other than none and LZ4.
+        InputError: it is malformed, describes no event stream, or names a compression other than none and LZ4
+            (parse_packet reads no other; ``accept_zstd`` is for callers who bring their own decoder).
     """
     table = _Table(data, b"IOHE")
     field = table.field(0)
@@ -200,13 +205,17 @@ def parse_header(data: bytes) -> StreamHeader:
         compression = Compression(number)
     except ValueError:
         raise InputError(f"the stream's header names compression {number}, expected 0 (none) or 1 (LZ4)") from None
-    if compression in (Compression.ZSTD, Compression.ZSTD_HIGH):
+    if compression in (Compression.ZSTD, Compression.ZSTD_HIGH) and not accept_zstd:
         raise InputError("the stream is compressed with Zstandard, expected none or LZ4; choose one of these in DV")
+    field = table.field(1)
+    position = -1 if field is None else table.read("<q", field)
     start, count = table.vector(2, 1)
-    return _parse_description(data[start : start + count], compression)
+    stream_id, width, height = _parse_description(data[start : start + count])
+    return StreamHeader(compression, width, height, stream_id, position)
 
 
-def _parse_description(description: bytes, compression: Compression) -> StreamHeader:
+def _parse_description(description: bytes) -> tuple[int, int, int]:
+    """Return id, width and height of the first event stream."""
     if b"<!" in description:  # a document type could declare entities that expand without bound
         raise InputError("the stream's XML description holds a '<!' declaration, expected plain elements")
     try:
@@ -228,7 +237,7 @@ def _parse_description(description: bytes, compression: Compression) -> StreamHe
         stream_id, width, height = numbers
         if not (width and height):
             raise InputError(f"the stream's description gives a sensor of {width}x{height} pixels")
-        return StreamHeader(compression, width, height, stream_id)
+        return stream_id, width, height
     raise InputError("the stream's description names no event stream (typeIdentifier EVTS)")
 
 

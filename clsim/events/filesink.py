@@ -41,7 +41,7 @@ class Limits:
 
 
 class FileSink(abc.ABC):
-    """Checks, gathers and flushes; a format says how gathered events are stored (``_store``) and finished (``_finish``)."""
+    """Checks, gathers and flushes; a format says how events are stored and how the file is finished."""
 
     def __init__(self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy) -> None:
         """Check that the format can hold the sensor; opens nothing."""
@@ -141,17 +141,18 @@ class FileSink(abc.ABC):
 class ByteFile:
     """A file or standard output, written without buffers: what was written survives the process."""
 
-    def __init__(self, path: Path) -> None:
-        """Create or empty the file; raises InputError when that cannot be."""
+    def __init__(self, path: Path, head: bytes = b"") -> None:
+        """Create or empty the file and write ``head``; raises InputError when that cannot be."""
         self.path = path
         try:
             if path == STDOUT:
                 self._descriptor = os.dup(1)
             else:
                 self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+            self.size = 0
+            self.write(head)
         except OSError as error:
             raise unwritable(path, error) from None
-        self.size = 0
 
     def write(self, data: bytes | memoryview) -> None:
         """Append everything or raise OSError; a file that was deleted meanwhile counts as an error."""

@@ -30,12 +30,10 @@ class TextSink(FileSink):
         if time_unit not in ("us", "s"):
             raise InputError(f'{path}: time unit "{time_unit}" is unknown; expected "us" or "s"')
         super().__init__(path, width, height, LIMITS, flush)
-        self._file = ByteFile(path)
         self._seconds = time_unit == "s"
         separator = "," if path.suffix == ".csv" else " "
         self._line = separator.join(["%d.%06d" if self._seconds else "%d", "%d", "%d", "%d"]) + "\n"
-        if separator == ",":
-            self._file.write(b"t,x,y,p\n")
+        self._file = ByteFile(path, b"t,x,y,p\n" if separator == "," else b"")
 
     def _store(self, events: EventBatch) -> None:
         times = np.divmod(events["t"], 1_000_000) if self._seconds else (events["t"],)
