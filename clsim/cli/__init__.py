@@ -4,27 +4,33 @@ from __future__ import annotations
 
 import os
 import sys
+from typing import Any
 
 
 def main() -> None:
     """Run the command line; wrong input ends it with one sentence and status 2."""
-    import click
+    import typer
 
     from clsim.cli.app import app
     from clsim.errors import InputError
 
+    # Typer has its own copy of click in recent versions; either way this is the base of its usage errors.
+    usage_error: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
     try:
         status = app(prog_name="clsim", standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
     except InputError as error:
         print(f"clsim: {error}", file=sys.stderr)
         sys.exit(2)
-    except click.ClickException as error:
-        print(f"clsim: {error.format_message()}", file=sys.stderr)
-        sys.exit(2)
-    except (click.Abort, KeyboardInterrupt):
+    except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except BrokenPipeError:
         # Whoever read our standard output has gone; Python must not try to flush it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except Exception as error:
+        if not isinstance(error, usage_error):
+            raise
+        message: str = getattr(error, "format_message")()  # noqa: B009 - mypy cannot know the class
+        print(f"clsim: {message}", file=sys.stderr)
+        sys.exit(2)
