@@ -11,7 +11,7 @@ from clsim.cli.scenes import scenes
 
 app = typer.Typer(
     help="Live event-camera simulation from path-traced 3-D scenes.",
-    no_args_is_help=True,
+    invoke_without_command=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
@@ -32,6 +32,9 @@ def _print_version(value: bool) -> None:
 
 @app.callback()
 def common(
+    context: typer.Context,
     version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
 ) -> None:
     """Live event-camera simulation from path-traced 3-D scenes."""
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())

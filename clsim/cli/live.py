@@ -55,9 +55,7 @@ def live(
     seed: SEED = 0,
     max_depth: MAX_DEPTH = 8,
     threads: THREADS = None,
-    pace: Annotated[
-        Literal["max", "real"], typer.Option(help="As fast as it can, or by the wall clock.")
-    ] = "max",
+    pace: Annotated[Literal["max", "real"], typer.Option(help="As fast as it can, or by the wall clock.")] = "max",
     ring: Annotated[
         Literal["block", "drop-oldest"],
         typer.Option(help="block loses nothing; drop-oldest never waits (with --pace real)."),

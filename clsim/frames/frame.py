@@ -70,7 +70,8 @@ class Frame:
     def plane(self, name: str) -> FloatArray:
         """Return the plane of that name as a view ``[H, W]``; KeyError if the frame lacks it."""
         try:
-            return self.planes[self.names.index(name)]
+            view: FloatArray = self.planes[self.names.index(name)]
+            return view
         except ValueError:
             raise KeyError(f"the frame has no plane {name!r}; it has {', '.join(self.names)}") from None
 

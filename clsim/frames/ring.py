@@ -27,9 +27,7 @@ class FrameRing:
     RingClosed in the producer at once; ``fail`` hands an exception to the other side, whichever that is.
     """
 
-    def __init__(
-        self, slots: int, names: tuple[str, ...], height: int, width: int, policy: Policy = "block"
-    ) -> None:
+    def __init__(self, slots: int, names: tuple[str, ...], height: int, width: int, policy: Policy = "block") -> None:
         """Allocate ``slots`` frames of ``len(names)`` planes ``[C, height, width]`` (at least 2; 3 to drop)."""
         minimum = 3 if policy == "drop-oldest" else 2
         if slots < minimum:
@@ -37,9 +35,7 @@ class FrameRing:
         floats = len(names) * height * width
         stride = -(-floats // _PAGE_FLOATS) * _PAGE_FLOATS
         memory = page_aligned((slots, stride))
-        self._frames = [
-            Frame(memory[i, :floats].reshape(len(names), height, width), names) for i in range(slots)
-        ]
+        self._frames = [Frame(memory[i, :floats].reshape(len(names), height, width), names) for i in range(slots)]
         self.policy: Policy = policy
         self.dropped = 0
         self._free: deque[int] = deque(range(slots))
