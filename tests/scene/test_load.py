@@ -1,0 +1,98 @@
+"""Names, files and bundled scenes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.scene import bundled_names, bundled_scenes, describe, load_world
+
+
+def poses(world, time_s):
+    motions = [world.camera.motion, *(i.motion for i in world.instances), *(x.motion for x in world.sphere_lights)]
+    return np.stack([motion.pose(time_s) for motion in motions])
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_bundled_scenes_load_and_say_what_they_are(name):
+    world = load_world(name)
+    assert (world.camera.width, world.camera.height) == (346, 260)
+    assert bundled_scenes()[name]
+    assert world.name == name
+    assert any(any(m.emission) for m in world.materials) or world.sphere_lights or any(world.environment)
+    assert json.loads(json.dumps(describe(world)))["resolution"] == [346, 260]
+
+
+def test_the_scenes_of_the_readme_are_bundled():
+    assert {"two-boxes", "moving-light", "cornell", "still"} <= set(bundled_names())
+
+
+@pytest.mark.parametrize(
+    ("name", "moving"),
+    [
+        ("two-boxes", {"camera"}),
+        ("moving-light", {"lights"}),
+        ("cornell", {"objects"}),
+        ("uniform-wall", {"objects"}),
+        ("still", set()),
+    ],
+)
+def test_what_moves_in_the_bundled_scenes(name, moving):
+    """At 24 frames and 60 fps as well as over the whole scene; told by the poses, and the same by describe."""
+    world = load_world(name)
+    motions = {
+        "camera": [world.camera.motion],
+        "objects": [instance.motion for instance in world.instances],
+        "lights": [light.motion for light in world.sphere_lights],
+    }
+    seen = {
+        group
+        for group, members in motions.items()
+        if any(np.abs(m.pose(0.4) - m.pose(0.0)).max() > 0.05 for m in members)
+    }
+    ever = {
+        group
+        for group, members in motions.items()
+        for m in members
+        for t in np.linspace(0, world.duration_s, 9)
+        if np.abs(m.pose(t) - m.pose(0.0)).max() > 0
+    }
+    assert seen == ever == moving
+    facts = describe(world)
+    told = {"camera": facts["camera_moves"], "objects": facts["moving_objects"], "lights": facts["moving_lights"]}
+    assert {group for group, value in told.items() if value} == moving
+
+
+def test_a_resolution_changes_nothing_else():
+    plain, small = load_world("cornell"), load_world("cornell", resolution=(64, 48))
+    assert (small.camera.width, small.camera.height) == (64, 48)
+    assert small.camera.fov_deg == plain.camera.fov_deg
+    np.testing.assert_array_equal(poses(small, 0.5), poses(plain, 0.5))
+
+
+@pytest.mark.parametrize("resolution", [(0, 48), (64, -1), (100_000, 10), (16384, 16384)])
+def test_impossible_resolutions_are_refused(resolution):
+    with pytest.raises(InputError, match="camera"):
+        load_world("still", resolution=resolution)
+
+
+def test_an_unknown_name_lists_the_bundled_ones_and_guesses():
+    with pytest.raises(InputError, match="did you mean two-boxes") as caught:
+        load_world("two-boxs")
+    assert all(name in str(caught.value) for name in bundled_names())
+
+
+@pytest.mark.parametrize("name", ["", "none.toml", "none.glb", "scene.blend", "/", "a\nb"])
+def test_what_is_no_scene_is_refused(name):
+    with pytest.raises(InputError):
+        load_world(name)
+
+
+def test_describe_counts_the_cornell_box():
+    facts = describe(load_world("cornell"))
+    assert facts["triangles"] == 6 * 2 + 2 * 12  # five walls and a lamp of two triangles, two blocks of twelve
+    assert facts["area_light_triangles"] == 2
+    assert facts["materials"] == 4
+    needs = {key for key, value in facts["needs"].items() if value}
+    assert needs == {"area_lights", "moving_objects"}
