@@ -35,6 +35,10 @@ class FileFormat:
 FORMATS = (
     FileFormat("aedat4", (".aedat4",), "aedat4", _KEEPS),
     FileFormat("text", (".txt", ".csv"), "text", _KEEPS),
+    FileFormat("evt3", (".evt3.raw",), "evt3", _KEEPS),
+    FileFormat("evt2", (".raw",), "evt2", _KEEPS),
+    FileFormat("dat", (".dat",), "dat", _KEEPS),
+    FileFormat("es", (".es",), "es", _KEEPS),
 )
 """Every format, in the order help texts list them."""
 
