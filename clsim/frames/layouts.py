@@ -49,7 +49,7 @@ class Layout:
 
     def planes(self, with_depth: bool) -> tuple[str, ...]:
         """Return the planes that a file gives, in the order of `ALL_PLANES`; ``with_depth``: from positions too."""
-        have = {name for name in self.channels if name not in POSITION}
+        have = set(self.channels)
         if self.has_position and with_depth:
             have |= set(DEPTH)
         if self.miss == "zero position" or (self.miss != "none" and DEPTH[0] in have):

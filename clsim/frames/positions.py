@@ -41,13 +41,13 @@ def position_space(position: FloatArray, world_to_camera: npt.NDArray[np.float64
 def depth_of(
     position: FloatArray, space: Space, world_to_camera: npt.NDArray[np.float64] | None
 ) -> npt.NDArray[np.float64]:
-    """Return the distance ``[H, W]`` of positions ``[3, H, W]`` from the camera; 0 where the position is 0 (a miss)."""
+    """Return the distance ``[H, W]`` of positions ``[3, H, W]`` from the camera; without meaning for misses."""
     seen = position.astype(np.float64)
     if space == "world":
         if world_to_camera is None:
             raise ValueError("positions in world space need the camera's matrix")
         seen = _to_camera(position, world_to_camera)
-    return np.where((position == 0).all(axis=0), 0.0, np.sqrt((seen * seen).sum(axis=0)))
+    return np.asarray(np.sqrt((seen * seen).sum(axis=0)))
 
 
 def _to_camera(position: FloatArray, world_to_camera: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

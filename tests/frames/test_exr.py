@@ -120,7 +120,8 @@ def test_pbrt_gbuffer(tmp_path, space, rows):
         channels |= {f"P.{axis}": p for axis, p in zip("XYZ", position, strict=True)}
         channels |= {f"{group}.{axis}": plane() for group in ("N", "Ns") for axis in "XYZ"}
         channels |= {f"Variance.{c}": plane() for c in "RGB"}
-        matrix = (camera.T if rows else camera).astype(np.float32)
+        # OpenEXR reads the memory of the array, whatever its strides say.
+        matrix = np.ascontiguousarray(camera.T if rows else camera, dtype=np.float32)
         write(tmp_path / f"f{k}.exr", channels, worldToCamera=matrix)
     source = ExrSequence(tmp_path, fps=60)
     assert source.layout == "pbrt"
@@ -199,12 +200,13 @@ def test_blender_4_multilayer(tmp_path, albedo):
     check_blender(*read_one(tmp_path), passes, albedo)
 
 
-@pytest.mark.parametrize("style", ["part", "pass", "full"])
+@pytest.mark.parametrize("style", ["part", "pass", "full", "short part"])
 def test_blender_5_multipart(tmp_path, style):
     """Whether the channels repeat the part's name or not."""
     passes = blender("Diffuse Color")
-    prefix = {"part": lambda n: "", "pass": lambda n: f"{n}.", "full": lambda n: f"ViewLayer.{n}."}[style]
-    parts = {f"ViewLayer.{n}": {prefix(n) + c: v for c, v in group.items()} for n, group in passes.items()}
+    part = "{}" if style == "short part" else "ViewLayer.{}"
+    channel = {"part": "", "pass": "{}."}.get(style, "ViewLayer.{}.")
+    parts = {part.format(n): {channel.format(n) + c: v for c, v in g.items()} for n, g in passes.items()}
     write_parts(tmp_path / "0001.exr", parts)
     check_blender(*read_one(tmp_path), passes, "Diffuse Color")
 
@@ -291,6 +293,14 @@ def test_wrong_paths_and_layouts(tmp_path):
 def test_ambiguous_layers_are_named(tmp_path):
     channels = {f"{layer}.Combined.{c}": plane() for layer in ("near", "far") for c in "RGB"}
     write(tmp_path / "f.exr", channels)
+    with pytest.raises(InputError, match="more than one view layer: far, near"):
+        ExrSequence(tmp_path, fps=10)
+
+
+def test_ambiguous_layers_of_parts_are_named(tmp_path):
+    write_parts(
+        tmp_path / "f.exr", {f"{n}.Combined": {f"Combined.{c}": plane() for c in "RGB"} for n in ("far", "near")}
+    )
     with pytest.raises(InputError, match="more than one view layer: far, near"):
         ExrSequence(tmp_path, fps=10)
 
