@@ -1,0 +1,99 @@
+"""Which events of one set have a partner in another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import cKDTree
+
+from clsim.errors import InputError
+from clsim.events import EventBatch
+
+NO_NEIGHBOUR = 2.0
+"""Squared distance of an event that has no same-polarity event in its frame: the image's diagonal, squared."""
+_FRAME_GAP = 4.0
+"""Distance between frames in the search tree, more than any distance within one."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The grid on which events are compared: image size [pixels] and frame rate [1/s]."""
+
+    width: int
+    height: int
+    fps: float
+
+    def __post_init__(self) -> None:
+        """Refuse what is not positive."""
+        for name in ("width", "height", "fps"):
+            value = getattr(self, name)
+            if not 0 < value < float("inf"):
+                raise InputError(f"{name} must be a positive number, got {value}")
+
+    def frames(self, events: EventBatch) -> npt.NDArray[np.int64]:
+        """Return the frame ⌈t·fps⌉ of each event: k for t in (t_{k−1}, t_k], with t_k rounded to whole µs."""
+        return np.ceil((events["t"] - 0.5) * self.fps / 1e6).astype(np.int64)
+
+    def check(self, events: EventBatch, what: str) -> None:
+        """Raise InputError if an event lies outside the image."""
+        outside = np.flatnonzero((events["x"] >= self.width) | (events["y"] >= self.height))
+        if len(outside):
+            first = events[outside[0]]
+            raise InputError(
+                f"{what} has an event at x={first['x']}, y={first['y']}, outside the image of "
+                f"{self.width}×{self.height} pixels"
+            )
+
+
+def squared_distances(events: EventBatch, others: EventBatch, sampling: Sampling) -> npt.NDArray[np.float64]:
+    """Return for each event the squared distance d² to the nearest of ``others`` of its polarity and frame.
+
+    Positions are (x/W, y/H), as in Tsuji et al., ICIP 2023, section 3, whose program keeps frames apart too. Without
+    any such event d² is infinite.
+    """
+    result = np.full(len(events), np.inf)
+    points, targets = _points(events, sampling), _points(others, sampling)
+    for polarity in (False, True):
+        mine, theirs = events["on"] == polarity, others["on"] == polarity
+        if mine.any() and theirs.any():
+            distance, _ = cKDTree(targets[theirs]).query(points[mine], distance_upper_bound=_FRAME_GAP / 2)
+            result[mine] = distance**2
+    return result
+
+
+def _points(events: EventBatch, sampling: Sampling) -> npt.NDArray[np.float64]:
+    return np.column_stack(
+        [events["x"] / sampling.width, events["y"] / sampling.height, sampling.frames(events) * _FRAME_GAP]
+    )
+
+
+def time_errors_us(events: EventBatch, others: EventBatch, sampling: Sampling) -> npt.NDArray[np.float64]:
+    """Return for each event |Δt| [µs] to the nearest in time of ``others`` at its pixel and of its polarity.
+
+    Infinite where none lies within one frame: those are strict misses.
+    """
+    result = np.full(len(events), np.inf)
+    if not len(events) or not len(others):
+        return result
+    first = min(int(events["t"].min()), int(others["t"].min()))
+    span = max(int(events["t"].max()), int(others["t"].max())) - first + 1
+    wanted, have = (_place(batch, sampling) * span + (batch["t"] - first) for batch in (events, others))
+    order = np.argsort(have, kind="stable")
+    have = have[order]
+    partners = others[order]
+    frames, partner_frames = sampling.frames(events), sampling.frames(partners)
+    after = np.searchsorted(have, wanted)
+    for candidate in (after - 1, after):
+        index = np.clip(candidate, 0, len(have) - 1)
+        same = have[index] // span == wanted // span
+        near = same & (np.abs(partner_frames[index] - frames) <= 1)
+        result = np.where(near, np.minimum(result, np.abs(have[index] - wanted)), result)
+    return result
+
+
+def _place(events: EventBatch, sampling: Sampling) -> npt.NDArray[np.int64]:
+    """Return one number for each pixel and polarity."""
+    pixel = events["y"].astype(np.int64) * sampling.width + events["x"]
+    return np.asarray(2 * pixel + events["on"], dtype=np.int64)

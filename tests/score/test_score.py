@@ -1,0 +1,188 @@
+"""Scores against counts made by hand and by exhaustive search."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clsim.errors import InputError
+from clsim.events import EVENT_DTYPE
+from clsim.frames import frame_time_us
+from clsim.score import Sampling, curves, plot_curves, score
+from clsim.score.matching import squared_distances, time_errors_us
+
+W, H, FPS = 100, 50, 60.0
+
+
+def batch(*events):
+    return np.array([(t, x, y, on) for t, x, y, on in events], dtype=EVENT_DTYPE)
+
+
+def random_batch(seed, count, on=None):
+    rng = np.random.default_rng(seed)
+    events = np.empty(count, dtype=EVENT_DTYPE)
+    events["t"] = rng.integers(1, 90_000, count)
+    events["x"], events["y"] = rng.integers(0, 12, count), rng.integers(0, 9, count)
+    events["on"] = rng.integers(0, 2, count) if on is None else on
+    return events
+
+
+def at(frame):
+    return frame_time_us(frame, FPS)
+
+
+@pytest.mark.parametrize("fps", [24, 30, 59.94, 60, 120, 1000, 7])
+def test_frames_end_at_their_rounded_times(fps):
+    sampling = Sampling(W, H, fps)
+    for k in (1, 2, 3, 7, 100, 239, 100_000):
+        t = frame_time_us(k, fps)
+        events = batch((t, 0, 0, True), (t + 1, 0, 0, True), (frame_time_us(k - 1, fps) + 1, 0, 0, True))
+        assert sampling.frames(events).tolist() == [k, k + 1, k]
+
+
+def test_a_small_case_counted_by_hand():
+    reference = batch((at(1), 10, 10, True), (at(1), 50, 10, False), (at(2), 10, 10, True), (at(5), 90, 40, True))
+    events = batch(
+        (at(1), 11, 10, True),  # one pixel off: d² = 1e-4
+        (at(1), 53, 10, False),  # three pixels off: d² = 9e-4
+        (at(2), 10, 10, True),  # exact
+        (at(2), 10, 10, False),  # nothing of that polarity in frame 2
+        (at(4), 90, 40, True),  # the neighbouring frame
+    )
+    result = score(events, reference, W, H, FPS)
+    assert result.precision == pytest.approx(2 / 5)
+    assert result.recall == pytest.approx(2 / 4)
+    assert result.f1 == pytest.approx(2 * 0.4 * 0.5 / 0.9)
+    assert result.strict_precision == pytest.approx(2 / 5)
+    assert result.strict_recall == pytest.approx(3 / 4)
+    assert (result.unmatched_events, result.unmatched_reference) == (2, 1)
+    there = (1e-4 + 9e-4 + 0 + 2 + 2) / 5
+    back = (1e-4 + 9e-4 + 0 + 2) / 4
+    assert result.chamfer == pytest.approx((there + back) / 2)
+    assert result.dt_median_us == pytest.approx(np.median([0, at(5) - at(4)]))
+    assert score(events, reference, W, H, FPS, tau=1e-3).precision == pytest.approx(3 / 5)
+    assert score(events, reference, W, H, FPS, tau=9e-5).precision == pytest.approx(1 / 5)
+    assert json.loads(json.dumps(result.as_dict()))["strict_recall"] == pytest.approx(3 / 4)
+
+
+def test_the_vertical_is_measured_in_image_heights():
+    reference, events = batch((at(1), 10, 10, True)), batch((at(1), 10, 11, True))
+    assert score(events, reference, W, H, FPS).chamfer == pytest.approx((1 / H) ** 2)
+
+
+def exhaustive_d2(events, others):
+    result = []
+    for e in events.tolist():
+        same = [
+            o
+            for o in others.tolist()
+            if o[3] == e[3] and -(-int((o[0] * 2 - 1) * FPS) // 2_000_000) == -(-int((e[0] * 2 - 1) * FPS) // 2_000_000)
+        ]
+        result.append(min(((e[1] - o[1]) / W) ** 2 + ((e[2] - o[2]) / H) ** 2 for o in same) if same else np.inf)
+    return result
+
+
+def exhaustive_dt(events, others):
+    frames = [-(-int((e[0] * 2 - 1) * FPS) // 2_000_000) for e in events.tolist()]
+    other_frames = [-(-int((e[0] * 2 - 1) * FPS) // 2_000_000) for e in others.tolist()]
+    result = []
+    for e, frame in zip(events.tolist(), frames, strict=True):
+        near = [
+            abs(o[0] - e[0])
+            for o, f in zip(others.tolist(), other_frames, strict=True)
+            if o[1:] == e[1:] and abs(f - frame) <= 1
+        ]
+        result.append(min(near) if near else np.inf)
+    return result
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 10**6), a=st.integers(0, 60), b=st.integers(0, 60))
+def test_matching_equals_exhaustive_search(seed, a, b):
+    events, others = random_batch(seed, a), random_batch(seed + 1, b)
+    sampling = Sampling(W, H, FPS)
+    np.testing.assert_allclose(squared_distances(events, others, sampling), exhaustive_d2(events, others), atol=1e-12)
+    np.testing.assert_array_equal(time_errors_us(events, others, sampling), exhaustive_dt(events, others))
+
+
+def test_a_set_against_itself_is_perfect():
+    events = random_batch(3, 200)
+    result = score(events, events[::-1], W, H, FPS)
+    assert result.f1 == result.strict_f1 == result.precision == result.recall == 1
+    assert result.chamfer == 0 and result.dt_median_us == 0 and result.dt_p95_us == 0
+
+
+def test_exchanging_the_sets_exchanges_precision_and_recall():
+    events, reference = random_batch(1, 80), random_batch(2, 50)
+    a, b = score(events, reference, W, H, FPS), score(reference, events, W, H, FPS)
+    assert (a.precision, a.strict_precision) == (b.recall, b.strict_recall)
+    assert (a.f1, a.strict_f1, a.chamfer) == pytest.approx((b.f1, b.strict_f1, b.chamfer))
+    assert 0 < a.precision != a.recall
+
+
+def test_timing_errors():
+    reference = batch(*((at(k), 5, 5, True) for k in range(1, 21)))
+    events = reference.copy()
+    events["t"] -= np.arange(20) * 10
+    result = score(events, reference, W, H, FPS)
+    assert result.dt_median_us == pytest.approx(95)
+    assert result.dt_p95_us == pytest.approx(np.percentile(np.arange(20) * 10, 95))
+
+
+def test_empty_sets():
+    none, some = batch(), random_batch(0, 10)
+    both = score(none, none, W, H, FPS)
+    assert (both.f1, both.strict_f1, both.chamfer, both.dt_median_us) == (1, 1, 0, None)
+    for events, reference in ((none, some), (some, none)):
+        one = score(events, reference, W, H, FPS)
+        assert (one.f1, one.precision, one.recall, one.strict_f1, one.chamfer) == (0, 0, 0, 0, 2)
+        assert one.unmatched_events + one.unmatched_reference == 10
+        assert one.dt_p95_us is None
+
+
+def test_one_polarity_only():
+    on, off = random_batch(0, 20, on=True), random_batch(1, 20, on=False)
+    apart = score(on, off, W, H, FPS)
+    assert (apart.f1, apart.chamfer, apart.unmatched_events, apart.unmatched_reference) == (0, 2, 20, 20)
+    assert score(on, on, W, H, FPS).f1 == 1
+    mixed = score(on, np.concatenate([on, off]), W, H, FPS)
+    assert mixed.precision == 1 and mixed.recall == pytest.approx(0.5)
+
+
+def test_wrong_input_is_named():
+    events = batch((1, 3, 60, True))
+    with pytest.raises(InputError, match="the reference has an event at x=3, y=60, outside the image of 100×50"):
+        score(batch(), events, W, H, FPS)
+    with pytest.raises(InputError, match="fps must be a positive number, got 0"):
+        score(events, events, W, 100, 0)
+    with pytest.raises(InputError, match="width must be"):
+        score(events, events, -1, 100, FPS)
+    with pytest.raises(InputError, match="tau must be"):
+        score(events, events, W, 100, FPS, tau=0)
+
+
+def test_curves_pass_through_the_scores_and_rise():
+    events, reference = random_batch(1, 300), random_batch(2, 200)
+    tau = np.array([1e-4, 5e-4, 5e-3])
+    values = curves(events, reference, Sampling(W, H, FPS), tau)
+    for i, t in enumerate(tau):
+        result = score(events, reference, W, H, FPS, tau=t)
+        assert (values.precision[i], values.recall[i], values.f1[i]) == (result.precision, result.recall, result.f1)
+    assert (np.diff(values.f1) > 0).all()
+    assert len(curves(events, reference, Sampling(W, H, FPS)).tau) == 60
+
+
+def test_curves_are_drawn(tmp_path):
+    pytest.importorskip("matplotlib", reason="matplotlib draws the curves and is optional")
+    from PIL import Image
+
+    values = {
+        name: curves(random_batch(s, 99), random_batch(9, 99), Sampling(W, H, FPS)) for s, name in enumerate("ab")
+    }
+    plot_curves(values, tmp_path / "curves.png")
+    with Image.open(tmp_path / "curves.png") as image:
+        assert image.format == "PNG" and len(image.convert("RGB").getcolors(1 << 20)) > 10
+    with pytest.raises(InputError, match="cannot write"):
+        plot_curves(values, tmp_path / "nowhere" / "curves.png")
