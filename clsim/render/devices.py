@@ -6,12 +6,14 @@ import os
 import sys
 import tempfile
 import threading
+from typing import Any
 
 import warp as wp
 
 from clsim.errors import InputError
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
+_init_warp: Any = wp.init
 _started = False
 _lock = threading.Lock()
 
@@ -31,13 +33,13 @@ def start_warp() -> None:
         try:
             terminal = os.dup(2)
         except OSError:  # the process has no standard error at all
-            wp.init()
+            _init_warp()
             _started = True
             return
         with tempfile.TemporaryFile() as diverted:
             os.dup2(diverted.fileno(), 2)
             try:
-                wp.init()
+                _init_warp()
             finally:
                 os.dup2(terminal, 2)
                 os.close(terminal)

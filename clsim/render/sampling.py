@@ -48,9 +48,15 @@ def stream_key(state: wp.uint64) -> wp.uint64:
 
 
 @wp.func
+def stream_word(key: wp.uint64, dimension: int) -> wp.uint64:
+    """Return the stream's 64-bit word for that dimension."""
+    return mix64((key | wp.uint64(dimension)) * _GAMMA)
+
+
+@wp.func
 def uniform2(key: wp.uint64, dimension: int) -> wp.vec2:
     """Return the stream's pair of uniform numbers in [0, 1) for that dimension."""
-    word = mix64((key | wp.uint64(dimension)) * _GAMMA)
+    word = stream_word(key, dimension)
     # 24 bits each, the most a float32 in [0, 1) holds without rounding up to 1.
     high = float(wp.int32(word >> wp.uint64(40)))
     low = float(wp.int32((word >> wp.uint64(16)) & wp.uint64(0xFFFFFF)))

@@ -23,6 +23,8 @@ from clsim.scene.validate import validate
 
 _TILE_PATHS = 4096
 """Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
+_MAX_TARGETS = 16
+"""Frames whose memory is remembered: more than a ring has slots."""
 _MASK64 = (1 << 64) - 1
 
 
@@ -80,7 +82,7 @@ class RenderOptions:
 
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
-    """Return what is "built in" to this world's kernel, what is "left out", and what it has that is "not supported"."""
+    """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported"."""
     facts = features_of(world, options.variances, options.strategy).describe()
     return facts | {"not supported": list(unsupported(world))}
 
@@ -89,8 +91,8 @@ class PathTracer:
     """Renders a world; a ``clsim.frames.FrameSource``.
 
     Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
-    noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its material's albedo, a
-    sphere light has albedo 0.
+    noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its
+    material's albedo, a sphere light has albedo 0.
 
     Attributes:
         warnings: what the world asks for and is rendered without, one sentence each.
@@ -155,10 +157,9 @@ class PathTracer:
         time_s = time_us * 1e-6
         self._data.update(time_s)
         camera = pinhole(self._camera, self._camera.motion.pose(time_s))
-        state = self._options.seed * 0x9E3779B97F4A7C15 + 1
-        if self._options.noise == "independent":
-            state = state * 0xD1342543DE82EF95 + index + 1
-        self._settings.stream = _mix64(state)
+        self._settings.stream = stream_state(
+            self._options.seed, index if self._options.noise == "independent" else None
+        )
         planes, bits = self._target(out)
         for launch in self._launches:
             launch.set_param_at_index(1, camera)
@@ -227,6 +228,8 @@ class PathTracer:
         shape = (len(self.names), self.width * self.height)
         address = out.planes.ctypes.data if self._device.is_cpu else 0
         if address not in self._targets:
+            if len(self._targets) == _MAX_TARGETS:
+                self._targets.clear()
             on_host = self._device.is_cpu
             planes = self._host(out) if on_host else wp.empty(shape, dtype=wp.float32, device=self._device)
             bits: Any = wp.array(ptr=planes.ptr, shape=shape, dtype=wp.uint32, device=self._device)
@@ -236,6 +239,12 @@ class PathTracer:
     def _host(self, out: Frame) -> Any:
         shape = (len(self.names), self.width * self.height)
         return wp.array(ptr=out.planes.ctypes.data, shape=shape, dtype=wp.float32, device="cpu")
+
+
+def stream_state(seed: int, frame: int | None) -> int:
+    """Return the hash of a seed, and of a frame's index where each has its own noise, as the kernel goes on with it."""
+    state = _mix64(seed + 0x9E3779B97F4A7C15)
+    return state if frame is None else _mix64(state + (frame + 1) * 0xD1342543DE82EF95)
 
 
 def _mix64(x: int) -> int:
