@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
-    from clsim.live.session import stream
+    from clsim.live.stream import stream
 
 try:
     __version__ = version("clsim")
@@ -26,7 +26,7 @@ __all__ = ["InputError", "__version__", "stream"]
 def __getattr__(name: str) -> Any:
     """Import the pipeline only when it is asked for: the light rooms must not wait for it."""
     if name == "stream":
-        from clsim.live.session import stream
+        from clsim.live.stream import stream
 
         return stream
     raise AttributeError(f"module 'clsim' has no attribute {name!r}")

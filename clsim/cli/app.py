@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import typer
 
+from clsim.cli.detect import detect
 from clsim.cli.devices import devices
 from clsim.cli.info import info
 from clsim.cli.live import live
+from clsim.cli.render import render
 from clsim.cli.scenes import scenes
+from clsim.cli.score import score
 
 app = typer.Typer(
     help="Live event-camera simulation from path-traced 3-D scenes.",
@@ -18,7 +21,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (live, info, scenes, devices):
+for command in (live, render, detect, score, info, scenes, devices):
     app.command()(command)
 
 

@@ -98,6 +98,6 @@ def live(
         outputs=outputs,
     )
     from clsim.cli.status import run_session
-    from clsim.live.session import open_session
+    from clsim.live.session import open_live
 
-    return run_session(open_session(options), as_json=as_json)
+    return run_session(open_live(options), as_json=as_json)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from clsim.live.session import Session
 
 _REFRESH_S = 0.1
+_STEEP_SHARE = 0.01
 INTERRUPTED = 130
 OUTPUT_FAILED = 1
 
@@ -26,7 +27,7 @@ def run_session(session: Session, *, as_json: bool) -> int:
         warning = getattr(output.sink, "warning", None)
         if warning:
             console.print(f"clsim: {warning}", style="yellow", highlight=False)
-    for sentence in session.world.warnings:
+    for sentence in session.warnings:
         console.print(f"clsim: {sentence}", style="yellow", highlight=False)
     session.start()
     interrupted, all_ended = False, True
@@ -60,7 +61,7 @@ def run_session(session: Session, *, as_json: bool) -> int:
 def _status_line(session: Session) -> Text:
     progress, schedule = session.pipeline.progress, session.schedule
     if progress.first_frame_s is None:
-        return Text(f"{session.world.name}: building kernels …", style="dim")
+        return Text(f"{session.name}: building kernels …", style="dim")
     total = "" if schedule.total is None else f"/{schedule.time_us(schedule.total - 1) * 1e-6:.2f}"
     summary = session.summary()
     simulated_s = max(summary["simulated_s"], 1e-9)
@@ -83,7 +84,7 @@ def _status_line(session: Session) -> Text:
 def _print_summary(console: Console, summary: dict[str, Any]) -> None:
     simulated_s, wall_s = summary["simulated_s"], summary["wall_s"]
     console.print(
-        f"[bold]{summary['scene']}[/] {summary['width']}x{summary['height']}: "
+        f"[bold]{summary['name']}[/] {summary['width']}x{summary['height']}: "
         f"[bold]{summary['events']:,} events[/] ({summary['on_events']:,} on) in {simulated_s:.3f} s simulated, "
         f"{summary['frames']:,} frames in {wall_s:.1f} s ({summary['frames_per_s']:.1f} frames/s after a start of "
         f"{summary['startup_s'] or 0:.1f} s)",
@@ -99,7 +100,23 @@ def _print_summary(console: Console, summary: dict[str, Any]) -> None:
 
 
 def _print_warnings(console: Console, session: Session, summary: dict[str, Any]) -> None:
-    pass
+    """Tell what a user should know of the events: too coarse a time step, bad pixels, events cut off."""
+    steep, masked, capped = summary["steep_pixels"], summary["masked_pixels"], summary["capped_events"]
+    if steep > _STEEP_SHARE * max(summary["events"], 1):
+        console.print(
+            f"clsim: {steep:,} times a pixel crossed more than 3 thresholds in one frame step; "
+            f"--fps {2 * session.schedule.fps:g} would follow such changes more closely",
+            style="yellow",
+            highlight=False,
+        )
+    if masked:
+        console.print(f"clsim: {masked:,} NaN or infinite pixels were masked", style="yellow", highlight=False)
+    if capped:
+        console.print(
+            f"clsim: {capped:,} events beyond 1000 per pixel and step were not written; the threshold is too low",
+            style="yellow",
+            highlight=False,
+        )
 
 
 def _count(value: float) -> str:

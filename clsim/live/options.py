@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from clsim.detect.config import EventRule, Gate, Method
+from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError, require_choice
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
@@ -84,6 +84,28 @@ class LiveOptions:
             )
         if self.ring == "drop-oldest" and self.pace != "real":
             raise InputError("--ring drop-oldest needs --pace real: without a clock to keep, every frame would be late")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the options as plain values, for a sidecar."""
+        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+
+
+@dataclass(frozen=True)
+class RecordingOptions:
+    """Options of detection on recorded frames."""
+
+    frames: str | Path
+    """Folder or glob pattern of an EXR sequence."""
+    config: DetectorConfig
+    fps: float | None = None
+    """Frames per second; None takes the times that the files carry."""
+    opencl: str | None = None
+    outputs: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Refuse a frame rate that cannot be."""
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise InputError(f"--fps must be a positive number, got {self.fps}")
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, for a sidecar."""

@@ -19,6 +19,19 @@ from clsim.live.schedule import Schedule
 Pace = Literal["max", "real"]
 
 
+class DetectorStats(Protocol):
+    """What a detector counts."""
+
+    solved_share: float
+    """Share of the tested pixels, over all frames, whose regression was solved."""
+    masked: int
+    """Pixels left out because of NaN or infinite values, summed over frames."""
+    many_crossings: int
+    """Pixels with more than 3 crossings in one step, summed over steps."""
+    capped: int
+    """Events not written because a pixel had too many in one step."""
+
+
 class Detector(Protocol):
     """Anything that turns frames into events."""
 
@@ -35,8 +48,8 @@ class Detector(Protocol):
         ...
 
     @property
-    def solved_share(self) -> float:
-        """Share of the pixels, over all frames, whose regression was solved."""
+    def stats(self) -> DetectorStats:
+        """Counters since the start."""
         ...
 
 
@@ -59,6 +72,10 @@ class Progress:
     simulated_us: int = 0
     dropped_frames: int = 0
     solved_share: float = 0.0
+    masked_pixels: int = 0
+    steep_pixels: int = 0
+    """Pixels that crossed more than 3 thresholds in one step, summed over steps."""
+    capped_events: int = 0
     fill: int = 0
     started_s: float = field(default_factory=time.perf_counter)
     first_frame_s: float | None = None
@@ -159,7 +176,9 @@ class Pipeline:
                     index = self._keep_pace(index, clock_start)
                 frame = self._ring.acquire()
                 source.fill(self._schedule.source_index(index), frame)
-                frame.index, frame.time_us = index, self._schedule.time_us(index)
+                frame.index = index
+                if not self._schedule.recorded_times:
+                    frame.time_us = self._schedule.time_us(index)
                 self._ring.publish()
                 index += 1
             self._ring.close()
@@ -194,7 +213,7 @@ class Pipeline:
                 finally:
                     self._ring.release()
                 self._write(batch)
-                self._count(batch, time_us, detector.solved_share)
+                self._count(batch, time_us, detector.stats)
         finally:
             detector.close()
 
@@ -211,7 +230,7 @@ class Pipeline:
             if self.outputs and all(output.error for output in self.outputs):
                 raise SinkError("every output has failed: " + "; ".join(o.error or "" for o in self.outputs))
 
-    def _count(self, batch: EventBatch, time_us: int, solved_share: float) -> None:
+    def _count(self, batch: EventBatch, time_us: int, stats: DetectorStats) -> None:
         progress = self.progress
         if progress.first_frame_s is None:
             progress.first_frame_s = time.perf_counter() - progress.started_s
@@ -219,7 +238,10 @@ class Pipeline:
         progress.events += len(batch)
         progress.on_events += int(batch["on"].sum())
         progress.simulated_us = time_us
-        progress.solved_share = solved_share
+        progress.solved_share = stats.solved_share
+        progress.masked_pixels = stats.masked
+        progress.steep_pixels = stats.many_crossings
+        progress.capped_events = stats.capped
         progress.fill = self._ring.fill
         progress.dropped_frames = self._ring.dropped + self._skipped
 

@@ -17,6 +17,7 @@ class Schedule:
         total: number of frames in the run; None never ends.
         loop: whether motion starts anew after each pass; otherwise frames beyond the pass continue the motion's end.
         periodic: whether the motion's end meets its start; where it does not, references are reset at the seam.
+        recorded_times: whether the source's own times hold, rather than those of ``fps``.
     """
 
     fps: float
@@ -24,6 +25,7 @@ class Schedule:
     total: int | None
     loop: bool = False
     periodic: bool = False
+    recorded_times: bool = False
 
     def source_index(self, index: int) -> int:
         """Return the frame of the source that frame ``index`` of the run shows."""

@@ -2,34 +2,40 @@
 
 from __future__ import annotations
 
-import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.events import EventBatch, Sink
+from clsim.events import Sink
 from clsim.frames import BASE_PLANES
-from clsim.live.options import LiveOptions
+from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.outputs import open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
 from clsim.live.schedule import Schedule, plan
-from clsim.scene import Motion, World, load_world
+from clsim.scene import Camera, Motion, World, load_world
 
 
 @dataclass
 class Session:
-    """A live run that is ready to start."""
+    """A run that is ready to start.
 
-    options: LiveOptions
-    world: World
-    config: DetectorConfig
+    Attributes:
+        name: what is shown: a scene, or a folder of frames.
+        about: what a sidecar tells of the run: options, thresholds, camera, poses.
+        warnings: sentences for the user, known before the run.
+    """
+
+    name: str
+    width: int
+    height: int
     schedule: Schedule
     pipeline: Pipeline
+    about: dict[str, Any]
+    warnings: tuple[str, ...]
     wall_start_s: float
     cpu_start_s: float
 
@@ -41,23 +47,26 @@ class Session:
     def summary(self) -> dict[str, Any]:
         """Return what the run did so far; see ``clsim live --json`` for the keys."""
         progress = self.pipeline.progress
-        simulated_s = progress.simulated_us * 1e-6
         wall_s = time.perf_counter() - self.wall_start_s
-        since_first = wall_s - (progress.first_frame_s or 0.0)
+        startup_s = progress.first_frame_s
+        running_s = wall_s - (startup_s or 0.0)
         return {
-            "scene": self.world.name,
-            "width": self.world.camera.width,
-            "height": self.world.camera.height,
+            "name": self.name,
+            "width": self.width,
+            "height": self.height,
             "frames": progress.frames,
             "events": progress.events,
             "on_events": progress.on_events,
             "solved_share": progress.solved_share,
+            "masked_pixels": progress.masked_pixels,
+            "steep_pixels": progress.steep_pixels,
+            "capped_events": progress.capped_events,
             "dropped_frames": progress.dropped_frames,
-            "simulated_s": simulated_s,
+            "simulated_s": progress.simulated_us * 1e-6,
             "wall_s": wall_s,
             "cpu_s": time.process_time() - self.cpu_start_s,
-            "startup_s": progress.first_frame_s,
-            "frames_per_s": progress.frames / since_first if since_first > 0 else 0.0,
+            "startup_s": startup_s,
+            "frames_per_s": progress.frames / running_s if running_s > 0 else 0.0,
             "outputs": [_output_summary(output) for output in self.pipeline.outputs],
         }
 
@@ -66,44 +75,18 @@ class Session:
         files = [path for output in self.pipeline.outputs if (path := sidecar_path(output.name)) is not None]
         if not files:
             return
-        info = self._describe() | {"complete": complete}
+        info = self.about | {"complete": complete}
         if complete:
             info["summary"] = self.summary()
         for path in files:
             write_sidecar(path, info)
 
-    def _describe(self) -> dict[str, Any]:
-        from clsim import __version__
 
-        camera, schedule = self.world.camera, self.schedule
-        focal = 0.5 * camera.width / np.tan(np.radians(camera.fov_deg) / 2)
-        in_a_pass = schedule.pass_frames if schedule.total is None or schedule.loop else schedule.total
-        return {
-            "clsim_version": __version__,
-            "options": self.options.as_dict(),
-            "thresholds": {"on": self.config.threshold_on, "off": self.config.threshold_off},
-            "fps": schedule.fps,
-            "camera": {
-                "width": camera.width,
-                "height": camera.height,
-                "fov_deg": camera.fov_deg,
-                "intrinsics_px": {
-                    "fx": focal,
-                    "fy": focal,
-                    "cx": camera.width / 2,
-                    "cy": camera.height / 2,
-                },
-            },
-            "poses": [
-                {"time_us": schedule.time_us(k), "camera_to_world": camera.motion.pose(k / schedule.fps).tolist()}
-                for k in range(in_a_pass)
-            ],
-        }
+def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
+    """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered."""
+    from clsim.render import PathTracer, RenderOptions, check_device
 
-
-def open_session(options: LiveOptions, extra_sinks: tuple[Sink, ...] = ()) -> Session:
-    """Load the scene, open the outputs and prepare the pipeline; raises InputError before anything is rendered."""
-    wall_start_s, cpu_start_s = time.perf_counter(), time.process_time()
+    started = _now()
     world = load_world(options.scene, resolution=options.resolution)
     fps = options.fps or world.fps
     schedule = plan(
@@ -114,13 +97,7 @@ def open_session(options: LiveOptions, extra_sinks: tuple[Sink, ...] = ()) -> Se
         loop=options.loop,
         periodic=_is_periodic(world),
     )
-    config = _detector_config(options, world)
-    camera = world.camera
-    from clsim.detect.device import choose_device
-    from clsim.render import PathTracer, RenderOptions, check_device
-
-    check_device(options.render_device)
-    device = choose_device(options.opencl) if options.opencl is not None else None
+    config = _live_config(options, world)
     render_options = RenderOptions(
         spp=options.spp,
         fps=fps,
@@ -129,65 +106,102 @@ def open_session(options: LiveOptions, extra_sinks: tuple[Sink, ...] = ()) -> Se
         max_depth=options.max_depth,
         threads=options.threads,
         device=options.render_device,
-        variances=False,
     )
-
-    def make_detector() -> Any:
-        from clsim.detect.detector import Detector
-
-        return Detector(config, camera.width, camera.height, BASE_PLANES, device=device)
-
-    outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
-    try:
-        for name in options.outputs:
-            outputs.append(Output(name, open_output(name, camera.width, camera.height)))
-    except BaseException:
-        for output in outputs:
-            output.sink.close()
-        raise
+    check_device(options.render_device)
+    camera = world.camera
     pipeline = Pipeline(
         lambda: PathTracer(world, render_options),
-        make_detector,
-        outputs,
+        _detector_maker(config, camera.width, camera.height, BASE_PLANES, options.opencl),
+        _open_outputs(options.outputs, extra_sinks, camera.width, camera.height),
         schedule,
         (BASE_PLANES, camera.height, camera.width),
         ring=options.ring,
         pace=options.pace,
     )
-    return Session(options, world, config, schedule, pipeline, wall_start_s, cpu_start_s)
+    about = _about(options.as_dict(), config, schedule) | about_camera(camera, schedule)
+    return Session(world.name, camera.width, camera.height, schedule, pipeline, about, world.warnings, *started)
 
 
-def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
-    """Yield the events of each frame of a scene, as they happen.
+def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
+    """Open a sequence of EXR frames and the outputs; raises InputError before anything is detected."""
+    from clsim.frames.exr import ExrSequence
 
-    Args:
-        scene: name of a bundled scene, or a scene file.
-        options: fields of ``LiveOptions``, such as ``spp=8``, ``duration_s=2.0``, ``threshold=(0.2, 0.2)``.
+    started = _now()
+    source = ExrSequence(options.frames, options.fps)
+    fps = options.fps or source.recorded_fps
+    count = len(source.files)
+    schedule = Schedule(fps, count, count, recorded_times=options.fps is None)
+    pipeline = Pipeline(
+        lambda: source,
+        _detector_maker(options.config, source.width, source.height, source.names, options.opencl),
+        _open_outputs(options.outputs, extra_sinks, source.width, source.height),
+        schedule,
+        (source.names, source.height, source.width),
+    )
+    about = _about(options.as_dict(), options.config, schedule)
+    name = str(options.frames)
+    return Session(name, source.width, source.height, schedule, pipeline, about, (), *started)
 
-    Yields:
-        One EventBatch a frame (possibly empty; the first frame sets the references and has none).
 
-    Raises:
-        InputError: a scene or option cannot be used.
-    """
-    from clsim.live.queue_sink import QueueSink
+def _now() -> tuple[float, float]:
+    return time.perf_counter(), time.process_time()
 
-    queue = QueueSink(capacity=4)
-    session = open_session(LiveOptions(scene=scene, **options), extra_sinks=(queue,))
-    session.start()
+
+def _detector_maker(
+    config: DetectorConfig, width: int, height: int, names: tuple[str, ...], opencl: str | None
+) -> Callable[[], Any]:
+    """Choose the device now, so that a wrong name is told at once; build the kernels later, in a worker."""
+    from clsim.detect.device import choose_device
+
+    device = choose_device(opencl)
+
+    def make() -> Any:
+        from clsim.detect.detector import Detector
+
+        return Detector(config, width, height, names, device=device)
+
+    return make
+
+
+def _open_outputs(names: Sequence[str], extra_sinks: Sequence[Sink], width: int, height: int) -> list[Output]:
+    outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
     try:
-        for _ in itertools.count():
-            batch = queue.get(timeout_s=0.05)
-            if batch is not None:
-                yield batch
-            elif session.pipeline.wait(0.0):
-                while (batch := queue.get(timeout_s=0.0)) is not None:
-                    yield batch
-                session.write_sidecars(complete=True)
-                return
-    finally:
-        queue.close()
-        session.pipeline.stop()
+        for name in names:
+            outputs.append(Output(name, open_output(name, width, height)))
+    except BaseException:
+        for output in outputs:
+            output.sink.close()
+        raise
+    return outputs
+
+
+def _about(options: dict[str, Any], config: DetectorConfig, schedule: Schedule) -> dict[str, Any]:
+    from clsim import __version__
+
+    return {
+        "clsim_version": __version__,
+        "options": options,
+        "thresholds": {"on": config.threshold_on, "off": config.threshold_off},
+        "fps": schedule.fps,
+    }
+
+
+def about_camera(camera: Camera, schedule: Schedule) -> dict[str, Any]:
+    """Return the intrinsics [pixels] and the camera-to-world pose of each frame of the run, or of a loop's pass."""
+    focal = 0.5 * camera.width / np.tan(np.radians(camera.fov_deg) / 2)
+    frames = schedule.pass_frames if schedule.total is None or schedule.loop else schedule.total
+    return {
+        "camera": {
+            "width": camera.width,
+            "height": camera.height,
+            "fov_deg": camera.fov_deg,
+            "intrinsics_px": {"fx": focal, "fy": focal, "cx": camera.width / 2, "cy": camera.height / 2},
+        },
+        "poses": [
+            {"time_us": schedule.time_us(k), "camera_to_world": camera.motion.pose(k / schedule.fps).tolist()}
+            for k in range(frames)
+        ],
+    }
 
 
 def _output_summary(output: Output) -> dict[str, Any]:
@@ -201,7 +215,7 @@ def _output_summary(output: Output) -> dict[str, Any]:
     return info
 
 
-def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
+def _live_config(options: LiveOptions, world: World) -> DetectorConfig:
     sensor = world.sensor
     on, off = options.threshold or (sensor.threshold_on, sensor.threshold_off)
     return DetectorConfig(
@@ -219,5 +233,6 @@ def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
 
 def _is_periodic(world: World) -> bool:
     motions: list[Motion] = [world.camera.motion, *(i.motion for i in world.instances)]
-    motions += [light.motion for light in world.sphere_lights]
-    return all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in motions)
+    motions += [light.motion for light in (*world.sphere_lights, *world.punctual_lights)]
+    meshes_still = all(mesh.deformation is None for mesh in world.meshes)
+    return meshes_still and all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in motions)

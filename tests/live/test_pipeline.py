@@ -37,7 +37,11 @@ class CountingSource:
 class OneEventDetector:
     """Fires one event a frame, whose x is the source's frame index."""
 
-    solved_share = 0.25
+    solved_share, masked, many_crossings, capped = 0.25, 0, 0, 0
+
+    @property
+    def stats(self) -> "OneEventDetector":
+        return self
 
     def __init__(self) -> None:
         self.resets: list[int] = []
@@ -76,7 +80,12 @@ def run(schedule: Schedule, source: CountingSource | None = None, sinks: tuple[L
     source, detector = source or CountingSource(), OneEventDetector()
     outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(sinks)]
     pipeline = Pipeline(
-        lambda: source, lambda: detector, outputs, schedule, (NAMES, 3, 4), **options  # type: ignore[arg-type]
+        lambda: source,
+        lambda: detector,
+        outputs,
+        schedule,
+        (NAMES, 3, 4),
+        **options,  # type: ignore[arg-type]
     )
     return pipeline, source, detector
 

@@ -1,0 +1,43 @@
+"""A live run as a Python iterator."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from clsim.events import EventBatch
+from clsim.live.options import LiveOptions
+from clsim.live.queue_sink import QueueSink
+from clsim.live.session import open_live
+
+
+def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
+    """Yield the events of each frame of a scene, as they happen.
+
+    Args:
+        scene: name of a bundled scene, or a scene file.
+        options: fields of ``LiveOptions``, such as ``spp=8``, ``duration_s=2.0``, ``threshold=(0.2, 0.2)``.
+
+    Yields:
+        One EventBatch a frame, possibly empty; the first frame sets the references and fires nothing.
+
+    Raises:
+        InputError: a scene or option cannot be used.
+    """
+    queue = QueueSink(capacity=4)
+    session = open_live(LiveOptions(scene=scene, **options), extra_sinks=(queue,))
+    session.start()
+    try:
+        while True:
+            batch = queue.get(timeout_s=0.05)
+            if batch is not None:
+                yield batch
+            elif session.pipeline.wait(0.0):
+                break
+        while (batch := queue.get(timeout_s=0.0)) is not None:
+            yield batch
+        session.write_sidecars(complete=True)
+    finally:
+        queue.close()
+        session.pipeline.stop()
