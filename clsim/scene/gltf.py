@@ -19,6 +19,8 @@ from clsim.scene.files import inside_folder
 COMPONENT_BYTES = {5120: 1, 5121: 1, 5122: 2, 5123: 2, 5125: 4, 5126: 4}
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 MAX_NODES = 100_000
+MAX_INSTANCES = 100_000
+"""Most primitives, and most primitives times the nodes that show them: few bytes could ask for billions."""
 KNOWN_EXTENSIONS = ("KHR_lights_punctual", "KHR_texture_transform")
 """Extensions that a file may require: those that only change what is told to the user as a warning."""
 
@@ -178,6 +180,10 @@ def _check_sizes(path: Path, parts: _Header, limit: int) -> None:
         end = accessor.byteOffset + (accessor.count - 1) * stride + each
         if accessor.count and (stride < each or end > view.byteLength):
             raise InputError(f"{path}: accessors[{i}] ends at byte {end} of its bufferView's {view.byteLength}")
+    shown = [mesh.primitives for mesh in parts.meshes]
+    placed = sum(len(shown[n.mesh]) for n in parts.nodes if n.mesh is not None and n.mesh < len(shown))
+    if max(placed, sum(map(len, shown))) > MAX_INSTANCES:
+        raise InputError(f"{path}: its nodes show more than {MAX_INSTANCES} primitives, expected fewer")
     views = sum(view.byteLength for view in parts.bufferViews)
     accessors = sum(accessor.count * accessor.bytes_each() for accessor in parts.accessors)
     used = 0

@@ -21,6 +21,8 @@ from clsim.scene.world import Camera, Instance, Material, Mesh, SphereLight, Vec
 MAX_FILE_BYTES = 1 << 30
 MAX_PIXELS = 1 << 26
 """Largest texture that is decoded; its packed size tells nothing about its memory."""
+MAX_COORDINATE = 1e15
+"""Farther out, squares of distances overflow in 32 bits."""
 F64 = npt.NDArray[np.float64]
 
 
@@ -120,7 +122,9 @@ def load_parts(path: Path) -> Parts:
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         if name in indices:
-            placements.append(Placement(indices[name], np.asarray(matrix, np.float64), str(node)))
+            placements.append(Placement(indices[name], np.asarray(matrix, np.float64), str(name)))
+    # trimesh draws the names of some nodes at random, and with them their order.
+    placements.sort(key=lambda placement: (placement.mesh, placement.matrix.tobytes()))
     if not placements:
         raise InputError(f"{path}: has no triangles, expected a mesh")
     return Parts(meshes, materials, placements, notes)
@@ -273,7 +277,7 @@ def _bounds(path: Path, meshes: list[Mesh], instances: list[Instance]) -> tuple[
             points = used @ matrix[:3, :3].T + matrix[:3, 3]
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
     radius = float(np.linalg.norm(high - low)) / 2
-    if not (math.isfinite(radius) and radius > 0):
+    if not (radius > 0 and max(np.abs(low).max(), np.abs(high).max()) < MAX_COORDINATE):
         raise InputError(f"{path}: has no extent, expected triangles that span a finite space")
     return _vec3((low + high) / 2), radius
 
