@@ -39,6 +39,9 @@ FORMATS = (
     FileFormat("evt2", (".raw",), "evt2", _KEEPS),
     FileFormat("dat", (".dat",), "dat", _KEEPS),
     FileFormat("es", (".es",), "es", _KEEPS),
+    FileFormat("hdf5", (".h5", ".hdf5"), "hdf5", _KEEPS),
+    FileFormat("parquet", (".parquet",), "parquet", _ALL_OR_NOTHING),
+    FileFormat("npz", (".npz",), "npz", _ALL_OR_NOTHING),
 )
 """Every format, in the order help texts list them."""
 

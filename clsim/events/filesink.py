@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import abc
 import contextlib
+import errno
 import os
 import time
 from collections.abc import Iterator
@@ -57,6 +58,7 @@ class FileSink(abc.ABC):
         self._count = 0
         self._flushed_s = -float("inf")
         self._last_us = 0
+        self._failed = False
         self._closed = False
 
     @abc.abstractmethod
@@ -69,8 +71,8 @@ class FileSink(abc.ABC):
 
     def write(self, batch: EventBatch) -> None:
         """Take a batch; see Sink.write."""
-        if self._closed:
-            raise ValueError(f"{self.path}: write after close")
+        if self._closed or self._failed:
+            raise SinkError(f"{self.path}: cannot be written any more; it was closed or writing failed before")
         if len(batch):
             self._check(batch)
         done = 0
@@ -87,19 +89,30 @@ class FileSink(abc.ABC):
     def flush(self) -> None:
         """Hand all gathered events to the operating system: a kill no longer loses them.
 
-        Raises SinkError when the medium fails; the gathered events are then lost.
+        Raises SinkError when the medium fails; the gathered events are then lost, those flushed before stay readable.
         """
         self._flushed_s = time.monotonic()
         count, self._count = self._count, 0
         if count:
-            with naming_failures(self.path):
-                self._store(self._pending[:count])
+            try:
+                with naming_failures(self.path):
+                    self._store(self._pending[:count])
+            except SinkError:
+                self._failed = True
+                raise
 
     def close(self) -> None:
-        """Flush, complete the file and release it; safe to call twice. Raises SinkError when the medium fails."""
+        """Flush, complete the file and release it; safe to call twice.
+
+        Raises SinkError when the medium fails, unless a write said so before.
+        """
         if self._closed:
             return
         self._closed = True
+        if self._failed:
+            with contextlib.suppress(OSError):
+                self._finish()
+            return
         try:
             self.flush()
         finally:
@@ -155,14 +168,21 @@ class ByteFile:
             raise unwritable(path, error) from None
 
     def write(self, data: bytes | memoryview) -> None:
-        """Append everything or raise OSError; a file that was deleted meanwhile counts as an error."""
-        if self.path != STDOUT and os.fstat(self._descriptor).st_nlink == 0:
-            raise FileNotFoundError(0, "the file or its folder was deleted while it was written")
+        """Append everything, or nothing and raise OSError; a file that was deleted meanwhile counts as an error."""
+        check_exists(self._descriptor)
         view = memoryview(data).cast("B")
-        while len(view):
-            written = os.write(self._descriptor, view)
-            self.size += written
-            view = view[written:]
+        start = self.size
+        try:
+            while len(view):
+                written = os.write(self._descriptor, view)
+                self.size += written
+                view = view[written:]
+        except OSError:
+            with contextlib.suppress(OSError):  # a torn record would spoil the file for strict readers
+                os.ftruncate(self._descriptor, start)
+                os.lseek(self._descriptor, start, os.SEEK_SET)
+                self.size = start
+            raise
 
     def write_at(self, offset: int, data: bytes) -> None:
         """Overwrite bytes written earlier."""
@@ -181,6 +201,12 @@ class ByteFile:
         os.close(self._descriptor)
 
 
+def check_exists(descriptor: int) -> None:
+    """Raise FileNotFoundError if the open file has lost its name: what is written would be lost at close."""
+    if os.fstat(descriptor).st_nlink == 0:
+        raise FileNotFoundError(errno.ENOENT, "the file or its folder was deleted meanwhile")
+
+
 def unwritable(path: Path, error: OSError) -> InputError:
     """Return the one sentence for a path that cannot be opened for writing."""
     return InputError(f"{path}: cannot be written ({error.strerror or error}); expected a file in a folder that exists")
@@ -194,3 +220,27 @@ def naming_failures(path: Path) -> Iterator[None]:
     except OSError as error:
         name = "standard output" if path == STDOUT else str(path)
         raise SinkError(f"{name}: writing failed ({error.strerror or error})") from error
+
+
+class PartFile:
+    """A temporary name beside ``path`` for what is useless before it is complete; a killed process leaves it behind."""
+
+    def __init__(self, path: Path) -> None:
+        """Create the file ``part``; raises InputError when its folder cannot be written or ``path`` is a folder."""
+        self.path = path
+        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            self.part.open("wb").close()
+        except OSError as error:
+            raise unwritable(path, error) from None
+
+    def complete(self) -> None:
+        """Give the file its name."""
+        os.replace(self.part, self.path)
+
+    def discard(self) -> None:
+        """Remove what is left of it."""
+        with contextlib.suppress(OSError):
+            self.part.unlink(missing_ok=True)

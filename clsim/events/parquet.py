@@ -1,0 +1,86 @@
+"""Parquet: columns t, x, y, p in row groups compressed with Zstandard; small, for archives and data frames."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.events.batch import EventBatch
+from clsim.events.columns import from_columns
+from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
+from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+
+LIMITS = Limits("Parquet", size=2**16)
+
+_ROW_GROUP = FlushPolicy(events=1 << 20, interval_s=math.inf)
+
+
+class ParquetSink(FileSink):
+    """Writes row groups under a temporary name; the file has its name when it is complete."""
+
+    def __init__(self, path: Path, width: int, height: int) -> None:
+        """Create the temporary file; raises InputError when it cannot be, or when pyarrow is missing."""
+        super().__init__(path, width, height, LIMITS, _ROW_GROUP)
+        arrow = _pyarrow(path)
+        self._flushed_s = math.inf  # a row group is only ever full
+        self._part = PartFile(path)
+        self._schema = arrow.schema(
+            [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())],
+            metadata={"width": str(width), "height": str(height)},
+        )
+        self._arrow = arrow
+        self._writer = arrow.parquet.ParquetWriter(self._part.part, self._schema, compression="zstd")
+
+    def _store(self, events: EventBatch) -> None:
+        columns = [np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")]
+        self._writer.write_table(self._arrow.table(columns, schema=self._schema))
+
+    def _finish(self) -> None:
+        try:
+            self._writer.close()
+            if not self._failed:
+                self._part.complete()
+        finally:
+            self._part.discard()
+
+
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> ParquetSink:
+    """Open a Parquet writer; ``flush`` does not apply, since nothing can be read before the end."""
+    return ParquetSink(path, width, height)
+
+
+def open_source(path: Path) -> EventSource:
+    """Open a Parquet file with columns t, x, y and p."""
+    open_binary(path).close()
+    arrow = _pyarrow(path)
+    try:
+        file = arrow.parquet.ParquetFile(path)
+        missing = {"t", "x", "y", "p"} - set(file.schema_arrow.names)
+        if missing:
+            raise ValueError(f"it has no column {', '.join(sorted(missing))}")
+        metadata = file.schema_arrow.metadata or {}
+        width, height = (int(metadata[name]) if name in metadata else None for name in (b"width", b"height"))
+    except (OSError, ValueError, arrow.ArrowException) as error:
+        raise damaged(path, error) from error
+    return EventSource(path, width, height, _read(file))
+
+
+def _read(file: Any) -> Iterator[EventBatch]:
+    with file:
+        for table in file.iter_batches(CHUNK_EVENTS, columns=["t", "x", "y", "p"]):
+            t, x, y, p = (table.column(name).to_numpy(zero_copy_only=False) for name in ("t", "x", "y", "p"))
+            yield from_columns(t, x, y, p)
+
+
+def _pyarrow(path: Path) -> Any:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError(f"{path}: Parquet needs pyarrow; install it with: pip install 'clsim[parquet]'") from None
+    return pyarrow
