@@ -8,13 +8,14 @@ Monte Carlo Path Tracing with Adaptive Denoising", ICIP 2023, with the radiance 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
 from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, radiance
+from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
 from clsim.detect.reference_observation import F64, Mask, Observation, feature_names, observe
 from clsim.detect.reference_rule import Outcome, Step, apply_rule
 from clsim.errors import InputError
@@ -64,9 +65,13 @@ class ReferenceDetector:
     def __init__(self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...]) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
 
+        The gate `published` always has the authors' Epanechnikov kernel.
+
         Raises:
             InputError: a feature asked for is not among the planes.
         """
+        if config.method == "esim-ad" and config.gate == "published":
+            config = replace(config, kernel="epanechnikov")
         self.config = config
         self.width, self.height = width, height
         self.planes = () if config.method == "esim" else feature_names(config, names)
@@ -80,6 +85,8 @@ class ReferenceDetector:
         self._history: deque[Observation] = deque(maxlen=config.history)
         depth = 2 + self.planes.index("Depth") if "Depth" in self.planes else None
         self.model = Model(count, 2 + len(self.planes), depth)
+        keeps = config.method == "esim-ad" and config.gate in ("delta-r-exact", "published")
+        self._kept = KeptWindows(count) if keeps else None
         self._time_us = 0
 
     def reset(self) -> None:
@@ -145,6 +152,8 @@ class ReferenceDetector:
         if fit is not None:
             new = np.concatenate([np.ones(len(fresh), dtype=bool), outcome.fired])
             self.model.replace(pixels[new], fit.take(new), boxes)
+            if self._kept is not None:
+                self._kept.replace(self._history, pixels[new], self.config)
         self.stats.tested += len(running)
         self.stats.solved += len(fitted) if self.config.method != "esim" else 0
         self.stats.many_crossings += outcome.many
@@ -160,6 +169,10 @@ class ReferenceDetector:
             everywhere = np.ones(len(running), dtype=bool)
             return Verdict(everywhere, np.zeros(len(running)), np.full(len(running), np.inf))
         ref = self.ref.reshape(-1)
+        if self._kept is not None and len(running):
+            if self.config.gate == "published":
+                return published(self.model, self._kept, running, ref, self._history, self.config)
+            return delta_r_exact(self.model, self._kept, running, ref, now, self.config)
         if boxes is not None:
             return radiance(self.model, running, ref, now, boxes, self.config)
         return delta_r(self.model, running, ref, now, self.config)
