@@ -59,14 +59,14 @@ def load_bare(path: Path) -> World:
     for placement in parts.placements:
         index, matrix = placed_rigidly(meshes, placement.mesh, placement.matrix)
         instances.append(Instance(index, Static(matrix), placement.name))
-    center, radius = _bounds(path, meshes, instances)
-    x, y, z = center
+    center, size = _bounds(path, meshes, instances)
+    (x, y, z), radius = center, float(np.linalg.norm(size)) / 2
     lamp = SphereLight(
         radius_m=0.5 * radius,
         radiance=(30.0, 28.8, 27.0),
         motion=Static(compose((x + 1.5 * radius, y + 2.5 * radius, z + 1.5 * radius), np.eye(3))),
     )
-    camera = _orbiting_camera(center, radius)
+    camera = _orbiting_camera(center, size)
     return World(
         name=path.stem,
         camera=camera,
@@ -267,8 +267,8 @@ def _vec3(values: F64) -> Vec3:
     return float(values[0]), float(values[1]), float(values[2])
 
 
-def _bounds(path: Path, meshes: list[Mesh], instances: list[Instance]) -> tuple[Vec3, float]:
-    """Return the centre of the bounding box and half its diagonal."""
+def _bounds(path: Path, meshes: list[Mesh], instances: list[Instance]) -> tuple[Vec3, F64]:
+    """Return the centre and the size of the bounding box."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for instance in instances:
         mesh, matrix = meshes[instance.mesh], instance.motion.pose(0.0)
@@ -276,18 +276,26 @@ def _bounds(path: Path, meshes: list[Mesh], instances: list[Instance]) -> tuple[
         if len(used):
             points = used @ matrix[:3, :3].T + matrix[:3, 3]
             low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-    radius = float(np.linalg.norm(high - low)) / 2
-    if not (radius > 0 and max(np.abs(low).max(), np.abs(high).max()) < MAX_COORDINATE):
+    farthest = float(np.maximum(np.abs(low), np.abs(high)).max())
+    if not ((low < high).any() and farthest < MAX_COORDINATE):
         raise InputError(f"{path}: has no extent, expected triangles that span a finite space")
-    return _vec3((low + high) / 2), radius
+    return _vec3((low + high) / 2), high - low
 
 
-def _orbiting_camera(center: Vec3, radius: float) -> Camera:
-    """Return a camera that turns once around a sphere in 6 s, 20° above its middle, and sees all of it."""
+def _orbiting_camera(center: Vec3, size: F64) -> Camera:
+    """Return a camera that turns around a bounding box in 6 s, 20° above its middle, and just sees all of it."""
     width, height, fov_deg = 346, 260, 45.0
-    half_height = math.atan(math.tan(math.radians(fov_deg / 2)) * height / width)
-    distance = radius / math.sin(half_height)
+    right_limit = math.tan(math.radians(fov_deg / 2))
+    up_limit = right_limit * height / width
     elevation = math.radians(20.0)
+    corners = size / 2 * np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
+    right = corners[:, 0] * np.cos(angle) - corners[:, 2] * np.sin(angle)
+    ahead = corners[:, 0] * np.sin(angle) + corners[:, 2] * np.cos(angle)
+    up = corners[:, 1] * math.cos(elevation) - ahead * math.sin(elevation)
+    near = corners[:, 1] * math.sin(elevation) + ahead * math.cos(elevation)
+    # A corner is in view where |right| and |up| are at most its distance times the limit.
+    distance = 1.05 * float((near + np.maximum(np.abs(right) / right_limit, np.abs(up) / up_limit)).max())
     orbit = Orbit(
         center=center,
         radius_m=distance * math.cos(elevation),
