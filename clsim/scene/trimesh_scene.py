@@ -137,7 +137,7 @@ def _read(path: Path, data: bytes, suffix: str) -> Any:
     files: Any = resolver  # trimesh needs no more of a resolver than get and []
     try:
         with warnings.catch_warnings():
-            # numpy only warns about text that is no number, and stops there: the rest of the file would be lost.
+            # Older numpy only warns about text that is no number, and stops there: the rest of the file would be lost.
             warnings.filterwarnings("error", message="string or file could not be read")
             scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=files, process=False)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
@@ -207,8 +207,8 @@ def _material(path: Path, name: str, geometry: Any, notes: list[str]) -> Materia
     """Return the diffuse part of a material; textures are averaged over the surface they cover."""
     visual = geometry.visual
     source = getattr(visual, "material", None)
-    if source is None:
-        if not visual.defined or visual.kind not in ("vertex", "face"):
+    if source is None or _is_placeholder(source):
+        if visual.kind not in ("vertex", "face"):
             return Material()
         colors = np.asarray(visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)[:, :3]
         return Material(color=_vec3(_linear(colors / 255.0).mean(axis=0)))
@@ -232,6 +232,12 @@ def _material(path: Path, name: str, geometry: Any, notes: list[str]) -> Materia
         else:
             notes.append(f"{path.name}: the emissive texture of {name} is left out")
     return Material(color=_vec3(np.clip(np.nan_to_num(color), 0.0, 1.0)), emission=emission)
+
+
+def _is_placeholder(source: Any) -> bool:
+    """Tell whether trimesh made this material up because the file has only u and v: its image is from no file."""
+    image = getattr(source, "image", None)
+    return image is not None and image.format is None and not source.kwargs
 
 
 def _average(path: Path, name: str, image: Any, geometry: Any, notes: list[str]) -> F64:

@@ -117,10 +117,10 @@ def test_every_format_yields_the_same_triangle_and_is_flat_without_normals(tmp_p
 
 
 def test_base_color_factors_and_textures_become_a_linear_color(tmp_path):
-    """The texture's left half is black and its right half white; the triangle lies on the right half alone."""
-    uvs = np.array([(0.6, 0.1), (0.9, 0.1), (0.6, 0.9)], "<f4").tobytes()
+    """The texture is black but for its upper right quarter, and the triangle lies on that quarter alone."""
+    uvs = np.array([(0.6, 0.1), (0.9, 0.1), (0.6, 0.4)], "<f4").tobytes()
     pixels = np.zeros((4, 8, 3))
-    pixels[:, 4:] = 188  # sRGB 188 is linear 0.503
+    pixels[:2, 4:] = 188  # sRGB 188 is linear 0.503
     tree = gltf(
         materials=[{"pbrMetallicRoughness": {"baseColorFactor": [1, 0.4, 0, 1], "baseColorTexture": {"index": 0}}}],
         textures=[{"source": 0}],
@@ -135,7 +135,7 @@ def test_base_color_factors_and_textures_become_a_linear_color(tmp_path):
     parts = load_parts(write_gltf(tmp_path, tree))
     linear = ((188 / 255 + 0.055) / 1.055) ** 2.4
     assert parts.materials[0].color == pytest.approx((linear, 0.4 * linear, 0), abs=2e-3)
-    np.testing.assert_allclose(parts.meshes[0].uvs[0], (0.6, 0.9), atol=1e-6)  # glTF's v runs down, ours up
+    np.testing.assert_allclose(parts.meshes[0].uvs[2], (0.6, 0.6), atol=1e-6)  # glTF's v runs down, ours up
 
 
 def test_obj_materials_keep_their_diffuse_color(tmp_path):
@@ -145,9 +145,10 @@ def test_obj_materials_keep_their_diffuse_color(tmp_path):
     assert load_parts(path).materials[0].color == pytest.approx((0.611, 0.02, 0.003))
 
 
-def test_meshes_without_any_color_are_grey(tmp_path):
+@pytest.mark.parametrize("faces", ["f 1 2 3\n", "vt 0 0\nvt 1 0\nvt 0 1\nf 1/1 2/2 3/3\n"])
+def test_meshes_without_any_color_are_grey(tmp_path, faces):
     path = tmp_path / "a.obj"
-    path.write_text(OBJ + "f 1 2 3\n")
+    path.write_text(OBJ + faces)
     assert load_parts(path).materials[0].color == (0.5, 0.5, 0.5)
 
 
@@ -299,6 +300,10 @@ PLY_FACES = "element face {}\nproperty list uchar int vertex_indices\nend_header
         ("", "not a PLY file"),
         ("ply\nformat ascii 1.0\n", "not a PLY file"),
         (PLY.format(4_000_000_000) + PLY_FACES.format(1) + "0 0 0\n", "truncated"),
+        (
+            PLY.format(4_000_000_000).replace("ascii", "binary_little_endian") + PLY_FACES.format(1),
+            "4000000001 elements",
+        ),
         (PLY.format("many") + PLY_FACES.format(1), "line 3"),
         (PLY.format(3) + PLY_FACES.format(1) + "0 0 0\n2 0 0\n0 1 0\n", "truncated"),
         (PLY.format(3) + PLY_FACES.format(1) + "0 0 0\n2 0 0\n0 1 0\n3 0 1 7\n", "vertex 7"),

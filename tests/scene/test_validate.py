@@ -1,0 +1,76 @@
+"""The checks that every world must pass; each case breaks a good world in one place."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.scene import Instance, Material, Sensor, SphereLight, Static, load_world, validate
+
+GOOD = load_world("still")
+IDENTITY = Static(np.eye(4))
+BAD_VERTICES = np.array([(0, 0, 0), (1, np.nan, 0), (0, 1, 0), (1, 1, 0)], np.float32)
+
+
+def with_mesh(**changes):
+    """Return the good world with its first mesh, the floor of four vertices and two triangles, changed."""
+    return replace(GOOD, meshes=(replace(GOOD.meshes[0], **changes), *GOOD.meshes[1:]))
+
+
+def with_camera(**changes):
+    return replace(GOOD, camera=replace(GOOD.camera, **changes))
+
+
+def with_pose(matrix):
+    return with_camera(motion=Static(np.asarray(matrix, float)))
+
+
+def test_a_good_world_passes():
+    validate(GOOD, "file.x")
+
+
+@pytest.mark.parametrize(
+    ("world", "parts"),
+    [
+        (with_mesh(vertices=BAD_VERTICES), ["mesh floor", "vertices[1]", "(1, nan, 0)"]),
+        (with_mesh(vertices=np.full((4, 3), np.inf, np.float32)), ["mesh floor", "vertices[0]", "inf"]),
+        (with_mesh(normals=np.full((4, 3), np.nan, np.float32)), ["mesh floor", "normals[0]"]),
+        (with_mesh(uvs=np.zeros((3, 2), np.float32)), ["mesh floor", "uvs", "(3, 2)", "(4, 2)"]),
+        (with_mesh(triangles=np.array([(0, 1, 2), (0, 2, 4)], np.int32)), ["mesh floor", "vertex 4", "0 to 3"]),
+        (with_mesh(triangles=np.array([(0, 1, 2), (0, 2, -1)], np.int32)), ["mesh floor", "vertex -1"]),
+        (with_mesh(material_ids=np.array([0, 9], np.int32)), ["mesh floor", "material"]),
+        (with_mesh(triangles=np.zeros((0, 3), np.int32), material_ids=np.zeros(0, np.int32)), ["no triangles"]),
+        (with_camera(width=0), ["camera", "width", "0"]),
+        (with_camera(fov_deg=180.0), ["camera", "fov_deg", "180"]),
+        (with_camera(fov_deg=float("nan")), ["camera", "fov_deg", "nan"]),
+        (with_camera(shutter_s=-1.0), ["camera", "shutter_s", "-1"]),
+        (with_pose(np.diag((1, 1, -1, 1))), ["camera", "rotation"]),
+        (with_pose(np.diag((1, 2, 1, 1))), ["camera", "rotation"]),
+        (with_pose(np.full((4, 4), np.nan)), ["camera", "not finite"]),
+        (replace(GOOD, instances=(Instance(7, IDENTITY, "ghost"),)), ["object ghost", "mesh 7"]),
+        (replace(GOOD, materials=(Material(color=(2, 0, 0)), *GOOD.materials[1:])), ["material 0", "color"]),
+        (replace(GOOD, materials=(Material(emission=(-1, 0, 0)), *GOOD.materials[1:])), ["material 0", "emission"]),
+        (replace(GOOD, materials=(Material(texture=5), *GOOD.materials[1:])), ["material 0", "texture 5"]),
+        (replace(GOOD, sphere_lights=(SphereLight(0.0, (1, 1, 1), IDENTITY),)), ["sphere light 0", "radius"]),
+        (replace(GOOD, sphere_lights=(SphereLight(1.0, (np.inf, 1, 1), IDENTITY),)), ["sphere light 0", "radiance"]),
+        (replace(GOOD, environment=(0, np.nan, 0)), ["environment", "nan"]),
+        (replace(GOOD, sensor=Sensor(threshold_off=0.0)), ["sensor", "threshold_off"]),
+        (replace(GOOD, fps=0.0), ["fps"]),
+        (replace(GOOD, duration_s=float("inf")), ["duration_s", "inf"]),
+    ],
+)
+def test_each_fault_is_named_with_file_and_part(world, parts):
+    with pytest.raises(InputError) as caught:
+        validate(world, "file.x")
+    message = str(caught.value)
+    assert message.startswith("file.x: ")
+    for part in parts:
+        assert part in message
+
+
+def test_several_faults_are_told_together_but_not_without_end():
+    meshes = tuple(replace(GOOD.meshes[0], vertices=BAD_VERTICES) for _ in range(50))
+    with pytest.raises(InputError) as caught:
+        validate(replace(GOOD, meshes=meshes, fps=0.0), "file.x")
+    assert len(str(caught.value).splitlines()) == 10
