@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.reference_bandwidth import SOLVERS, Bandwidth
 from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
 from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, radiance
 from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
-from clsim.detect.reference_observation import F64, Mask, Observation, feature_names, observe
+from clsim.detect.reference_observation import F64, Mask, Observation, add_variances, feature_names, observe
 from clsim.detect.reference_rule import Outcome, Step, apply_rule
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -62,13 +63,16 @@ class ReferenceDetector:
     legitimately decide otherwise, and the pixel's later events differ.
     """
 
-    def __init__(self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...]) -> None:
+    def __init__(
+        self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...], bandwidth: Bandwidth = "fixed"
+    ) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
 
-        The gate `published` always has the authors' Epanechnikov kernel.
+        The gate `published` always has the authors' Epanechnikov kernel. ``bandwidth`` `tsvd` and `optimised` choose
+        it per pixel (see `clsim.detect.reference_bandwidth`) and need the variance planes.
 
         Raises:
-            InputError: a feature asked for is not among the planes.
+            InputError: a feature asked for is not among the planes, or the gate knows fixed bandwidths alone.
         """
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
@@ -86,6 +90,10 @@ class ReferenceDetector:
         depth = 2 + self.planes.index("Depth") if "Depth" in self.planes else None
         self.model = Model(count, 2 + len(self.planes), depth)
         keeps = config.method == "esim-ad" and config.gate in ("delta-r-exact", "published")
+        if keeps and bandwidth != "fixed":
+            raise InputError(f"gate {config.gate!r} works with bandwidth 'fixed' alone, got {bandwidth!r}")
+        self._bandwidth = bandwidth
+        self._solve = SOLVERS[bandwidth]
         self._kept = KeptWindows(count) if keeps else None
         self._time_us = 0
 
@@ -104,7 +112,10 @@ class ReferenceDetector:
             raise InputError(
                 f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
             )
-        return self.step_observation(observe(frame, self.planes, self.config), frame.time_us)
+        now = observe(frame, self.planes, self.config)
+        if self._bandwidth != "fixed" and self.config.method != "esim":
+            add_variances(now, frame, self.planes, self.config)
+        return self.step_observation(now, frame.time_us)
 
     def step_observation(self, now: Observation, time_us: int) -> EventBatch:
         """Process brightness and features given directly, for tests at values that no frame can hold.
@@ -180,7 +191,7 @@ class ReferenceDetector:
     def _regress(self, now: Observation, pixels: Pixels) -> tuple[F64, Fit | None]:
         if self.config.method == "esim":
             return now.brightness.ravel()[pixels], None
-        fit = fit_pixels(self._history, pixels, self.config)
+        fit = fit_pixels(self._history, pixels, self.config, self._solve)
         return fit.alpha, fit
 
 

@@ -7,7 +7,7 @@ this is the oracle for faster code.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,7 +35,8 @@ class Windows:
     """The samples of n windows: ``x [n, m, D]``, ``y [n, m]``, ``mask [n, m]``, and the centres ``[n, D]``.
 
     Depth of misses has been replaced already, so that x is what the regression uses; ``lo``, ``hi`` ``[n, D]`` are
-    the extremes over the valid samples (of depth: over those that hit; 0 where none did).
+    the extremes over the valid samples (of depth: over those that hit; 0 where none did). The variances, shaped as
+    x and y, are there if the observations have them.
     """
 
     x: F64
@@ -44,6 +45,8 @@ class Windows:
     centre: F64
     lo: F64
     hi: F64
+    x_variance: F64 | None = None
+    y_variance: F64 | None = None
 
 
 @dataclass(slots=True)
@@ -102,7 +105,25 @@ def gather(history: Sequence[Observation], pixels: Pixels, window: int, stride: 
     hit = np.concatenate([np.pad(o.hit, border).ravel()[index] for o in history], axis=1)
     now = history[-1]
     centre = now.features.reshape(-1, x.shape[2])[pixels]
-    return make_windows(x, y, mask, centre, hit, now.hit.ravel()[pixels], now.depth)
+    windows = make_windows(x, y, mask, centre, hit, now.hit.ravel()[pixels], now.depth)
+    if now.brightness_variance is not None and now.feature_variance is not None:
+        windows.y_variance = np.concatenate(
+            [
+                np.pad(o.brightness_variance, border).ravel()[index]
+                for o in history
+                if o.brightness_variance is not None
+            ],
+            axis=1,
+        )
+        windows.x_variance = np.concatenate(
+            [
+                np.pad(o.feature_variance, (*border, (0, 0))).reshape(-1, x.shape[2])[index]
+                for o in history
+                if o.feature_variance is not None
+            ],
+            axis=1,
+        )
+    return windows
 
 
 def make_windows(
@@ -165,13 +186,18 @@ def solve_windows(windows: Windows, config: DetectorConfig) -> Fit:
     return Fit(alpha, b * scale, residual, windows.centre, windows.lo, windows.hi)
 
 
-def fit_pixels(history: Sequence[Observation], pixels: Pixels, config: DetectorConfig) -> Fit:
+def fit_pixels(
+    history: Sequence[Observation],
+    pixels: Pixels,
+    config: DetectorConfig,
+    solve: Callable[[Windows, DetectorConfig], Fit] = solve_windows,
+) -> Fit:
     """Fit the windows round ``pixels``, whose centres must be valid in the current frame."""
     dimensions = history[-1].features.shape[2]
     fit = empty_fit(len(pixels), dimensions)
     samples = len(history) * len(tap_offsets(config.window, config.stride)) ** 2
     for part in chunks(pixels, samples, dimensions):
-        put_fit(fit, part, solve_windows(gather(history, pixels[part], config.window, config.stride), config))
+        put_fit(fit, part, solve(gather(history, pixels[part], config.window, config.stride), config))
     return fit
 
 

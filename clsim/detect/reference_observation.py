@@ -33,6 +33,8 @@ class Observation:
         valid: ``[H, W]``, whether radiance and all used planes of the pixel are finite.
         hit: ``[H, W]``, whether any sample of the pixel hit; True everywhere if the frame has no coverage plane.
         depth: index of depth among the features, or None.
+        brightness_variance: ``[H, W]``, variance of L; None where no bandwidth selection asks for it.
+        feature_variance: ``[H, W, D]``, variances of the features, 0 for pixel x and y; None likewise.
     """
 
     brightness: F64
@@ -40,6 +42,8 @@ class Observation:
     valid: Mask
     hit: Mask
     depth: int | None
+    brightness_variance: F64 | None = None
+    feature_variance: F64 | None = None
 
 
 def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -89,3 +93,31 @@ def observe(frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> Ob
     brightness[~valid] = 0.0
     depth = 2 + planes.index(DEPTH[0]) if DEPTH[0] in planes else None
     return Observation(brightness, features, valid, hit & valid, depth)
+
+
+def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> None:
+    """Add the variances of the means, from the planes ``Variance.*``; unknown (NaN) ones count as 0.
+
+    Without ``Variance.Luminance`` the channels are taken to vary together, which bounds it from above.
+
+    Raises:
+        InputError: a variance plane is missing.
+    """
+    for name in (*RADIANCE, *planes):
+        if f"Variance.{name}" not in frame.names:
+            raise InputError(f"bandwidth selection needs the plane 'Variance.{name}', which the frames lack")
+
+    def variance(name: str) -> F64:
+        return np.maximum(np.nan_to_num(frame.plane(f"Variance.{name}").astype(np.float64), posinf=0.0), 0.0)
+
+    weights = LUMINANCE_WEIGHTS[config.luminance]
+    if "Variance.Luminance" in frame.names:
+        luminance_variance = variance("Luminance")
+    else:
+        deviation = sum(w * np.sqrt(variance(name)) for w, name in zip(weights, RADIANCE, strict=True))
+        luminance_variance = np.asarray(deviation) ** 2
+    luminance = np.tensordot(np.asarray(weights), np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
+    luminance = np.maximum(np.where(observation.valid, luminance, 1.0), config.floor / config.scale)
+    observation.brightness_variance = luminance_variance / luminance**2
+    nothing = np.zeros_like(luminance)
+    observation.feature_variance = np.stack([nothing, nothing, *(variance(name) for name in planes)], axis=-1)

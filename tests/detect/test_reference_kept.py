@@ -37,8 +37,22 @@ def normalised(values, lo, hi):
     return np.where(constant, 0.0, (values - lo) / np.where(constant, 1.0, hi - lo))
 
 
-def test_published_gate_by_hand():
-    config = DetectorConfig(**OPTIONS, gate="published", kernel="epanechnikov")
+def test_after_a_reset_the_kept_windows_are_those_of_the_new_start():
+    """Their history is shorter then than their room."""
+    frames = random_frames(25, count=6)
+    stats = []
+    for gate in ("delta-r", "delta-r-exact"):
+        config = DetectorConfig(**OPTIONS, gate=gate, history=3, event_rule="frame")
+        detector = ReferenceDetector(config, 11, 9, frames[0].names)
+        first = run(detector, frames[:4])
+        detector.reset()
+        stats.append((len(first), *(detector.step(frame).tolist() for frame in frames[4:]), detector.stats.solved))
+    assert stats[0] == stats[1]
+
+
+@pytest.mark.parametrize("kernel", ["epanechnikov", "gaussian"])
+def test_published_gate_by_hand(kernel):
+    config = DetectorConfig(**OPTIONS, gate="published", kernel=kernel)
     old, new = random_frames(22, count=2, misses=False, step=1.0)
     planes = feature_names(config, old.names)
     before, after = observe(old, planes, config), observe(new, planes, config)
@@ -55,13 +69,17 @@ def test_published_gate_by_hand():
         samples = normalised(then.x[i], lo, hi)
         centre = normalised(now.centre[i], now.lo[i], now.hi[i])
         slope = model.fit.slope[i] * (hi - lo)
-        weights = np.array([np.prod(np.maximum(0.75 * (1 - t * t), 1e-8)) for t in samples - centre]) * then.mask[i]
+        t = samples - centre
+        weights = np.exp(-t * t / 2) if kernel == "gaussian" else np.maximum(0.75 * (1 - t * t), 1e-8)
+        weights = weights.prod(axis=1) * then.mask[i]
         r = then.y[i] - model.fit.alpha[i] - (samples - centre) @ slope
         moved = (weights * r * r).sum() / weights.sum()
         delta = abs(moved - model.fit.residual[i])
         predicted = model.fit.alpha[i] + slope @ (centre - normalised(then.centre[i], lo, hi))
         assert verdict.predicted[i] == pytest.approx(predicted, abs=1e-9)
-        expected = delta > (0.1 if predicted >= ref[i] else 0.13) ** 2
+        threshold = 0.1 if predicted >= ref[i] else 0.13
+        assert verdict.margin[i] == pytest.approx(abs(np.sqrt(delta) - threshold), abs=1e-9)
+        expected = delta > threshold**2
         assert verdict.solve[i] == expected
         solved += expected
     assert 10 < solved < 95
