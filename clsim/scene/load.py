@@ -7,6 +7,8 @@ from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 
+import numpy as np
+
 from clsim.errors import InputError
 from clsim.scene.validate import validate
 from clsim.scene.world import World
@@ -24,10 +26,11 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None) 
     Raises:
         InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
     """
-    world = _load(scene)
-    if resolution is not None:
-        world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
-    validate(world, str(scene))
+    with np.errstate(over="ignore", invalid="ignore"):  # what 32 bits cannot hold, validate names
+        world = _load(scene)
+        if resolution is not None:
+            world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
+        validate(world, str(scene))
     return world
 
 

@@ -111,6 +111,19 @@ def test_mistakes_in_several_files_and_motions_are_told_at_once(tmp_path):
     assert ["bad.ply" in lines[0], "none.obj" in lines[1], "camera" in lines[2]] == [True] * 3
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[camera]\nposition = [1e300, 0, 0]\n",
+        f"[camera]\nposition = [1{'0' * 400}, 0, 0]\n",
+        CAMERA + BOX + "size = [1e-30, 1e60, 1]\n",
+    ],
+)
+def test_numbers_too_large_for_32_bits_are_refused_without_a_warning(tmp_path, text):
+    complaint(tmp_path, text)
+
+
 @pytest.mark.parametrize("data", [b"\xff\xfe", b"x = " + b"[" * 100_000, b"#" * (17 << 20)])
 def test_what_is_no_toml_is_refused(tmp_path, data):
     path = tmp_path / "scene.toml"
