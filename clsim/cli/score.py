@@ -6,9 +6,12 @@ import json
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from clsim.cli.options import JSON
+from clsim.events import EventBatch, empty_batch
+from clsim.events.files import open_source
 
 
 def score(
@@ -28,11 +31,10 @@ def score(
 
     Example: `clsim score live.aedat4 reference.aedat4 --width 346 --height 260 --fps 120`
     """
-    from clsim.events.files import read_all
     from clsim.score import Sampling, curves, plot_curves
     from clsim.score import score as score_events
 
-    found, truth = read_all(events), read_all(reference)
+    found, truth = _read(events), _read(reference)
     result = score_events(found, truth, width, height, fps, tau)
     if plot is not None:
         plot_curves({Path(events).stem: curves(found, truth, Sampling(width, height, fps))}, plot)
@@ -41,3 +43,7 @@ def score(
         return
     for key, value in result.as_dict().items():
         typer.echo(f"{key:<20} {'–' if value is None else f'{value:.6g}'}")
+
+
+def _read(path: str) -> EventBatch:
+    return np.concatenate([empty_batch(), *open_source(path)])

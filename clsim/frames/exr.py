@@ -69,6 +69,16 @@ class ExrSequence:
         if fps is None and "time_us" not in header:
             raise InputError(f"{self.files[0]} carries no time; give the frame rate (fps)")
 
+    @property
+    def recorded_fps(self) -> float:
+        """Frame rate by the times that the first two files carry; 1 where there is one file."""
+        if len(self.files) < 2:
+            return 1.0
+        first, second = (_header_time_us(_read_channels(file)[1], file) for file in self.files[:2])
+        if second <= first:
+            raise InputError(f"{self.files[1]} is at {second} µs, expected later than {first} µs of the file before")
+        return 1e6 / (second - first)
+
     def fill(self, index: int, out: Frame) -> None:
         """Read frame ``index`` into ``out``, whose planes must be ``names``.
 
