@@ -114,9 +114,9 @@ def luminance(c: wp.vec3) -> float:
 
 
 @wp.func_native("""
-    unsigned int bits;
-    __builtin_memcpy(&bits, &x, 4);
-    return (bits & 0x7f800000u) != 0x7f800000u;
+    union { float value; unsigned int bits; } both;
+    both.value = x;
+    return (both.bits & 0x7f800000u) != 0x7f800000u;
 """)
 def _finite(x: float) -> bool: ...
 

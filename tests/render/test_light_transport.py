@@ -63,7 +63,6 @@ def test_irradiance_under_a_rectangle_is_its_form_factor():
     half_w, half_d, height = 0.6, 0.4, 2.0
     lamp = hw.quad((-half_w, height, -half_d), (2 * half_w, 0, 0), (0, 0, 2 * half_d), material=1)
     scene = _floor_under(meshes=(lamp,), materials=(Material(color=(0.5, 0.5, 0.5)), LAMP))
-    scene = replace(scene, camera=hw.camera(hw.look_from((0, 1, 0), (0, 0, 0), up=(0, 0, -1)), 8, 8, fov_deg=0.2))
     x, y = half_w / height, half_d / height
     corner = (
         x / np.sqrt(1 + x * x) * np.arctan(y / np.sqrt(1 + x * x))
@@ -86,6 +85,15 @@ def test_irradiance_under_a_sphere_light(radius):
     mean, error = hw.mean_and_error(hw.render(scene, spp=64, max_depth=2))
     assert np.all(np.abs(mean - expected) < 4 * error + 1e-4 * expected)
     assert np.all(error < 0.01 * expected)
+
+
+def test_a_sphere_light_casts_a_shadow_even_close_to_the_lamp_behind():
+    lamp = hw.quad((-0.1, 2, -0.1), (0.2, 0, 0), (0, 0, 0.2), material=1)
+    dark = SphereLight(0.4, (0.0, 0.0, 0.0), Static(hw.translation(0, 1.6, 0)))
+    scene = _floor_under(meshes=(lamp,), materials=(hw.GREY, LAMP), sphere_lights=(dark,))
+    assert np.all(hw.radiance(hw.render(scene, spp=16, max_depth=2)) == 0)
+    aside = replace(scene, sphere_lights=(replace(dark, motion=Static(hw.translation(1, 1.6, 0))),))
+    assert np.all(hw.radiance(hw.render(aside, spp=16, max_depth=2)) > 0)
 
 
 def test_irradiance_of_a_uniform_sky():

@@ -10,10 +10,13 @@ from dataclasses import dataclass, replace
 import hand_worlds as hw
 import numpy as np
 import pytest
+import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, page_aligned
 from clsim.render import PathTracer, RenderCancelled, RenderOptions, check_device, describe_build, list_render_devices
+from clsim.render.features import Features
+from clsim.render.integrator import build_kernel
 from clsim.scene import CheckerTexture, ImageTexture, Instance, Lens, Material, Mesh, SphereLight, Static
 
 LAMP = Material(color=(0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0), two_sided=False)
@@ -149,6 +152,9 @@ def odd_worlds():
             instances=(*scene.instances, Instance(3, hw.IDENTITY), Instance(4, Slide())),
         ),
         "a light inside the ball": replace(scene, sphere_lights=(hidden,)),
+        "a light half in the floor": replace(
+            scene, sphere_lights=(SphereLight(0.5, (9.0, 9.0, 9.0), Static(hw.translation(0.8, -0.6, 0.5))),)
+        ),
         "all inside a light": replace(scene, sphere_lights=(around,)),
         "a light of no size": replace(scene, sphere_lights=(point,)),
         "huge radiance": replace(scene, materials=(hw.GREY, replace(LAMP, emission=(3e38, 3e38, 3e38)))),
@@ -174,9 +180,11 @@ def test_a_sample_that_is_not_finite_is_dropped_and_missed_in_the_count():
     assert samples.min() < 8 and samples.max() == 8
 
 
-def test_a_light_inside_a_body_lights_nothing_outside():
-    hidden = SphereLight(0.1, (9.0, 9.0, 9.0), Static(np.eye(4)))
-    scene = replace(lit_world(), materials=(hw.GREY, hw.GREY), sphere_lights=(hidden,))
+@pytest.mark.parametrize("radius", [0.1, 30.0])
+def test_a_light_inside_a_body_or_around_everything_lights_nothing(radius):
+    """Light leaves a sphere light outwards only."""
+    lamp = SphereLight(radius, (9.0, 9.0, 9.0), Static(np.eye(4)))
+    scene = replace(lit_world(), materials=(hw.GREY, hw.GREY), sphere_lights=(lamp,))
     assert np.all(hw.render(scene, spp=16).planes[:3] == 0)
 
 
@@ -271,3 +279,15 @@ def test_starting_is_silent():
     code = "import clsim.render as r; r.list_render_devices()"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_the_kernel_compiles_for_cuda_without_a_gpu(tmp_path):
+    """Every feature at once, to PTX: what a CPU-only machine can check of the other backend."""
+    check_device("cpu")
+    archs = wp.get_cuda_supported_archs()
+    if not archs:
+        pytest.skip("this build of Warp has no CUDA compiler")
+    kernel = build_kernel(Features(True, True, True, True, True, True, True, True, "mis"))
+    arch = 80 if 80 in archs else archs[0]
+    wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=tmp_path, use_ptx=True)
+    assert list(tmp_path.glob("*.ptx"))
