@@ -87,7 +87,7 @@ def open_source(path: Path) -> EventSource:
         start = file.tell()
     try:
         header = parse_header(raw, accept_zstd=True)
-    except InputError as error:
+    except InputError as error:  # does not know the file
         raise damaged(path, error) from None
     read = _read_with_faery if header.compression >= Compression.ZSTD else _read_packets
     return EventSource(path, header.width, header.height, read(path, start, header))

@@ -32,6 +32,7 @@ EVENTS_PER_PACKET = 65_536
 
 MAX_HEADER_BYTES = 1 << 20
 MAX_PACKET_BYTES = 64 << 20
+_PIECE_BYTES = 1 << 20
 MAX_SIDE = 32_768
 """Coordinates are int16."""
 
@@ -152,7 +153,7 @@ def pack_header(width: int, height: int, compression: Compression, data_table_po
 class _Table:
     """The root table of a size-prefixed FlatBuffer; no offset is followed before it is known to lie inside."""
 
-    def __init__(self, data: bytes | memoryview, identifier: bytes) -> None:
+    def __init__(self, data: bytes | bytearray | memoryview, identifier: bytes) -> None:
         self._data = memoryview(data)
         if len(data) < 12:
             raise InputError(f"a FlatBuffer of {len(data)} bytes is too short")
@@ -241,7 +242,7 @@ def _parse_description(description: bytes) -> tuple[int, int, int]:
     raise InputError("the stream's description names no event stream (typeIdentifier EVTS)")
 
 
-def parse_packet(payload: bytes, header: StreamHeader) -> EventBatch:
+def parse_packet(payload: bytes | bytearray, header: StreamHeader) -> EventBatch:
     """Read the payload of a packet of events.
 
     Events that share a time stay in the sender's order; if the sender's times are not sorted, they are sorted.
@@ -269,12 +270,17 @@ def parse_packet(payload: bytes, header: StreamHeader) -> EventBatch:
     return batch
 
 
-def _decompress(payload: bytes) -> bytes:
+def _decompress(payload: bytes | bytearray) -> bytearray:
     decompressor = lz4.frame.LZ4FrameDecompressor()
+    data = bytearray()
     try:
-        data: bytes = decompressor.decompress(payload, max_length=MAX_PACKET_BYTES)
+        # In pieces: the decompressor allocates all it is allowed to fill.
+        piece = decompressor.decompress(payload, max_length=_PIECE_BYTES)
+        while piece and len(data) <= MAX_PACKET_BYTES:
+            data += piece
+            piece = b"" if decompressor.eof else decompressor.decompress(b"", max_length=_PIECE_BYTES)
     except RuntimeError as error:
         raise InputError(f"a packet's LZ4 frame is damaged: {error}") from None
-    if not decompressor.eof:
+    if not decompressor.eof or len(data) > MAX_PACKET_BYTES:
         raise InputError(f"a packet's LZ4 frame is cut off or longer than {MAX_PACKET_BYTES >> 20} MiB")
     return data

@@ -14,7 +14,7 @@ import numpy as np
 from clsim.events.batch import EventBatch
 from clsim.events.filesink import ByteFile, FileSink, FlushPolicy, Limits
 from clsim.events.filesource import EventSource, damaged, open_binary
-from clsim.events.prophesee import open_with_faery
+from clsim.events.prophesee import faery_batches
 
 # An hour without events is 32 MB of time steps: the gap is bounded, not the time.
 LIMITS = Limits("ES", size=2**16 - 1, gap_us=2**32)
@@ -62,20 +62,17 @@ def open_source(path: Path) -> EventSource:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise damaged(path, f"expected it to begin with {_MAGIC!r}")
 
-    def decode() -> Any:
-        import faery
+    import faery
 
-        decoder = faery.es.Decoder(path, 0)
-        if decoder.event_type != "dvs":
-            raise ValueError(f'it holds events of type "{decoder.event_type}"; expected "dvs"')
-        return decoder
-
-    source: EventSource
+    decoder = faery.es.Decoder(path, 0)
+    if decoder.event_type != "dvs":
+        raise damaged(path, f'it holds events of type "{decoder.event_type}"; expected "dvs"')
+    width, height = decoder.dimensions
 
     def upright(packet: Any) -> Any:
-        assert source.height is not None
-        packet["y"] = source.height - 1 - packet["y"]
+        if len(packet) and int(packet["y"].max()) >= height:
+            raise ValueError(f"an event at y = {packet['y'].max()} lies outside the sensor's {height} pixels")
+        packet["y"] = height - 1 - packet["y"]
         return packet
 
-    source = open_with_faery(path, decode, upright)
-    return source
+    return EventSource(path, width, height, faery_batches(decoder, upright))

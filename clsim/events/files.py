@@ -12,7 +12,7 @@ from typing import Any
 from clsim.errors import InputError
 from clsim.events.batch import Sink
 from clsim.events.filesink import STDOUT, FlushPolicy
-from clsim.events.filesource import EventSource
+from clsim.events.filesource import EventSource, naming_damage
 
 _KEEPS = "a kill loses at most the last flush (50 ms or 65536 events)"
 _ALL_OR_NOTHING = "appears under its name only when complete: a kill loses everything"
@@ -81,7 +81,8 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> E
     """
     target = Path(path)
     chosen = _by_name(format) if format else _by_ending(target)
-    source: EventSource = chosen.load().open_source(target)
+    with naming_damage(target):
+        source: EventSource = chosen.load().open_source(target)
     return source
 
 

@@ -33,12 +33,17 @@ class FlushPolicy:
 
 @dataclass(frozen=True)
 class Limits:
-    """What a format can hold: sizes up to ``size`` pixels, times below ``end_us`` µs, gaps below ``gap_us`` µs."""
+    """What a format can hold; times, gaps and spans must be smaller than these."""
 
     format: str
     size: int
+    """Largest width and height."""
     end_us: int = 2**63
+    """Time of an event."""
     gap_us: int = 2**63
+    """Time from one event to the next, and from 0 to the first."""
+    span_us: int = 2**63
+    """Time from the first event to the last."""
 
 
 class FileSink(abc.ABC):
@@ -57,6 +62,7 @@ class FileSink(abc.ABC):
         self._pending = empty_batch(flush.events)
         self._count = 0
         self._flushed_s = -float("inf")
+        self._first_us: int | None = None
         self._last_us = 0
         self._failed = False
         self._closed = False
@@ -142,13 +148,19 @@ class FileSink(abc.ABC):
                 f"{self.path}: {gap} µs without an event are too long for {self._limits.format}, "
                 f"which bridges at most {self._limits.gap_us - 1} µs"
             )
+        start = first if self._first_us is None else self._first_us
+        if last - start >= self._limits.span_us:
+            raise InputError(
+                f"{self.path}: event time {last} µs is too late for {self._limits.format} that begins at {start} µs, "
+                f"which spans at most {self._limits.span_us - 1} µs"
+            )
         for axis, size in (("x", self.width), ("y", self.height)):
             largest = int(batch[axis].max())
             if largest >= size:
                 raise InputError(
                     f"{self.path}: event at {axis} = {largest} lies outside the {size} pixels of the sensor"
                 )
-        self._last_us = last
+        self._first_us, self._last_us = start, last
 
 
 class ByteFile:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
@@ -39,17 +40,8 @@ class EventSource:
     def __next__(self) -> EventBatch:
         """Return the next batch that has events."""
         while True:
-            try:
+            with naming_damage(self.path):
                 batch = next(self._batches)
-            except (StopIteration, InputError, MemoryError):
-                raise
-            except Exception as error:
-                raise damaged(self.path, error) from error
-            except BaseException as error:
-                # pyo3 libraries panic with a BaseException of their own; Ctrl-C and exit must pass.
-                if type(error).__name__ != "PanicException":
-                    raise
-                raise damaged(self.path, error) from error
             if len(batch):
                 self._check(batch)
                 return batch
@@ -95,6 +87,22 @@ def open_binary(path: Path) -> BinaryIO:
         return path.open("rb")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected an event file") from None
+
+
+@contextlib.contextmanager
+def naming_damage(path: Path) -> Iterator[None]:
+    """Turn whatever a decoder raises into an InputError that names the file."""
+    try:
+        yield
+    except (StopIteration, InputError, MemoryError):
+        raise
+    except Exception as error:
+        raise damaged(path, error) from error
+    except BaseException as error:
+        # Libraries made with pyo3 panic with a BaseException of their own; Ctrl-C and exit must pass.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise damaged(path, error) from error
 
 
 def damaged(path: Path, cause: object) -> InputError:

@@ -24,11 +24,10 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, check_exists, unwritable
-from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+from clsim.events.filesource import CHUNK_EVENTS, EventSource, open_binary
 
-LIMITS = Limits("HDF5 in DSEC layout", size=2**16)
+LIMITS = Limits("HDF5 in DSEC layout", size=2**16, span_us=2**32 - 60_000_000)
 
-_SPAN_US = 2**32
 _LATE_US = 60_000_000
 _COLUMNS = {"t": np.dtype("<u4"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("u1")}
 _CHUNK_ROWS = 1 << 14
@@ -147,13 +146,10 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Hdf5Si
 def open_source(path: Path) -> EventSource:
     """Open an HDF5 file in DSEC layout."""
     open_binary(path).close()
-    try:
-        file = h5py.File(path, "r")
-        columns = {name: file["events"][name] for name in _COLUMNS}
-        offset = int(file["t_offset"][()]) if "t_offset" in file else 0
-        width, height = (_side(file["events"].attrs.get(name)) for name in ("width", "height"))
-    except (OSError, KeyError, AttributeError, TypeError, ValueError, RuntimeError) as error:
-        raise damaged(path, error) from error
+    file = h5py.File(path, "r")
+    columns = {name: file["events"][name] for name in _COLUMNS}
+    offset = int(file["t_offset"][()]) if "t_offset" in file else 0
+    width, height = (_side(file["events"].attrs.get(name)) for name in ("width", "height"))
     for column in columns.values():
         _need_filters(path, column)
     return EventSource(path, width, height, _read(file, columns, offset))

@@ -72,14 +72,11 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> NpzSin
 def open_source(path: Path) -> EventSource:
     """Open an NPZ file with arrays t, x, y and p."""
     open_binary(path).close()
-    try:
-        with zipfile.ZipFile(path) as archive:
-            missing = {f"{name}.npy" for name in _COLUMNS} - set(archive.namelist())
-            if missing:
-                raise ValueError(f"it has no {', '.join(sorted(missing))}")
-            width, height = (_read_side(archive, name) for name in ("width", "height"))
-    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError, RuntimeError) as error:
-        raise damaged(path, error) from error
+    with zipfile.ZipFile(path) as archive:
+        missing = {f"{name}.npy" for name in _COLUMNS} - set(archive.namelist())
+        if missing:
+            raise damaged(path, f"it has no {', '.join(sorted(missing))}")
+        width, height = (_read_side(archive, name) for name in ("width", "height"))
     return EventSource(path, width, height, _read(path))
 
 

@@ -17,7 +17,7 @@ from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_bin
 
 LIMITS = Limits("Parquet", size=2**16)
 
-_ROW_GROUP = FlushPolicy(events=1 << 20, interval_s=math.inf)
+_ROW_GROUP = FlushPolicy(events=1 << 19, interval_s=math.inf)
 
 
 class ParquetSink(FileSink):
@@ -58,15 +58,12 @@ def open_source(path: Path) -> EventSource:
     """Open a Parquet file with columns t, x, y and p."""
     open_binary(path).close()
     arrow = _pyarrow(path)
-    try:
-        file = arrow.parquet.ParquetFile(path)
-        missing = {"t", "x", "y", "p"} - set(file.schema_arrow.names)
-        if missing:
-            raise ValueError(f"it has no column {', '.join(sorted(missing))}")
-        metadata = file.schema_arrow.metadata or {}
-        width, height = (int(metadata[name]) if name in metadata else None for name in (b"width", b"height"))
-    except (OSError, ValueError, arrow.ArrowException) as error:
-        raise damaged(path, error) from error
+    file = arrow.parquet.ParquetFile(path)
+    missing = {"t", "x", "y", "p"} - set(file.schema_arrow.names)
+    if missing:
+        raise damaged(path, f"it has no column {', '.join(sorted(missing))}")
+    metadata = file.schema_arrow.metadata or {}
+    width, height = (int(metadata[name]) if name in metadata else None for name in (b"width", b"height"))
     return EventSource(path, width, height, _read(file))
 
 

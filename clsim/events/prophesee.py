@@ -10,6 +10,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
 from clsim.events.filesource import EventSource, damaged, open_binary
 
@@ -19,7 +20,7 @@ _NO_SIZE = (65535, 65535)
 _HEADER_FIELDS = tuple(
     re.compile(pattern)
     for pattern in (
-        r"^(?:evt |format EVT)(?P<version>[23](?:\.[01])?)",
+        r"^(?:evt |format EVT)(?P<version>\d(?:\.?\d)?)",
         r"^geometry (?P<width>\d{1,5})x(?P<height>\d{1,5})$",
         r"[ ;]width=(?P<width>\d{1,5})",
         r"[ ;]height=(?P<height>\d{1,5})",
@@ -36,7 +37,7 @@ def raw_header(version: str, width: int, height: int) -> bytes:
 
 
 def open_raw_source(path: Path) -> EventSource:
-    """Open a ``.raw`` file; its header tells EVT2, EVT2.1 and EVT3 apart.
+    """Open a ``.raw`` file; its header tells EVT2 and EVT3 apart.
 
     EVT3 is decoded here: faery's decoder loses 16.8 s for every lap of the clock that passes without an event.
     """
@@ -48,12 +49,12 @@ def open_raw_source(path: Path) -> EventSource:
 
         return EventSource(path, header.width, header.height, decode_file(path, start))
 
-    def decode() -> Any:
-        import faery
+    if header.version not in ("2", "2.0"):
+        raise InputError(f"{path}: is EVT{header.version}; expected EVT2 or EVT3")
+    import faery
 
-        return faery.evt.Decoder(path, _NO_SIZE, "evt2.1" if header.version == "2.1" else "evt2")
-
-    return open_with_faery(path, decode, lambda packet: packet.get("events"))
+    decoder = faery.evt.Decoder(path, _NO_SIZE, "evt2")
+    return EventSource(path, header.width, header.height, faery_batches(decoder, lambda packet: packet.get("events")))
 
 
 @dataclass(frozen=True)
@@ -91,35 +92,20 @@ def open_dat_source(path: Path) -> EventSource:
         if file.read(1) != b"%":
             raise damaged(path, "expected a header of lines that begin with %")
 
-    def decode() -> Any:
-        import faery
+    import faery
 
-        decoder = faery.dat.Decoder(path, _NO_SIZE, None)
-        if decoder.event_type == "trigger":
-            raise ValueError("it holds trigger events; expected change-detection events")
-        return decoder
-
-    return open_with_faery(path, decode, lambda packet: packet)
+    decoder = faery.dat.Decoder(path, _NO_SIZE, None)
+    if decoder.event_type == "trigger":
+        raise damaged(path, "it holds trigger events; expected change-detection events")
+    width, height = (None, None) if decoder.dimensions == _NO_SIZE else decoder.dimensions
+    return EventSource(path, width, height, faery_batches(decoder, lambda packet: packet))
 
 
-def open_with_faery(path: Path, decode: Callable[[], Any], events_of: Callable[[Any], Any]) -> EventSource:
-    """Open a faery decoder, whose failures (panics among them) become InputError.
+def faery_batches(decoder: Any, events_of: Callable[[Any], Any]) -> Iterator[EventBatch]:
+    """Yield the batches of a faery decoder.
 
-    ``decode()`` opens the decoder; ``events_of(packet)`` is a structured array with t, x, y and on or payload, or None.
+    ``events_of(packet)`` is a structured array with t, x, y and on or payload, or None where a packet has no events.
     """
-    try:
-        decoder = decode()
-    except Exception as error:
-        raise damaged(path, error) from error
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":
-            raise
-        raise damaged(path, error) from error
-    width, height = (None, None) if decoder.dimensions in (None, _NO_SIZE) else decoder.dimensions
-    return EventSource(path, width, height, _batches(decoder, events_of))
-
-
-def _batches(decoder: Any, events_of: Callable[[Any], Any]) -> Iterator[EventBatch]:
     with decoder:
         for packet in decoder:
             found = events_of(packet)

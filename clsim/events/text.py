@@ -7,6 +7,7 @@ steps by 61 µs).
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -64,8 +65,8 @@ def _read(path: Path) -> Iterator[EventBatch]:
         seconds: bool | None = None
         for block in _whole_lines(path, file):
             body = block.replace(b",", b" ")
-            if line == 1 and body.lstrip()[:1].isalpha():
-                body = b"#" + body
+            if line == 1 and not re.search(rb"[0-9#]", body.split(b"\n", 1)[0]):
+                body = b"#" + body  # a header of names
             if seconds is None:
                 first = next(
                     (row for row in body.splitlines() if row.strip() and not row.lstrip().startswith(b"#")), b""
