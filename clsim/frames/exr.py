@@ -251,9 +251,8 @@ def _read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, A
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(
-            f"cannot read {file} as EXR: {str(error).splitlines()[0] if str(error) else error!r}"
-        ) from None
+        reason = (str(error) or type(error).__name__).splitlines()[0]
+        raise InputError(f"cannot read {file} as EXR: {reason}") from None
     if not channels:
         raise InputError(f"{file} has no channels")
     return channels, header
