@@ -1,0 +1,291 @@
+"""The detector: frames in, events out, in OpenCL."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.device import Device, choose_device
+from clsim.detect.events import EventRule, Interval
+from clsim.detect.gate import Counts, Gate, Level
+from clsim.detect.pack import FrameMemory, Pack, varying
+from clsim.detect.program import BORDER, Buffer, Layout, Workplace
+from clsim.detect.reference_observation import feature_names
+from clsim.detect.wlr import History, Regression
+from clsim.errors import InputError
+from clsim.events import EventBatch, empty_batch
+from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
+
+SPARSE_SHARE = 0.65
+"""Below this share of pixels to solve, a list of them is faster than solving all."""
+
+
+@dataclass(slots=True)
+class DetectorStats:
+    """Counts since the start.
+
+    Attributes:
+        frames: frames processed.
+        pixels: pixels of those frames.
+        events: events returned.
+        tested: valid pixels that were asked whether they fire, summed over frames.
+        solved: those of them whose regression was solved.
+        initialised: pixels that (again) got their first reference.
+        masked: pixels left out because of NaN or infinite values, summed over frames.
+        many_crossings: pixels with more than 3 crossings in one step, summed over steps.
+        capped: events not returned because a pixel had more than 1000 in one step.
+    """
+
+    frames: int = 0
+    pixels: int = 0
+    events: int = 0
+    tested: int = 0
+    solved: int = 0
+    initialised: int = 0
+    masked: int = 0
+    many_crossings: int = 0
+    capped: int = 0
+
+    @property
+    def solved_share(self) -> float:
+        """Share of the tested pixels whose regression was solved; 0 before any test."""
+        return self.solved / self.tested if self.tested else 0.0
+
+
+class Detector:
+    """Turns frames into events by the method, gate and rule of a `DetectorConfig`.
+
+    The methods are ESIM, WLR + ESIM and ESIM with adaptive denoising (Tsuji et al., ICIP 2023), the latter also with
+    the radiance gate. `clsim.detect.reference` is the same in float64 numpy.
+    """
+
+    def __init__(
+        self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...], *, device: Device | None = None
+    ) -> None:
+        """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
+
+        Raises:
+            InputError: a plane is missing, the gate needs recorded frames, or there is no OpenCL device.
+        """
+        if config.method == "esim-ad" and config.gate not in ("delta-r", "radiance"):
+            raise InputError(f"gate {config.gate!r} needs old windows; expected delta-r or radiance for a stream")
+        for name in RADIANCE:
+            if name not in names:
+                raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")
+        self.config = config
+        self.width, self.height, self.names = width, height, names
+        self.device = device or choose_device()
+        self.stats = DetectorStats()
+        self._candidates = () if config.method == "esim" else feature_names(config, names)
+        self._engine: _Engine | None = None
+        self._constant = np.zeros((0, 2), dtype=np.float32)
+        self._time_us = 0
+        self._slot = 0
+        self._frames = 0
+        self._invalid = [0] * config.history
+        self._any_ready = False
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Planes in the regression; those that have been constant so far are left out."""
+        return self._engine.features if self._engine else ()
+
+    def reset(self) -> None:
+        """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""
+        self._frames = 0
+        self._any_ready = False
+        if self._engine is not None:
+            self._engine.forget()
+
+    def close(self) -> None:
+        """Release the device's memory; safe to call twice."""
+        if self._engine is not None:
+            self._engine.memory.close()
+            self._engine = None
+
+    def step(self, frame: Frame) -> EventBatch:
+        """Process one frame and return its events, sorted by t, then (y, x).
+
+        Raises:
+            InputError: the frame has another size or other planes, or is not later than the one before.
+        """
+        self._check(frame)
+        if self._engine is None:
+            self._engine = self._build(self._first_features(frame))
+        self._slot = (self._slot + 1) % self.config.history
+        engine = self._engine = self._pack(frame, self._engine)
+        self._frames = min(self._frames + 1, self.config.history)
+        used = [self._invalid[(self._slot - age) % self.config.history] for age in range(self._frames)]
+        history = History(self._slot, self._frames, any(used))
+        events, counts = self._run(engine, history, frame.time_us)
+        self._time_us = frame.time_us
+        self._any_ready = self._any_ready or counts.listed + counts.kept > 0
+        stats = self.stats
+        stats.frames += 1
+        stats.pixels += self.width * self.height
+        stats.events += len(events)
+        stats.initialised += counts.fresh
+        stats.masked += counts.invalid
+        stats.tested += counts.kept + counts.solved
+        if self.config.method == "wlr-esim":
+            stats.solved += counts.kept + counts.solved
+        elif self.config.method == "esim-ad":
+            stats.solved += counts.solved
+        return events
+
+    def _check(self, frame: Frame) -> None:
+        if (frame.width, frame.height) != (self.width, self.height):
+            raise InputError(
+                f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
+            )
+        if frame.names != self.names:
+            raise InputError(f"frame {frame.index} has the planes {frame.names}, expected {self.names}")
+        if self._any_ready and frame.time_us <= self._time_us:
+            raise InputError(
+                f"frame {frame.index} is at {frame.time_us} µs, expected a time after {self._time_us} µs (last frame)"
+            )
+
+    def _first_features(self, frame: Frame) -> tuple[str, ...]:
+        varied = varying(frame, self._candidates)
+        # Depth of a miss is relative to its window: where misses are possible it is never known to be constant.
+        sticky = DEPTH[0] if COVERAGE[0] in self.names else None
+        return tuple(name for name in self._candidates if name in varied or name == sticky)
+
+    def _build(self, features: tuple[str, ...]) -> _Engine:
+        quiet = tuple(name for name in self._candidates if name not in features)
+        self._constant = np.tile(np.array([np.inf, -np.inf], dtype=np.float32), (len(quiet), 1))
+        return _Engine(self.config, (self.width, self.height), self.names, features, quiet, self.device)
+
+    def _pack(self, frame: Frame, engine: _Engine) -> _Engine:
+        memory = engine.memory.lend(frame)
+        invalid, extremes = engine.pack.run(memory, self._slot)
+        grown = np.zeros(0, dtype=bool)
+        if len(extremes):
+            seen = self._constant.copy()
+            self._constant[:, 0] = np.minimum(seen[:, 0], extremes[:, 0])
+            self._constant[:, 1] = np.maximum(seen[:, 1], extremes[:, 1])
+            grown = self._constant[:, 0] < self._constant[:, 1]
+        if grown.any():
+            woken = {name for name, is_grown in zip(engine.quiet, grown, strict=True) if is_grown}
+            values = {name: float(lo) for name, (lo, _) in zip(engine.quiet, seen, strict=True)}
+            kept = dict(zip(engine.quiet, self._constant, strict=True))
+            larger = self._build(tuple(n for n in self._candidates if n in woken or n in engine.features))
+            for i, name in enumerate(larger.quiet):
+                self._constant[i] = kept[name]
+            larger.take_over(engine, values)
+            engine.memory.take_back(frame)
+            engine.memory.close()
+            memory = larger.memory.lend(frame)
+            larger.pack.run(memory, self._slot)
+            engine = larger
+        engine.memory.take_back(frame)
+        self._invalid[self._slot] = invalid
+        return engine
+
+    def _run(self, engine: _Engine, history: History, time_us: int) -> tuple[EventBatch, Counts]:
+        config, gate, fit = self.config, engine.gate, engine.regression
+        packed, start = engine.pack.packed, engine.pack.offset(history.slot)
+        layout = engine.workplace.layout
+        if fit is None:
+            level = Level(packed, start + BORDER * (2 * layout.pitch) + layout.pitch + BORDER, 2 * layout.pitch)
+        else:
+            level = Level(fit.fit, 0, (3 + layout.features) * layout.span)
+        if config.method == "esim-ad":
+            gate.average(packed, start)
+            gate.test_models(packed, start, engine.state)
+        else:
+            if fit is not None:
+                fit.prepare(history.slot)
+                fit.dense(history)
+            gate.test_levels(packed, start, level, engine.state)
+        counts = gate.collect()
+        if config.method == "esim-ad" and fit is not None:
+            if counts.listed or config.history > 1:
+                fit.prepare(history.slot)
+            if counts.listed > SPARSE_SHARE * self.width * self.height:
+                fit.dense(history)
+            elif counts.listed:
+                fit.sparse(history, gate.pixels, counts.listed)
+        if counts.listed == 0:
+            return empty_batch(), counts
+        fired = engine.rule.apply(counts.listed, level, engine.state, history, Interval(self._time_us, time_us))
+        self.stats.many_crossings += fired.many_crossings
+        self.stats.capped += fired.capped
+        return fired.events, counts
+
+
+@dataclass
+class _Engine:
+    """Kernels and memory for one set of features."""
+
+    config: DetectorConfig
+    size: tuple[int, int]
+    names: tuple[str, ...]
+    features: tuple[str, ...]
+    quiet: tuple[str, ...]
+    device: Device
+    state: Buffer = field(init=False)
+
+    def __post_init__(self) -> None:
+        config, count = self.config, len(self.features)
+        double = config.precision == "float64"
+        lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
+        layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32)
+        depth = self.features.index(DEPTH[0]) if DEPTH[0] in self.features else -1
+        macros: dict[str, Any] = {"DEPTH": depth, "MISSES": int(depth >= 0 and COVERAGE[0] in self.names)}
+        if config.method == "esim-ad":
+            macros["MODEL"] = 1
+            if config.gate == "radiance":
+                macros["RADIANCE"] = 1
+        self.workplace = Workplace(self.device, layout, macros)
+        self.memory = FrameMemory(self.workplace)
+        self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)
+        packed = self.pack.packed
+        self.regression = None
+        if config.method != "esim":
+            self.regression = Regression(self.workplace, config, packed, config.history)
+        self.gate = Gate(self.workplace, config)
+        model = self.regression if config.method == "esim-ad" else None
+        self.rule = EventRule(self.workplace, config, self.gate, packed, model)
+        self.state = self.workplace.allocate(layout.image_shape(6 + 4 * count if model else 2))
+        self.forget()
+
+    def forget(self) -> None:
+        """Take all references back: NaN marks a pixel that has none."""
+        self.workplace.write(self.state, np.full(self.state.shape, np.nan, dtype=self.workplace.real))
+
+    def take_over(self, older: _Engine, constants: dict[str, float]) -> None:
+        """Continue from an engine with fewer features, of which the new ones had the values ``constants`` until now."""
+        old_state, old_packed = older.workplace.read(older.state), older.workplace.read(older.pack.packed)
+        packed = np.zeros(self.pack.packed.shape, dtype=self.workplace.real)
+        packed[:, :, :2] = old_packed[:, :, :2]
+        for j, name in enumerate(self.features):
+            if name in older.features:
+                packed[:, :, 2 + j] = old_packed[:, :, 2 + older.features.index(name)]
+            else:
+                packed[:, :, 2 + j] = np.where(old_packed[:, :, 0] > 0, constants[name], 0.0)
+        self.workplace.write(self.pack.packed, packed)
+        if self.regression is None:
+            return
+        for slot in range(self.config.history):
+            self.regression.prepare(slot)
+        if self.config.method == "esim-ad":
+            self.workplace.write(self.state, self._wider_state(old_state, older, constants))
+        else:
+            self.workplace.write(self.state, old_state)
+
+    def _wider_state(self, old: npt.NDArray[Any], older: _Engine, constants: dict[str, float]) -> npt.NDArray[Any]:
+        f, g = len(self.features), len(older.features)
+        state = np.zeros(self.state.shape, dtype=self.workplace.real)
+        state[:, :6] = old[:, :6]
+        for j, name in enumerate(self.features):
+            for block in range(4):
+                if name in older.features:
+                    state[:, 6 + block * f + j] = old[:, 6 + block * g + older.features.index(name)]
+                else:
+                    state[:, 6 + block * f + j] = 0.0 if block == 0 else constants[name]
+        return state

@@ -1,0 +1,131 @@
+"""Host side of pack.cl: reads frames where they are and packs them for the other kernels."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.program import Workplace
+from clsim.detect.reference_observation import LUMINANCE_WEIGHTS
+from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
+
+_CACHED_FRAMES = 8
+
+
+class FrameMemory:
+    """OpenCL buffers over the memory of frames: no copy on a CPU.
+
+    The buffer of an address is kept, with a reference to the array so that the address cannot be given away; a ring's
+    slots are therefore registered once. Outside `lend` the memory belongs to the host (it is mapped).
+    """
+
+    def __init__(self, workplace: Workplace) -> None:
+        """Start with nothing registered."""
+        self._workplace = workplace
+        self._known: OrderedDict[tuple[int, int], tuple[Any, Any, Any]] = OrderedDict()
+
+    def lend(self, frame: Frame) -> Any:
+        """Hand the frame's planes to the device and return their buffer."""
+        import pyopencl as cl
+
+        planes = frame.planes
+        key = (planes.ctypes.data, planes.nbytes)
+        if key in self._known:
+            memory, _, mapped = self._known[key]
+            mapped.base.release(self._workplace.queue)
+        else:
+            flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
+            memory = cl.Buffer(self._workplace.device.context, flags, hostbuf=planes)
+        self._known[key] = (memory, planes, None)
+        self._known.move_to_end(key)
+        if len(self._known) > _CACHED_FRAMES:
+            self._known.popitem(last=False)
+        return memory
+
+    def take_back(self, frame: Frame) -> None:
+        """Wait until the device has read the frame, and give its memory back to the host."""
+        import pyopencl as cl
+
+        planes = frame.planes
+        key = (planes.ctypes.data, planes.nbytes)
+        memory = self._known[key][0]
+        flags: Any = cl.map_flags.READ | cl.map_flags.WRITE
+        mapped, _ = cl.enqueue_map_buffer(self._workplace.queue, memory, flags, 0, planes.shape, planes.dtype)
+        self._known[key] = (memory, planes, mapped)
+
+    def close(self) -> None:
+        """Forget all buffers."""
+        for memory, _, mapped in self._known.values():
+            if mapped is not None:
+                mapped.base.release(self._workplace.queue)
+            memory.release()
+        self._known.clear()
+
+
+class Pack:
+    """Packs frames into ring slots ``[slots][H + 2·border][planes][pitch]`` of mask, brightness and features."""
+
+    def __init__(
+        self, workplace: Workplace, config: DetectorConfig, names: tuple[str, ...],
+        features: tuple[str, ...], quiet: tuple[str, ...], slots: int,
+    ) -> None:  # fmt: skip
+        """Prepare for frames with planes ``names``; ``quiet`` are candidates that have been constant so far."""
+        self._workplace = workplace
+        self._quiet = quiet
+        self._coverage = COVERAGE[0] in names
+        lin_log = int(config.response == "lin-log")
+        (self._kernel,) = workplace.kernels("pack", ("pack",), {"LIN_LOG": lin_log})
+        planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
+        self._source = workplace.allocate((len(planes),), np.int32)
+        workplace.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
+        self._weights = [weight * config.scale for weight in LUMINANCE_WEIGHTS[config.luminance]]
+        # Subnormal floors would be lost by devices that flush them.
+        self._floor = max(config.floor, float(np.finfo(np.float32).tiny))
+        height = workplace.layout.height
+        self.packed = workplace.allocate((slots, *workplace.layout.packed_shape))
+        self._invalid = workplace.allocate((height,), np.int32)
+        self._range = workplace.allocate((height, len(quiet), 2), np.float32)
+        self._host_invalid = np.zeros(height, dtype=np.int32)
+        self._host_range = np.zeros((height, len(quiet), 2), dtype=np.float32)
+
+    def run(self, memory: Any, slot: int) -> tuple[int, npt.NDArray[np.float32]]:
+        """Pack one frame; return how many pixels are invalid and ``[quiet, 2]``, the extremes of each quiet plane."""
+        import pyopencl as cl
+
+        layout = self._workplace.layout
+        depth = self._quiet.index(DEPTH[0]) if DEPTH[0] in self._quiet else -1
+        self._workplace.launch(
+            self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
+            len(self._quiet), depth, int(self._coverage), *self._weights, self._floor, np.int64(self.offset(slot)),
+            self.packed, self._invalid, self._range,
+        )  # fmt: skip
+        cl.enqueue_copy(self._workplace.queue, self._host_invalid, self._invalid.memory)
+        if not self._quiet:
+            return int(self._host_invalid.sum()), np.zeros((0, 2), dtype=np.float32)
+        cl.enqueue_copy(self._workplace.queue, self._host_range, self._range.memory)
+        lo, hi = self._host_range[..., 0].min(axis=0), self._host_range[..., 1].max(axis=0)
+        return int(self._host_invalid.sum()), np.stack([lo, hi], axis=1)
+
+    @property
+    def slot_size(self) -> int:
+        """Values from one slot to the next."""
+        return int(np.prod(self._workplace.layout.packed_shape))
+
+    def offset(self, slot: int) -> int:
+        """Where a slot starts, in values."""
+        return slot * self.slot_size
+
+
+def varying(frame: Frame, candidates: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the planes that are not constant over the frame's finite values."""
+    result = []
+    for name in candidates:
+        values = frame.plane(name)
+        finite = values[np.isfinite(values)]
+        if finite.size and finite.min() != finite.max():
+            result.append(name)
+    return tuple(result)
