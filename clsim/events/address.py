@@ -84,7 +84,7 @@ def resolve(address: Address) -> tuple[socket.AddressFamily, SocketName]:
     try:
         found = socket.getaddrinfo(address.host, address.port, type=kind)
     except (OSError, UnicodeError) as error:
-        raise InputError(f"{address.text}: the host {address.host!r} is unknown ({_cause(error)})") from None
+        raise InputError(f"{address.text}: the host {address.host!r} is unknown ({cause(error)})") from None
     # IPv4 first: who serves at "localhost" means 127.0.0.1, where most clients look.
     family, _, _, _, name = min(found, key=lambda entry: entry[0] != socket.AF_INET)
     return family, name
@@ -99,12 +99,13 @@ def exposure_warning(address: Address, name: SocketName) -> str | None:
     return f"{address.text}: the events leave this machine; nothing is encrypted"
 
 
-def unusable(address: Address, error: OSError) -> InputError:
+def unusable(address: Address, error: OSError, expected: str = "a free port of this machine") -> InputError:
     """Return the one sentence for an address the operating system refuses."""
-    return InputError(f"{address.text}: cannot be used ({_cause(error)}); expected a free port of this machine")
+    return InputError(f"{address.text}: cannot be used ({cause(error)}); expected {expected}")
 
 
-def _cause(error: Exception) -> str:
+def cause(error: Exception) -> str:
+    """Return what the operating system says of an error."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

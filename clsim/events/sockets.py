@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+import os
+
 from clsim.errors import InputError
-from clsim.events.address import parse_address
+from clsim.events.address import Address, parse_address
 from clsim.events.batch import Sink
 
 
 def open_socket_sink(url: str, width: int, height: int) -> Sink:
-    """Open ``tcp://HOST:PORT`` for the events of a sensor of ``width`` × ``height`` pixels.
+    """Open an address for the events of a sensor of ``width`` × ``height`` pixels.
+
+    ``tcp://HOST:PORT`` and ``unix://PATH`` serve DV's protocol (``?compression=lz4|none&queue_mb=64``),
+    ``udp://HOST:PORT`` sends datagrams (``?format=t64|t32|spif``), ``-`` is standard output (``?format=text|aedat4``).
 
     Raises:
-        InputError: the address is malformed, in use, or of an unknown kind.
+        InputError: the address is malformed, in use, or not fit for the sensor.
     """
     address = parse_address(url)
     if address.scheme == "tcp":
         from clsim.events.tcp import TcpSink
 
         return TcpSink(address, width, height)
-    raise InputError(f"{url}: events cannot be sent to {address.scheme}; expected tcp://HOST:PORT")
+    if address.scheme == "unix":
+        from clsim.events.unix import UnixSink
+
+        return UnixSink(address, width, height)
+    if address.scheme == "udp":
+        from clsim.events.udp import UdpSink
+
+        return UdpSink(address, width, height)
+    return _open_stdout(address, width, height)
+
+
+def _open_stdout(address: Address, width: int, height: int) -> Sink:
+    from clsim.events.files import open_sink
+
+    address.allow(format=("text", "aedat4"))
+    kind = address.options.get("format", "text")
+    if kind != "text" and os.isatty(1):
+        raise InputError(f"{address.text}: standard output is a terminal; expected a pipe or a file for binary events")
+    return open_sink("-", width, height, format=kind)
