@@ -1,0 +1,92 @@
+"""SIGKILL at random moments costs at most the last flush."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import dv_processing as dv
+import event_writer
+import h5py
+import numpy as np
+import pytest
+from event_data import KILL_SAFE, read
+from event_writer import numbered
+
+from clsim.events.files import FORMATS
+from clsim.events.filesink import FlushPolicy
+
+
+def kill_a_writer(folder: Path, ending: str, batch: int, interval_s: float, delay_s: float) -> tuple[Path, int]:
+    """Return the file a killed process left and how many events it had written, counted without the last write."""
+    path, counter = folder / f"a{ending}", folder / f"counter{ending}"
+    counter.write_bytes(bytes(8))
+    arguments = [sys.executable, event_writer.__file__, path, counter, str(batch), str(interval_s)]
+    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
+        while not int.from_bytes(counter.read_bytes(), "little"):
+            assert process.poll() is None, process.stderr and process.stderr.read()
+            time.sleep(0.002)
+        time.sleep(delay_s)
+        process.kill()
+        assert process.wait() == -signal.SIGKILL
+    return path, int.from_bytes(counter.read_bytes(), "little")
+
+
+def check(path: Path, written: int, may_lose: int) -> None:
+    found = read(path)
+    assert len(found) >= written - may_lose
+    assert np.array_equal(found, numbered(0, len(found)))
+
+
+def kill_many(folder: Path, ending: str, kills: int) -> None:
+    """Kill writers in parallel: half with the default flush, half that flush at every write."""
+    dice = random.Random(ending)
+
+    def once(attempt: int, delay_s: float) -> None:
+        place = folder / str(attempt)
+        place.mkdir()
+        batch, interval_s = ((2000, 0.05), (500, 0.0))[attempt % 2]
+        path, written = kill_a_writer(place, ending, batch, interval_s, delay_s)
+        check(path, written, may_lose=FlushPolicy().events if attempt % 2 == 0 else 0)
+        path.unlink()
+
+    with ThreadPoolExecutor(4) as pool:
+        delays = [dice.uniform(0, 0.4) for _ in range(kills)]
+        list(pool.map(once, range(kills), delays))
+
+
+@pytest.mark.parametrize("ending", KILL_SAFE)
+def test_a_kill_costs_at_most_the_last_flush(tmp_path, ending):
+    kill_many(tmp_path, ending, kills=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", KILL_SAFE)
+def test_twenty_kills_cost_at_most_the_last_flush(tmp_path, ending):
+    kill_many(tmp_path, ending, kills=20)
+
+
+def test_the_promise_names_exactly_the_formats_tested_here():
+    keeps = {ending for each in FORMATS if "at most the last flush" in each.promise for ending in each.endings}
+    assert keeps - {".csv", ".hdf5"} == set(KILL_SAFE)
+
+
+def test_the_fields_own_readers_open_what_a_kill_left(tmp_path):
+    path, written = kill_a_writer(tmp_path, ".aedat4", 500, 0.0, 0.1)
+    recording = dv.io.MonoCameraRecording(str(path))
+    found = 0
+    while (batch := recording.getNextEventBatch()) is not None:
+        found += batch.size()
+    assert found >= written
+    path, written = kill_a_writer(tmp_path, ".h5", 500, 0.0, 0.1)
+    with h5py.File(path) as file:
+        assert np.array_equal(file["events/t"][:written], numbered(0, written)["t"])
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".npz"])
+def test_what_is_all_or_nothing_leaves_no_file_under_its_name(tmp_path, ending):
+    path, _ = kill_a_writer(tmp_path, ending, 2000, 0.05, 0.1)
+    assert not path.exists()
