@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 
 from clsim.errors import InputError
+from clsim.scene.drift import drifting
 from clsim.scene.validate import validate
 from clsim.scene.world import World
 
 MESH_SUFFIXES = (".gltf", ".glb", ".obj", ".ply")
 
 
-def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None) -> World:
-    """Load a bundled scene by name, a ``.toml``, or a bare ``.gltf``, ``.glb``, ``.obj`` or ``.ply``.
+def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, strict: bool = False) -> World:
+    """Load a bundled scene by name, or a file: TOML, glTF, OBJ or PLY.
+
+    ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
+    set in motion; a TOML's stays where it is.
 
     Args:
         scene: name or path.
@@ -52,16 +56,29 @@ def bundled_names() -> list[str]:
 
 
 def _load(scene: str | Path) -> World:
-    path = Path(scene)
+    path, animation = Path(scene), None
+    if "#" in path.name and not path.is_file():
+        name, _, animation = path.name.rpartition("#")
+        path = path.with_name(name or "#")
     suffix = path.suffix.lower()
     if suffix not in (".toml", *MESH_SUFFIXES):
         return _load_bundled(str(scene))
     if not path.is_file():
-        raise InputError(f"{scene}: no such file, expected a scene")
+        raise InputError(f"{path}: no such file, expected a scene")
+    if animation is not None and suffix not in (".gltf", ".glb"):
+        raise InputError(f"{scene}: only glTF files have animations to choose from")
     if suffix == ".toml":
         from clsim.scene.toml_scene import load_toml
 
         return load_toml(path)
+    return drifting(_load_file(path, suffix, animation))
+
+
+def _load_file(path: Path, suffix: str, animation: str | None) -> World:
+    if suffix in (".gltf", ".glb"):
+        from clsim.scene.gltf_scene import load_gltf
+
+        return load_gltf(path, animation)
     from clsim.scene.trimesh_scene import load_bare
 
     return load_bare(path)

@@ -193,6 +193,23 @@ class Attached:
         return self.parent.pose(time_s) @ self.offset
 
 
+@dataclass(frozen=True)
+class Nested:
+    """A motion inside something that moves itself."""
+
+    outer: Motion
+    inner: Motion
+
+    @property
+    def duration_s(self) -> float:
+        """Time until both have ended [s]."""
+        return max(self.outer.duration_s, self.inner.duration_s)
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the outer pose times the inner one."""
+        return self.outer.pose(time_s) @ self.inner.pose(time_s)
+
+
 def compose(position: npt.ArrayLike, rotation: Matrix) -> Matrix:
     """Return the 4×4 matrix of a 3×3 rotation followed by a translation."""
     matrix = np.eye(4)

@@ -15,12 +15,13 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene import shapes
 from clsim.scene.files import inside_folder
-from clsim.scene.geometry import placed_rigidly, transformed
+from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.motion import (
     Attached,
     Keyframes,
     LookAtKeyframes,
     Motion,
+    Nested,
     Orbit,
     Quaternion,
     Static,
@@ -28,7 +29,20 @@ from clsim.scene.motion import (
     euler_quaternion,
     rotation_matrix,
 )
-from clsim.scene.world import Camera, CheckerTexture, Instance, Material, Mesh, Sensor, SphereLight, Vec3, World
+from clsim.scene.parts import Parts, with_textures_from
+from clsim.scene.world import (
+    Camera,
+    CheckerTexture,
+    Instance,
+    Material,
+    Mesh,
+    PunctualLight,
+    Sensor,
+    SphereLight,
+    Texture,
+    Vec3,
+    World,
+)
 
 if TYPE_CHECKING:  # pydantic costs a third of the start-up, and only scenes from TOML need it
     from clsim.scene import schema
@@ -87,11 +101,13 @@ def load_toml(path: Path) -> World:
         materials=tuple(builder.materials),
         textures=tuple(builder.textures),
         sphere_lights=tuple(lights),
+        punctual_lights=tuple(builder.punctual_lights),
         environment=scene.environment.radiance,
         sensor=Sensor(**scene.sensor.model_dump()),
         fps=scene.fps,
         duration_s=scene.duration_s or max(motion.duration_s for motion in motions) or 1.0,
         warnings=tuple(builder.warnings),
+        notes=tuple(builder.notes),
     )
 
 
@@ -103,8 +119,10 @@ class _Builder:
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
         self.materials: list[Material] = [Material()]
-        self.textures: list[CheckerTexture] = []
+        self.textures: list[Texture] = []
+        self.punctual_lights: list[PunctualLight] = []
         self.warnings: list[str] = []
+        self.notes: list[str] = []
         self.material_ids: dict[str | None, int] = {None: 0}
         for name, table in scene.materials.items():
             self.material_ids[name] = len(self.materials)
@@ -140,20 +158,39 @@ class _Builder:
         self.meshes.append(transformed(mesh, np.diag(_scale(table))))
 
     def _add_file(self, table: schema.FileTable, name: str, motion: Motion) -> None:
-        from clsim.scene.trimesh_scene import load_parts
-
-        parts = load_parts(self.folder / inside_folder(table.file, self.folder))
-        first_mesh, first_material = len(self.meshes), len(self.materials)
+        parts = _read_parts(self.folder / inside_folder(table.file, self.folder))
+        first_mesh, first_material, first_texture = len(self.meshes), len(self.materials), len(self.textures)
         for mesh in parts.meshes:
             own = mesh.material_ids + first_material
             ids = own if table.material is None else np.full_like(own, self.material_ids[table.material])
             self.meshes.append(replace(mesh, material_ids=ids))
-        self.materials += parts.materials
+        self.materials += [with_textures_from(material, first_texture) for material in parts.materials]
+        self.textures += parts.textures
         self.warnings += parts.warnings
+        self.notes += parts.notes
         stretch = compose((0.0, 0.0, 0.0), np.diag(_scale(table)))
-        for placed in parts.placements:
-            index, offset = placed_rigidly(self.meshes, first_mesh + placed.mesh, stretch @ placed.matrix)
-            self.instances.append(Instance(index, Attached(motion, offset), f"{name}/{placed.name}"))
+        for part in parts.instances:
+            index, inner = first_mesh + part.mesh, part.motion
+            if isinstance(inner, Static) and self.meshes[index].deformation is None:
+                index, offset = placed_rigidly(self.meshes, index, stretch @ inner.matrix)
+                placed: Motion = Attached(motion, offset)
+            elif is_similarity(stretch[:3, :3]):
+                placed = Nested(Attached(motion, stretch), inner)
+            else:
+                raise InputError(f"{part.name} is animated, expected one scale for all axes, got {table.scale}")
+            self.instances.append(Instance(index, placed, f"{name}/{part.name}"))
+        for light in parts.lights:
+            self.punctual_lights.append(replace(light, motion=Nested(Attached(motion, stretch), light.motion)))
+
+
+def _read_parts(path: Path) -> Parts:
+    if path.suffix.lower() in (".gltf", ".glb"):
+        from clsim.scene.gltf_scene import read_gltf
+
+        return read_gltf(path)
+    from clsim.scene.trimesh_scene import load_parts
+
+    return load_parts(path)
 
 
 def _scale(table: schema.ObjectTable) -> Vec3:

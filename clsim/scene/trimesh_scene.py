@@ -1,11 +1,9 @@
-"""Mesh files (OBJ, PLY, glTF) through trimesh: base colours, no animation; bare files get a lamp and a camera."""
+"""Mesh files (OBJ, PLY) through trimesh, with the colours and textures of their materials."""
 
 from __future__ import annotations
 
 import io
-import math
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,35 +12,15 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.files import inside_folder
+from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
 from clsim.scene.geometry import placed_rigidly
-from clsim.scene.motion import Matrix, Orbit, Static, compose
-from clsim.scene.world import Camera, Instance, Material, Mesh, SphereLight, Vec3, World
+from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
+from clsim.scene.motion import Static
+from clsim.scene.parts import Parts
+from clsim.scene.world import ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
 
 MAX_FILE_BYTES = 1 << 30
-MAX_PIXELS = 1 << 26
-"""Largest texture that is decoded; its packed size tells nothing about its memory."""
-MAX_COORDINATE = 1e15
-"""Farther out, squares of distances overflow in 32 bits."""
 F64 = npt.NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Placement:
-    """Where a mesh of a file stands: any affine matrix, also one that stretches or mirrors."""
-
-    mesh: int
-    matrix: Matrix
-    name: str
-
-
-@dataclass(frozen=True)
-class Parts:
-    """What a mesh file holds; material ids count from the file's own first material."""
-
-    meshes: list[Mesh]
-    materials: list[Material]
-    placements: list[Placement]
-    warnings: list[str]
 
 
 def load_bare(path: Path) -> World:
@@ -54,27 +32,17 @@ def load_bare(path: Path) -> World:
         InputError: if the file cannot be used.
     """
     parts = load_parts(path)
-    meshes = list(parts.meshes)
-    instances = []
-    for placement in parts.placements:
-        index, matrix = placed_rigidly(meshes, placement.mesh, placement.matrix)
-        instances.append(Instance(index, Static(matrix), placement.name))
-    center, size = _bounds(path, meshes, instances)
-    (x, y, z), radius = center, float(np.linalg.norm(size)) / 2
-    lamp = SphereLight(
-        radius_m=0.5 * radius,
-        radiance=(30.0, 28.8, 27.0),
-        motion=Static(compose((x + 1.5 * radius, y + 2.5 * radius, z + 1.5 * radius), np.eye(3))),
-    )
-    camera = _orbiting_camera(center, size)
+    center, size = bounds(path, parts.meshes, parts.instances)
+    camera = orbiting_camera(center, size)
     return World(
         name=path.stem,
         camera=camera,
-        meshes=tuple(meshes),
-        instances=tuple(instances),
+        meshes=tuple(parts.meshes),
+        instances=tuple(parts.instances),
         materials=tuple(parts.materials),
-        sphere_lights=(lamp,),
-        environment=(0.5, 0.5, 0.5),
+        textures=tuple(parts.textures),
+        sphere_lights=(lamp(center, size),),
+        environment=ENVIRONMENT,
         duration_s=camera.motion.duration_s,
         warnings=tuple(parts.warnings),
     )
@@ -95,19 +63,15 @@ def load_parts(path: Path) -> Parts:
     suffix = path.suffix.lower()
     notes: list[str] = []
     declared: dict[str, int] = {}
-    if suffix in (".gltf", ".glb"):
-        from clsim.scene.gltf import check_gltf
-
-        notes = check_gltf(path, data)
-    elif suffix == ".ply":
+    if suffix == ".ply":
         from clsim.scene.ply import check_ply
 
         declared = check_ply(path, data)
     elif suffix != ".obj":
-        raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj, .ply, .gltf or .glb")
+        raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
     scene = _read(path, data, suffix)
+    reader = _Materials(path, notes)
     meshes: list[Mesh] = []
-    materials: list[Material] = []
     indices: dict[str, int] = {}
     for name, geometry in scene.geometry.items():
         if not hasattr(geometry, "faces"):
@@ -116,18 +80,22 @@ def load_parts(path: Path) -> Parts:
         if len(geometry.vertices) < declared.get("vertex", 0) or len(geometry.faces) < declared.get("face", 0):
             raise InputError(f"{path}: ends before its {declared['vertex']} vertices and all faces: it is truncated")
         indices[name] = len(meshes)
-        meshes.append(_mesh(path, name, geometry, len(materials)))
-        materials.append(_material(path, name, geometry, notes))
+        meshes.append(_mesh(path, name, geometry, len(reader.materials)))
+        reader.materials.append(reader.read(name, geometry))
     placements = []
     for node in scene.graph.nodes_geometry:
         matrix, name = scene.graph[node]
         if name in indices:
-            placements.append(Placement(indices[name], np.asarray(matrix, np.float64), str(name)))
+            placements.append((indices[name], np.asarray(matrix, np.float64), str(name)))
     # trimesh draws the names of some nodes at random, and with them their order.
-    placements.sort(key=lambda placement: (placement.mesh, placement.matrix.tobytes()))
-    if not placements:
+    placements.sort(key=lambda placement: (placement[0], placement[1].tobytes()))
+    instances = []
+    for index, matrix, name in placements:
+        placed, pose = placed_rigidly(meshes, index, matrix)
+        instances.append(Instance(placed, Static(pose), name))
+    if not instances:
         raise InputError(f"{path}: has no triangles, expected a mesh")
-    return Parts(meshes, materials, placements, notes)
+    return Parts(meshes, reader.materials, reader.textures, instances, warnings=notes)
 
 
 def _read(path: Path, data: bytes, suffix: str) -> Any:
@@ -203,35 +171,52 @@ def _uvs(geometry: Any) -> F64 | None:
     return np.nan_to_num(np.asarray(uvs, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def _material(path: Path, name: str, geometry: Any, notes: list[str]) -> Material:
-    """Return the diffuse part of a material; textures are averaged over the surface they cover."""
-    visual = geometry.visual
-    source = getattr(visual, "material", None)
-    if source is None or _is_placeholder(source):
-        if visual.kind not in ("vertex", "face"):
-            return Material()
-        colors = np.asarray(visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)[:, :3]
-        return Material(color=_vec3(_linear(colors / 255.0).mean(axis=0)))
-    color = np.ones(3)
-    image = getattr(source, "baseColorTexture", None) or getattr(source, "image", None)
-    factor = getattr(source, "baseColorFactor", None)
-    kd = getattr(source, "kwargs", {}).get("kd")  # trimesh rounds its own copy to 8 bits
-    if factor is not None:
-        factor_array = np.asarray(factor)
-        color = factor_array[:3] / (255.0 if factor_array.dtype.kind in "iu" else 1.0)
-    elif isinstance(kd, list) and len(kd) == 3:
-        color = np.asarray(kd, np.float64)
-    elif image is None and not hasattr(source, "baseColorFactor"):
-        color = np.full(3, 0.5)
-    if image is not None:
-        color = color * _average(path, name, image, geometry, notes)
-    emission: Vec3 = (0.0, 0.0, 0.0)
-    if getattr(source, "emissiveFactor", None) is not None:
-        if getattr(source, "emissiveTexture", None) is None:
-            emission = _vec3(np.asarray(source.emissiveFactor, np.float64))
-        else:
-            notes.append(f"{path.name}: the emissive texture of {name} is left out")
-    return Material(color=_vec3(np.clip(np.nan_to_num(color), 0.0, 1.0)), emission=emission)
+class _Materials:
+    """Reads materials, and each image once.
+
+    Attributes:
+        materials: one per mesh.
+        textures: what they use.
+    """
+
+    def __init__(self, path: Path, notes: list[str]) -> None:
+        self.materials: list[Material] = []
+        self.textures: list[Texture] = []
+        self._path, self._notes = path, notes
+        self._images: dict[str, int] = {}
+        self._budget = PixelBudget()
+
+    def read(self, name: str, geometry: Any) -> Material:
+        """Return the diffuse part of a mesh's material, and what it emits."""
+        visual = geometry.visual
+        source = getattr(visual, "material", None)
+        if source is None or _is_placeholder(source):
+            if visual.kind not in ("vertex", "face"):
+                return Material()
+            colors = np.asarray(visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)[:, :3]
+            if len(colors) and (colors != colors[0]).any():
+                self._notes.append(f"{self._path.name}: the colours of {name}'s vertices are averaged")
+            return Material(color=_vec3(decode_srgb(colors / 255.0).mean(axis=0)))
+        written = source.kwargs  # trimesh rounds its own copies to 8 bits
+        image = getattr(source, "image", None)
+        texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))
+        kd, ke = written.get("kd"), written.get("ke")
+        color = np.full(3, 0.5 if image is None else 1.0)
+        if isinstance(kd, list) and len(kd) == 3:
+            color = np.clip(np.nan_to_num(np.asarray(kd, np.float64)), 0.0, 1.0)
+            if image is not None and not color.any():
+                color = np.ones(3)  # exporters write black beside a texture, and viewers show the texture
+        emission = np.zeros(3)
+        if isinstance(ke, list) and len(ke) == 3:
+            emission = np.maximum(np.nan_to_num(np.asarray(ke, np.float64), posinf=0.0), 0.0)
+        return Material(color=_vec3(color), texture=texture, emission=_vec3(emission), name=name)
+
+    def _texture(self, name: str, image: Any, file: str) -> int:
+        if file not in self._images:
+            pixels = unpack_rgba(f"{self._path}: the texture of {name}", image, self._budget)
+            self._images[file] = len(self.textures)
+            self.textures.append(ImageTexture(pixels))
+        return self._images[file]
 
 
 def _is_placeholder(source: Any) -> bool:
@@ -240,73 +225,5 @@ def _is_placeholder(source: Any) -> bool:
     return image is not None and image.format is None and not source.kwargs
 
 
-def _average(path: Path, name: str, image: Any, geometry: Any, notes: list[str]) -> F64:
-    """Return the mean linear colour of a texture over the triangles, weighted by their areas."""
-    width, height = image.size
-    if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: the texture of {name} is {width}×{height}, expected at most {MAX_PIXELS} pixels")
-    try:
-        texels = np.asarray(image.convert("RGB"))
-    except Exception as error:  # Pillow raises whatever its decoders stumble over
-        notes.append(f"{path.name}: the texture of {name} cannot be decoded ({error}); white stands in")
-        return np.ones(3)
-    uvs = _uvs(geometry)
-    corners = np.asarray(geometry.vertices)[geometry.faces]
-    areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    if uvs is None or not areas.sum() > 0:
-        mean: F64 = _linear(texels[:: max(1, height // 512), :: max(1, width // 512)] / 255.0).mean(axis=(0, 1))
-        return mean
-    center = uvs[geometry.faces].mean(axis=1) % 1.0
-    column = np.minimum((center[:, 0] * width).astype(np.int64), width - 1)
-    row = np.minimum(((1.0 - center[:, 1]) * height).astype(np.int64), height - 1)
-    weighted: F64 = areas @ _linear(texels[row, column] / 255.0) / areas.sum()
-    return weighted
-
-
-def _linear(srgb: F64) -> F64:
-    """Decode sRGB (IEC 61966-2-1)."""
-    decoded: F64 = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    return decoded
-
-
 def _vec3(values: F64) -> Vec3:
     return float(values[0]), float(values[1]), float(values[2])
-
-
-def _bounds(path: Path, meshes: list[Mesh], instances: list[Instance]) -> tuple[Vec3, F64]:
-    """Return the centre and the size of the bounding box."""
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for instance in instances:
-        mesh, matrix = meshes[instance.mesh], instance.motion.pose(0.0)
-        used = mesh.vertices[np.unique(mesh.triangles)].astype(np.float64)
-        if len(used):
-            points = used @ matrix[:3, :3].T + matrix[:3, 3]
-            low, high = np.minimum(low, points.min(axis=0)), np.maximum(high, points.max(axis=0))
-    farthest = float(np.maximum(np.abs(low), np.abs(high)).max())
-    if not ((low < high).any() and farthest < MAX_COORDINATE):
-        raise InputError(f"{path}: has no extent, expected triangles that span a finite space")
-    return _vec3((low + high) / 2), high - low
-
-
-def _orbiting_camera(center: Vec3, size: F64) -> Camera:
-    """Return a camera that turns around a bounding box in 6 s, 20° above its middle, and just sees all of it."""
-    width, height, fov_deg = 346, 260, 45.0
-    right_limit = math.tan(math.radians(fov_deg / 2))
-    up_limit = right_limit * height / width
-    elevation = math.radians(20.0)
-    corners = size / 2 * np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
-    angle = np.linspace(0, 2 * np.pi, 72, endpoint=False)[:, None]
-    right = corners[:, 0] * np.cos(angle) - corners[:, 2] * np.sin(angle)
-    ahead = corners[:, 0] * np.sin(angle) + corners[:, 2] * np.cos(angle)
-    up = corners[:, 1] * math.cos(elevation) - ahead * math.sin(elevation)
-    near = corners[:, 1] * math.sin(elevation) + ahead * math.cos(elevation)
-    # A corner is in view where |right| and |up| are at most its distance times the limit.
-    distance = 1.05 * float((near + np.maximum(np.abs(right) / right_limit, np.abs(up) / up_limit)).max())
-    orbit = Orbit(
-        center=center,
-        radius_m=distance * math.cos(elevation),
-        period_s=6.0,
-        height_m=distance * math.sin(elevation),
-        target=center,
-    )
-    return Camera(width, height, fov_deg, orbit)

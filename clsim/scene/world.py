@@ -226,6 +226,7 @@ class World:
         environment: radiance of the constant environment; all 0 is no environment.
         duration_s: length of the motion; 1 s where nothing moves.
         warnings: what the file asked for and clsim lacks, one sentence each.
+        notes: what was decided where the file leaves a choice, one sentence each.
     """
 
     name: str
@@ -242,6 +243,7 @@ class World:
     fps: float = 120.0
     duration_s: float = 1.0
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 IDENTITY = Static(np.eye(4))

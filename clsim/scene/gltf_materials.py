@@ -1,0 +1,194 @@
+"""glTF materials and textures (glTF 2.0, section 3.9, and the material extensions of Khronos)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene import gltf_schema as schema
+from clsim.scene.gltf_accessors import EXTENSIONS, GltfFile
+from clsim.scene.images import U8, PixelBudget, decode_rgba
+from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
+
+WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
+NEAREST = 9728
+DEFAULT = schema.Material()
+
+
+class MaterialReader:
+    """Reads materials and the textures that they use, each image and each texture once.
+
+    Attributes:
+        materials: what was read so far, in order of first use.
+        textures: likewise.
+    """
+
+    def __init__(self, file: GltfFile, warn: Callable[[str], None]) -> None:
+        """Read from a file; ``warn`` takes what World cannot hold."""
+        self.materials: list[Material] = []
+        self.textures: list[Texture] = []
+        self._file, self._warn = file, warn
+        self._indices: dict[int | None, int] = {}
+        self._texture_indices: dict[tuple[object, ...], int] = {}
+        self._images: dict[int, U8] = {}
+        self._budget = PixelBudget()
+
+    def index(self, material: int | None) -> int:
+        """Return the index into ``materials`` of one of the file's materials (None: the default)."""
+        if material not in self._indices:
+            self._indices[material] = len(self.materials)
+            self.materials.append(self._read(self._source(material)))
+        return self._indices[material]
+
+    def texcoord(self, material: int | None) -> int:
+        """Return which set of texture coordinates a material uses, its base colour's first."""
+        for info in _textures(self._source(material)):
+            return _set(info)
+        return 0
+
+    def _source(self, material: int | None) -> schema.Material:
+        return DEFAULT if material is None else self._file.item("materials", self._file.json.materials, material)
+
+    def _read(self, source: schema.Material) -> Material:
+        extra, core = source.extensions, source.pbrMetallicRoughness
+        name = source.name or "a material"
+        for extension in sorted(set(extra.model_extra or {}) - set(EXTENSIONS)):
+            self._warn(f"the extension {extension} of materials is left out")
+        for feature, info in (
+            ("transmission", extra.KHR_materials_transmission.transmissionTexture),
+            ("clearcoat", extra.KHR_materials_clearcoat.clearcoatTexture),
+            ("clearcoat roughness", extra.KHR_materials_clearcoat.clearcoatRoughnessTexture),
+            ("clearcoat normal", extra.KHR_materials_clearcoat.clearcoatNormalTexture),
+            ("specular", extra.KHR_materials_specular.specularTexture),
+            ("specular colour", extra.KHR_materials_specular.specularColorTexture),
+        ):
+            if info is not None:
+                self._warn(f"{feature} textures are left out (the first is that of {name})")
+        if len({_set(info) for info in _textures(source)}) > 1:
+            self._warn(f"all textures of a material use the texture coordinates of the first ({name} has several)")
+        base_factor, base_info = core.baseColorFactor, core.baseColorTexture
+        metallic, roughness = core.metallicFactor, core.roughnessFactor
+        glossy = extra.KHR_materials_pbrSpecularGlossiness
+        if glossy is not None:
+            self._warn("materials of specular and glossiness are read as metallic-roughness with no metal")
+            base_factor, base_info = glossy.diffuseFactor, glossy.diffuseTexture
+            metallic, roughness = 0.0, 1.0 - glossy.glossinessFactor
+        base = self._texture(base_info, srgb=True)
+        blends = source.alphaMode != "OPAQUE"
+        emissive = self._texture(source.emissiveTexture, srgb=True)
+        strength = extra.KHR_materials_emissive_strength.emissiveStrength
+        emission = _scaled(source.emissiveFactor, strength)
+        color: Vec3 = base_factor[:3]
+        if extra.KHR_materials_unlit is not None:  # its colour is what is seen, whatever the light
+            emission, emissive, color, base_texture = color, base, (0.0, 0.0, 0.0), -1
+            metallic, roughness = 0.0, 1.0
+        else:
+            base_texture = base
+        specular, coat = extra.KHR_materials_specular, extra.KHR_materials_clearcoat
+        lobe = _scaled(specular.specularColorFactor, specular.specularFactor)
+        if extra.KHR_materials_unlit is not None:
+            lobe = (0.0, 0.0, 0.0)
+        index = extra.KHR_materials_ior.ior
+        return Material(
+            kind="principled",
+            color=color,
+            texture=base_texture,
+            emission=emission,
+            emission_texture=emissive,
+            two_sided=source.doubleSided,
+            alpha=roughness**2,
+            roughness_texture=self._texture(core.metallicRoughnessTexture, srgb=False),
+            metallic=metallic,
+            ior=index if index >= 1.0 else 1.5,
+            specular_color=lobe,
+            transmission=extra.KHR_materials_transmission.transmissionFactor,
+            clearcoat=coat.clearcoatFactor,
+            clearcoat_alpha=coat.clearcoatRoughnessFactor**2,
+            normal_texture=self._texture(source.normalTexture, srgb=False),
+            normal_scale=1.0 if source.normalTexture is None else source.normalTexture.scale,
+            alpha_mode={"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}[source.alphaMode],  # type: ignore[arg-type]
+            alpha_cutoff=source.alphaCutoff,
+            opacity=base_factor[3] if blends else 1.0,
+            opacity_texture=base if blends else -1,
+            name=source.name,
+        )
+
+    def _texture(self, info: schema.TextureInfo | None, *, srgb: bool) -> int:
+        """Return the index into ``textures``, -1 for none."""
+        if info is None:
+            return -1
+        json = self._file.json
+        texture = self._file.item("textures", json.textures, info.index)
+        webp = texture.extensions.EXT_texture_webp
+        source = texture.source if webp is None else webp.source
+        if source is None:
+            self._warn(f"textures[{info.index}] has no image that clsim reads and is left out")
+            return -1
+        sampler = schema.Sampler()
+        if texture.sampler is not None:
+            sampler = self._file.item("samplers", json.samplers, texture.sampler)
+        transform = info.extensions.KHR_texture_transform
+        key = (source, srgb, sampler, transform)
+        if key not in self._texture_indices:
+            pixels = self._image(source)
+            self._texture_indices[key] = len(self.textures)
+            self.textures.append(
+                ImageTexture(
+                    pixels,
+                    srgb=srgb,
+                    wrap_u=WRAPS[sampler.wrapS],
+                    wrap_v=WRAPS[sampler.wrapT],
+                    nearest=sampler.magFilter == NEAREST,
+                    uv_matrix=_uv_matrix(transform),
+                )
+            )
+        return self._texture_indices[key]
+
+    def _image(self, index: int) -> U8:
+        if index not in self._images:
+            image = self._file.item("images", self._file.json.images, index)
+            source = f"{self._file.path}: images[{index}]"
+            if image.uri is not None:
+                data = self._file.uri_bytes(f"images[{index}]", image.uri)
+            elif image.bufferView is not None:
+                data = bytes(self._file.view(image.bufferView))
+            else:
+                raise InputError(f"{source} has neither uri nor bufferView")
+            self._images[index] = decode_rgba(source, data, self._budget)
+        return self._images[index]
+
+
+def _textures(source: schema.Material) -> list[schema.TextureInfo]:
+    core, glossy = source.pbrMetallicRoughness, source.extensions.KHR_materials_pbrSpecularGlossiness
+    infos = [
+        core.baseColorTexture,
+        None if glossy is None else glossy.diffuseTexture,
+        core.metallicRoughnessTexture,
+        source.normalTexture,
+        source.emissiveTexture,
+    ]
+    return [info for info in infos if info is not None]
+
+
+def _set(info: schema.TextureInfo) -> int:
+    transform = info.extensions.KHR_texture_transform
+    return info.texCoord if transform is None or transform.texCoord is None else transform.texCoord
+
+
+def _scaled(color: Vec3, factor: float) -> Vec3:
+    return color[0] * factor, color[1] * factor, color[2] * factor
+
+
+def _uv_matrix(transform: schema.TextureTransform | None) -> tuple[Vec3, Vec3]:
+    """Return KHR_texture_transform for coordinates whose v points up; the file's points down."""
+    if transform is None:
+        return (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    c, s = math.cos(transform.rotation), math.sin(transform.rotation)
+    (sx, sy), (x, y) = transform.scale, transform.offset
+    down = np.array([[c * sx, s * sy, x], [-s * sx, c * sy, y], [0.0, 0.0, 1.0]])
+    flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+    (a, b, e), (d, f, g) = (flip @ down @ flip)[:2].tolist()
+    return (a, b, e), (d, f, g)

@@ -1,0 +1,46 @@
+"""What a file holds that may be a scene or part of one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+from clsim.scene.world import Camera, Instance, Material, Mesh, PunctualLight, Texture
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Lists as those of a ``World``; indices of meshes, materials and textures count from the file's own first.
+
+    Attributes:
+        duration_s: length of the file's animation [s], 0 where it has none.
+        warnings: what the file asks for and clsim lacks, one sentence each.
+        notes: what was decided where the file leaves a choice, one sentence each.
+    """
+
+    meshes: list[Mesh]
+    materials: list[Material]
+    textures: list[Texture]
+    instances: list[Instance]
+    lights: list[PunctualLight] = field(default_factory=list)
+    cameras: list[Camera] = field(default_factory=list)
+    duration_s: float = 0.0
+    warnings: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def with_textures_from(material: Material, first: int) -> Material:
+    """Return a material whose textures stand in a longer list, ``first`` places on."""
+    if not first:
+        return material
+
+    def shift(index: int) -> int:
+        return index + first if index >= 0 else -1
+
+    return replace(
+        material,
+        texture=shift(material.texture),
+        emission_texture=shift(material.emission_texture),
+        roughness_texture=shift(material.roughness_texture),
+        normal_texture=shift(material.normal_texture),
+        opacity_texture=shift(material.opacity_texture),
+    )
