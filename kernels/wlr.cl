@@ -45,11 +45,48 @@ static inline __attribute__((always_inline)) realv fetch(
     return v;
 }
 
+#define ROW (2 * REACH + 1)
+#if VW == 1
+#define ROW_ROOM ROW
+#else
+#define ROW_ROOM ((ROW + VW - 1) / VW * VW)
+#endif
+
+// One row of VW windows, pixel by pixel: out_row[i] has tap i of every window. `plane_row` points at the left ends for
+// a pixel at (0, 0). Where pixels are scattered, each window's row is loaded whole and the block transposed in registers.
+static inline __attribute__((always_inline)) void gather_row(
+    __global const real *plane_row, long row_size, const Place *at, realv *out_row)
+{
+#if VW == 1
+    for (int i = 0; i < ROW; i++) out_row[i] = plane_row[at->y[0] * row_size + at->x[0] + i];
+#else
+    for (int first = 0; first < ROW; first += VW) {
+        realv a[VW], b[VW];
+#pragma unroll
+        for (int lane = 0; lane < VW; lane++) a[lane] = LOAD(plane_row + at->y[lane] * row_size + at->x[lane] + first);
+#pragma unroll
+        for (int stage = 1; stage < VW; stage *= 2) {
+#pragma unroll
+            for (int i = 0; i < VW / 2; i++) {
+                b[2 * i].even = a[i].lo;
+                b[2 * i].odd = a[i + VW / 2].lo;
+                b[2 * i + 1].even = a[i].hi;
+                b[2 * i + 1].odd = a[i + VW / 2].hi;
+            }
+#pragma unroll
+            for (int i = 0; i < VW; i++) a[i] = b[i];
+        }
+#pragma unroll
+        for (int i = 0; i < VW; i++) out_row[first + i] = a[i];
+    }
+#endif
+}
+
 // Fits VW windows. out_fit: alpha, then beta of pixel x, pixel y and each feature.
 static inline __attribute__((always_inline)) void fit(const Input *in, const Place *at, const int dense, realv *out_fit)
 {
     const long row_size = (long)PLANES * in->pitch;
-    const long border = BORDER * row_size + BORDER;
+    const long border = BORDER * row_size + BORDER, centre_at = at->y[0] * row_size + at->x[0];
     realv centre[F + 1], scale[F + 1], hi_depth = 0;
     const realv y_centre = fetch(packed_of(in, 0), border + BRIGHTNESS * in->pitch, row_size, at, dense);
     for (int j = 0; j < F; j++) {
@@ -83,10 +120,11 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
         y_hi = x_hi = -REACH;
         for (int age = 0; age < in->frames; age++)
             for (int dy = -REACH; dy <= REACH; dy += STEP) {
-                realv any = 0;
+                __global const real *row_start = packed_of(in, age) + border + dy * row_size - REACH;
+                realv any = 0, gathered[ROW_ROOM];
+                if (!dense) gather_row(row_start, row_size, at, gathered);
                 for (int i = 0; i < TAPS; i++) {
-                    const long offset = border + dy * row_size + i * STEP - REACH;
-                    const realv mask = fetch(packed_of(in, age), offset, row_size, at, dense);
+                    const realv mask = dense ? LOAD(row_start + centre_at + i * STEP) : gathered[i * STEP];
                     any = MAX(any, mask);
                     column[i] = MAX(column[i], mask);
                 }
@@ -119,16 +157,18 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
     }
     for (int age = 0; age < in->frames; age++)
         for (int dy = -REACH; dy <= REACH; dy += STEP) {
-            __global const real *frame = packed_of(in, age);
-            const long offset = border + dy * row_size - REACH;
-            realv staged[TAPS][STAGED];
+            __global const real *row_start = packed_of(in, age) + border + dy * row_size - REACH;
+            realv staged[TAPS][STAGED], gathered[PLANES][ROW_ROOM];
+            if (!dense)
+                for (int j = 0; j < PLANES; j++) gather_row(row_start + j * in->pitch, row_size, at, gathered[j]);
+#define TAP(plane) (dense ? LOAD(row_start + centre_at + (plane) * in->pitch + i * STEP) : gathered[plane][i * STEP])
             for (int i = 0; i < TAPS; i++) {
                 const real dx = i * STEP - REACH;
-                const realv mask = fetch(frame, offset + i * STEP, row_size, at, dense);
+                const realv mask = TAP(MASK);
                 realv d[F + 1];
 #pragma unroll
                 for (int j = 0; j < F; j++) {
-                    realv v = fetch(frame, offset + (FEATURE + j) * in->pitch + i * STEP, row_size, at, dense);
+                    realv v = TAP(FEATURE + j);
                     if (MISSES && j == DEPTH) v = MIN(v, hi_depth);
                     d[j] = (v - centre[j]) * scale[j];
                 }
@@ -152,7 +192,7 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
                 q *= mask;
                 const realv v = root(q) * mask;
 #endif
-                const realv y = fetch(frame, offset + BRIGHTNESS * in->pitch + i * STEP, row_size, at, dense);
+                const realv y = TAP(BRIGHTNESS);
                 staged[i][ONE] = v;
                 staged[i][DX] = v * dx;
 #pragma unroll

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.device import Device, choose_device
-from clsim.detect.events import EventRule, Interval
-from clsim.detect.gate import Counts, Gate, Level
-from clsim.detect.pack import FrameMemory, Pack, varying
-from clsim.detect.program import BORDER, Buffer, Layout, Workplace
+from clsim.detect.engine import Engine
+from clsim.detect.events import Interval
+from clsim.detect.gate import Counts
+from clsim.detect.pack import varying
 from clsim.detect.reference_observation import feature_names
-from clsim.detect.wlr import History, Regression
+from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
@@ -81,7 +79,7 @@ class Detector:
         self.device = device or choose_device()
         self.stats = DetectorStats()
         self._candidates = () if config.method == "esim" else feature_names(config, names)
-        self._engine: _Engine | None = None
+        self._engine: Engine | None = None
         self._constant = np.zeros((0, 2), dtype=np.float32)
         self._time_us = 0
         self._slot = 0
@@ -155,12 +153,12 @@ class Detector:
         sticky = DEPTH[0] if COVERAGE[0] in self.names else None
         return tuple(name for name in self._candidates if name in varied or name == sticky)
 
-    def _build(self, features: tuple[str, ...]) -> _Engine:
+    def _build(self, features: tuple[str, ...]) -> Engine:
         quiet = tuple(name for name in self._candidates if name not in features)
         self._constant = np.tile(np.array([np.inf, -np.inf], dtype=np.float32), (len(quiet), 1))
-        return _Engine(self.config, (self.width, self.height), self.names, features, quiet, self.device)
+        return Engine(self.config, (self.width, self.height), self.names, features, quiet, self.device)
 
-    def _pack(self, frame: Frame, engine: _Engine) -> _Engine:
+    def _pack(self, frame: Frame, engine: Engine) -> Engine:
         memory = engine.memory.lend(frame)
         invalid, extremes = engine.pack.run(memory, self._slot)
         grown = np.zeros(0, dtype=bool)
@@ -186,14 +184,9 @@ class Detector:
         self._invalid[self._slot] = invalid
         return engine
 
-    def _run(self, engine: _Engine, history: History, time_us: int) -> tuple[EventBatch, Counts]:
+    def _run(self, engine: Engine, history: History, time_us: int) -> tuple[EventBatch, Counts]:
         config, gate, fit = self.config, engine.gate, engine.regression
-        packed, start = engine.pack.packed, engine.pack.offset(history.slot)
-        layout = engine.workplace.layout
-        if fit is None:
-            level = Level(packed, start + BORDER * (2 * layout.pitch) + layout.pitch + BORDER, 2 * layout.pitch)
-        else:
-            level = Level(fit.fit, 0, (3 + layout.features) * layout.span)
+        packed, start, level = engine.pack.packed, engine.pack.offset(history.slot), engine.level(history.slot)
         if config.method == "esim-ad":
             gate.average(packed, start)
             gate.test_models(packed, start, engine.state)
@@ -216,76 +209,3 @@ class Detector:
         self.stats.many_crossings += fired.many_crossings
         self.stats.capped += fired.capped
         return fired.events, counts
-
-
-@dataclass
-class _Engine:
-    """Kernels and memory for one set of features."""
-
-    config: DetectorConfig
-    size: tuple[int, int]
-    names: tuple[str, ...]
-    features: tuple[str, ...]
-    quiet: tuple[str, ...]
-    device: Device
-    state: Buffer = field(init=False)
-
-    def __post_init__(self) -> None:
-        config, count = self.config, len(self.features)
-        double = config.precision == "float64"
-        lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
-        layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32)
-        depth = self.features.index(DEPTH[0]) if DEPTH[0] in self.features else -1
-        macros: dict[str, Any] = {"DEPTH": depth, "MISSES": int(depth >= 0 and COVERAGE[0] in self.names)}
-        if config.method == "esim-ad":
-            macros["MODEL"] = 1
-            if config.gate == "radiance":
-                macros["RADIANCE"] = 1
-        self.workplace = Workplace(self.device, layout, macros)
-        self.memory = FrameMemory(self.workplace)
-        self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)
-        packed = self.pack.packed
-        self.regression = None
-        if config.method != "esim":
-            self.regression = Regression(self.workplace, config, packed, config.history)
-        self.gate = Gate(self.workplace, config)
-        model = self.regression if config.method == "esim-ad" else None
-        self.rule = EventRule(self.workplace, config, self.gate, packed, model)
-        self.state = self.workplace.allocate(layout.image_shape(6 + 4 * count if model else 2))
-        self.forget()
-
-    def forget(self) -> None:
-        """Take all references back: NaN marks a pixel that has none."""
-        self.workplace.write(self.state, np.full(self.state.shape, np.nan, dtype=self.workplace.real))
-
-    def take_over(self, older: _Engine, constants: dict[str, float]) -> None:
-        """Continue from an engine with fewer features, of which the new ones had the values ``constants`` until now."""
-        old_state, old_packed = older.workplace.read(older.state), older.workplace.read(older.pack.packed)
-        packed = np.zeros(self.pack.packed.shape, dtype=self.workplace.real)
-        packed[:, :, :2] = old_packed[:, :, :2]
-        for j, name in enumerate(self.features):
-            if name in older.features:
-                packed[:, :, 2 + j] = old_packed[:, :, 2 + older.features.index(name)]
-            else:
-                packed[:, :, 2 + j] = np.where(old_packed[:, :, 0] > 0, constants[name], 0.0)
-        self.workplace.write(self.pack.packed, packed)
-        if self.regression is None:
-            return
-        for slot in range(self.config.history):
-            self.regression.prepare(slot)
-        if self.config.method == "esim-ad":
-            self.workplace.write(self.state, self._wider_state(old_state, older, constants))
-        else:
-            self.workplace.write(self.state, old_state)
-
-    def _wider_state(self, old: npt.NDArray[Any], older: _Engine, constants: dict[str, float]) -> npt.NDArray[Any]:
-        f, g = len(self.features), len(older.features)
-        state = np.zeros(self.state.shape, dtype=self.workplace.real)
-        state[:, :6] = old[:, :6]
-        for j, name in enumerate(self.features):
-            for block in range(4):
-                if name in older.features:
-                    state[:, 6 + block * f + j] = old[:, 6 + block * g + older.features.index(name)]
-                else:
-                    state[:, 6 + block * f + j] = 0.0 if block == 0 else constants[name]
-        return state

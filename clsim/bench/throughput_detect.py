@@ -1,0 +1,198 @@
+"""How fast the detector's kernels are, per second of processor time: PoCL's threads count, other programs do not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig, Precision
+from clsim.detect.device import Device, choose_device
+from clsim.detect.engine import Engine
+from clsim.detect.program import Layout, Workplace
+from clsim.detect.wlr import History
+from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, page_aligned
+
+PEAK_CHAINS = 12
+"""Independent chains of multiply-adds in peak.cl."""
+_FEATURES = DEPTH + NORMAL + ALBEDO
+_NAMES = RADIANCE + _FEATURES
+
+
+def detect_throughput(
+    *, device: Device | None = None, width: int = 320, height: int = 240, window: int = 13, seconds: float = 1.0
+) -> dict[str, float | str]:
+    """Measure the regression and each stage on noise with all 9 features.
+
+    Each figure is the best of several runs of at least ``seconds`` in all. On a GPU, whose work no processor time
+    shows, wall-clock time is used instead, and the keys keep their names.
+
+    Returns:
+        ``fits_per_cpu_second``, ``sparse_fits_per_cpu_second`` (a tenth of the pixels, at random),
+        ``float64_fits_per_cpu_second``, ``float64_ratio``, ``gate_pixels_per_cpu_second`` (closed-form ΔR test),
+        ``<stage>_pixels_per_cpu_second``, ``fma_peak_flops``, ``fma_peak_fraction`` (of the dense regression),
+        ``numpy_fits_per_cpu_second``, ``numpy_ratio``, and ``device``.
+    """
+    device = device or choose_device()
+    clock = time.process_time if device.is_cpu else time.perf_counter
+    bench = _Bench(device, width, height, window, seconds, clock)
+    result: dict[str, float | str] = {"device": device.name, "lanes": float(device.lanes)}
+    result.update(bench.stages("float32"))
+    peak = bench.peak("float32")
+    fits = float(result["fits_per_cpu_second"])
+    result["fma_peak_flops"] = peak
+    result["fma_peak_fraction"] = fits * fit_flops(window, len(_FEATURES)) / peak
+    double = bench.stages("float64")["fits_per_cpu_second"]
+    result["float64_fits_per_cpu_second"] = double
+    result["float64_ratio"] = double / fits
+    plain = bench.numpy_fits()
+    result["numpy_fits_per_cpu_second"] = plain
+    result["numpy_ratio"] = fits / plain
+    return result
+
+
+def fit_flops(window: int, features: int) -> int:
+    """Return the floating-point operations of one fit as wlr.cl does it; a multiply-add counts 2, the solve 0."""
+    weight = 4 * features + 1 + 2 * 4 + 3 + 2
+    staging = features + 4
+    staged = features + 3
+    products = staged * (staged + 1) - 2
+    return window * window * (weight + staging + products)
+
+
+class _Bench:
+    """One device, one size; builds what it measures."""
+
+    def __init__(
+        self, device: Device, width: int, height: int, window: int, seconds: float, clock: Callable[[], float]
+    ) -> None:
+        self.device, self.window, self.seconds, self.clock = device, window, seconds, clock
+        self.frame = noise_frame(width, height)
+
+    def rate(self, work: Callable[[], None], finish: Callable[[], None], count: float) -> float:
+        """Return ``count`` per second of the fastest of some rounds of ``work``; the first one warms up."""
+        work()
+        finish()
+        best, spent = np.inf, 0.0
+        while spent < self.seconds:
+            start = self.clock()
+            work()
+            finish()
+            taken = max(self.clock() - start, 1e-9)
+            best, spent = min(best, taken), spent + taken
+        return count / best
+
+    def stages(self, precision: Precision) -> dict[str, float]:
+        """Measure every stage of one precision."""
+        frame, pixels = self.frame, self.frame.width * self.frame.height
+        config = DetectorConfig(gate="delta-r", window=self.window, precision=precision)
+        engine = Engine(config, (frame.width, frame.height), frame.names, _FEATURES, (), self.device)
+        radiance = DetectorConfig(gate="radiance", window=self.window, precision=precision)
+        boxed = Engine(radiance, (frame.width, frame.height), frame.names, _FEATURES, (), self.device)
+        fit, gate = engine.regression, engine.gate
+        assert fit is not None
+        queue, history = engine.workplace.queue, History(0, 1, False)
+        for each in (engine, boxed):
+            each.pack.run(each.memory.lend(frame), 0)
+            each.memory.take_back(frame)
+        fit.prepare(0)
+        rng = np.random.default_rng(0)
+        chosen = np.flatnonzero(rng.random(pixels) < 0.1)
+        span = engine.workplace.layout.span
+        engine.workplace.write(gate.pixels, chosen // frame.width * span + chosen % frame.width)
+
+        def pack() -> None:
+            engine.pack.run(engine.memory.lend(frame), 0)
+            engine.memory.take_back(frame)
+
+        repeat = 20
+
+        def repeated(work: Callable[[], None]) -> Callable[[], None]:
+            def run() -> None:
+                for _ in range(repeat):
+                    work()
+
+            return run
+
+        def test() -> None:
+            gate.test_models(engine.pack.packed, 0, engine.state)
+
+        def test_radiance() -> None:
+            boxed.gate.test_models(boxed.pack.packed, 0, boxed.state)
+
+        def collect() -> None:
+            gate.collect()
+
+        many = float(pixels * repeat)
+        finish, finish_boxed = queue.finish, boxed.workplace.queue.finish
+        result = {
+            "fits_per_cpu_second": self.rate(lambda: fit.dense(history), finish, pixels),
+            "sparse_fits_per_cpu_second": self.rate(
+                lambda: fit.sparse(history, gate.pixels, len(chosen)), finish, len(chosen)
+            ),
+            "gate_pixels_per_cpu_second": self.rate(repeated(test), finish, many),
+            "radiance_gate_pixels_per_cpu_second": self.rate(repeated(test_radiance), finish_boxed, many),
+            "pack_pixels_per_cpu_second": self.rate(pack, finish, pixels),
+            "minmax_pixels_per_cpu_second": self.rate(repeated(lambda: fit.prepare(0)), finish, many),
+            "box_pixels_per_cpu_second": self.rate(
+                repeated(lambda: boxed.gate.average(boxed.pack.packed, 0)), finish_boxed, many
+            ),
+            "list_pixels_per_cpu_second": self.rate(repeated(collect), finish, many),
+        }
+        engine.memory.close()
+        boxed.memory.close()
+        return result
+
+    def peak(self, precision: Precision) -> float:
+        """Measure floating-point operations per second of independent multiply-adds on all cores, per core's second."""
+        real = np.dtype(precision)
+        lanes = self.device.lanes if precision == "float32" else max(1, self.device.lanes // 2)
+        items, rounds = (64, 100_000) if self.device.is_cpu else (1 << 20, 1000)
+        place = Workplace(self.device, Layout(1, 1, 0, lanes, real), {"DEPTH": -1, "MISSES": 0})
+        (kernel,) = place.kernels("peak", ("peak",))
+        out = place.allocate((items * lanes,))
+
+        def work() -> None:
+            place.launch(kernel, (items,), rounds, 0.5, 0.1, out)
+
+        return self.rate(work, place.queue.finish, 2.0 * PEAK_CHAINS * lanes * items * rounds)
+
+    def numpy_fits(self) -> float:
+        """Measure the same fit in plain numpy, a pseudo-inverse per pixel."""
+        small = Frame(np.ascontiguousarray(self.frame.planes[:, :24, :24]), self.frame.names)
+        return self.rate(lambda: plain_fits(small, self.window), lambda: None, 24 * 24)
+
+
+def noise_frame(width: int, height: int) -> Frame:
+    """Return a frame of smooth features with noise: nothing in it is constant."""
+    rng = np.random.default_rng(0)
+    planes = page_aligned((len(_NAMES), height, width))
+    planes[...] = rng.random(planes.shape, dtype=np.float32)
+    return Frame(planes, _NAMES)
+
+
+def plain_fits(frame: Frame, window: int) -> None:
+    """Fit every pixel's window as one would first write it: numpy, one pixel at a time, pseudo-inverse."""
+    y_all = np.log(np.maximum(np.tensordot((0.2126, 0.7152, 0.0722), frame.planes[:3].astype(float), axes=1), 1e-4))
+    ys, xs = np.mgrid[0 : frame.height, 0 : frame.width].astype(float)
+    x_all = np.stack([xs, ys, *frame.planes[3:].astype(float)], axis=-1)
+    reach = window // 2
+    for row in range(frame.height):
+        rows = slice(max(row - reach, 0), row + reach + 1)
+        for column in range(frame.width):
+            columns = slice(max(column - reach, 0), column + reach + 1)
+            plain_fit(x_all[rows, columns], y_all[rows, columns], x_all[row, column])
+
+
+def plain_fit(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], centre: npt.NDArray[np.float64]) -> float:
+    """Return α of one window ``[h, w, D]``, ``[h, w]`` by weighted least squares with a pseudo-inverse."""
+    x = x.reshape(-1, x.shape[-1])
+    extent = x.max(axis=0) - x.min(axis=0)
+    scaled = (x - centre) * np.where(extent > 0, 1 / np.where(extent > 0, extent, 1), 0)
+    weight = np.exp(-0.5 * (scaled * scaled).sum(axis=1))
+    design = np.column_stack([np.ones(len(x)), scaled])
+    weighted = design * weight[:, None]
+    solution = np.linalg.pinv(weighted.T @ design, rcond=1e-8) @ (weighted.T @ y.ravel())
+    return float(solution[0])
