@@ -1,0 +1,70 @@
+"""Any file or address of events as an iterator."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+from clsim.errors import InputError
+from clsim.events.filesource import EventSource
+from clsim.events.socket_sources import SocketSource
+from clsim.live.outputs import is_address, sidecar_path
+
+
+def open_events(path_or_url: str | os.PathLike[str]) -> EventSource | SocketSource:
+    """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
+
+    Returns an iterator of EventBatch that reads on as it is asked, in bounded memory; its ``width`` and ``height`` are
+    None for files that do not tell. A socket's iterator waits for events and ends when the sender does. Either can be
+    closed early, or used in a ``with`` block.
+
+    >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
+    ...     print(batch["t"][0], len(batch))
+
+    Raises:
+        InputError: the file or address cannot be used, or, while iterating, its contents are damaged.
+    """
+    name = os.fspath(path_or_url)
+    if is_address(name):
+        from clsim.events.socket_sources import open_socket_source
+
+        return open_socket_source(name)
+    from clsim.events.files import open_source
+
+    return open_source(name)
+
+
+def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int, int] | None) -> tuple[int, int]:
+    """Return the width and height of the sensor of an open source.
+
+    What the user gives counts first, then what the source tells, then its sidecar; else the file is read through once
+    for the smallest sensor that holds its events.
+    """
+    if given is not None:
+        return given
+    if source.width is not None and source.height is not None:
+        return source.width, source.height
+    return _sidecar_size(name) or _smallest_size(name)
+
+
+def _sidecar_size(name: str) -> tuple[int, int] | None:
+    path = sidecar_path(name)
+    try:
+        camera = json.loads(path.read_text(encoding="utf-8"))["camera"] if path is not None else {}
+        width, height = camera["width"], camera["height"]
+    except (OSError, ValueError, LookupError, TypeError):
+        return None
+    whole = all(isinstance(side, int) and 0 < side <= 1 << 16 for side in (width, height))
+    return (width, height) if whole else None
+
+
+def _smallest_size(name: str) -> tuple[int, int]:
+    width = height = 0
+    with open_events(name) as source:
+        for batch in source:
+            width = max(width, int(batch["x"].max()) + 1)
+            height = max(height, int(batch["y"].max()) + 1)
+    if width == 0:
+        raise InputError(f"{Path(name)}: holds no events, so its sensor size is unknown; give it with --resolution")
+    return width, height

@@ -1,0 +1,72 @@
+"""Colour maps for signed event images, told apart by people of every colour vision.
+
+Each map joins a colour for "nothing" to one ramp for OFF and one for ON, on a dark and on a light ground. The pairs
+differ in hue *and* stay apart when the difference of red and green is taken away.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import require_choice
+
+Theme = Literal["dark", "light"]
+Lut = npt.NDArray[np.uint8]
+
+ZERO = 128
+"""Index of "nothing" in a table; OFF lies below it down to 1, ON above it up to 255."""
+DEFAULT = "blue-orange"
+
+
+@dataclass(frozen=True)
+class _Ramps:
+    rest: str
+    off: tuple[str, ...]
+    on: tuple[str, ...]
+
+
+_MAPS: dict[str, dict[Theme, _Ramps]] = {
+    "blue-orange": {
+        "dark": _Ramps("0b0e14", ("15508f", "3d9bff", "cfe7ff"), ("9a5208", "ff9d2e", "ffe7c2")),
+        "light": _Ramps("ffffff", ("a9cff5", "1f6fd0", "08306b"), ("ffcf94", "e2660a", "7f2f00")),
+    },
+    "purple-green": {
+        "dark": _Ramps("0d0c11", ("6a2c9c", "b46cf0", "efdcff"), ("1d7a40", "4fd684", "dcfbe7")),
+        "light": _Ramps("ffffff", ("d3b7e3", "7b2f96", "3f0050"), ("a9dfb0", "1a8043", "00441b")),
+    },
+    "violet-yellow": {
+        "dark": _Ramps("0c0b12", ("4a35a8", "8470ff", "d9d2ff"), ("8a7600", "ffdf3d", "fff8cf")),
+        "light": _Ramps("ffffff", ("bcb3f0", "5a45c9", "241070"), ("f4dd7a", "c79a00", "6b5000")),
+    },
+    "grey": {
+        "dark": _Ramps("70757d", ("454a51", "14171b", "000000"), ("a3a8af", "e4e7ea", "ffffff")),
+        "light": _Ramps("a9aeb5", ("6f747b", "2a2e33", "000000"), ("cdd1d6", "f2f4f6", "ffffff")),
+    },
+}
+NAMES = tuple(_MAPS)
+
+
+def lut(name: str = DEFAULT, theme: Theme = "dark") -> Lut:
+    """Return the table uint8 ``[256, 3]`` of a map; raises InputError for an unknown name."""
+    require_choice("the colour map", name, NAMES)
+    ramps = _MAPS[name][theme]
+    rest = _rgb(ramps.rest)
+    table = np.empty((256, 3))
+    table[ZERO:] = _ramp([rest, *map(_rgb, ramps.on)], 256 - ZERO)
+    table[1 : ZERO + 1] = _ramp([rest, *map(_rgb, ramps.off)], ZERO)[::-1]
+    table[0] = table[1]
+    return np.rint(table).astype(np.uint8)
+
+
+def _rgb(text: str) -> npt.NDArray[np.float64]:
+    return np.array([int(text[i : i + 2], 16) for i in (0, 2, 4)], dtype=np.float64)
+
+
+def _ramp(stops: list[npt.NDArray[np.float64]], count: int) -> npt.NDArray[np.float64]:
+    at = np.linspace(0.0, len(stops) - 1.0, count)
+    table = np.array(stops)
+    return np.stack([np.interp(at, np.arange(len(stops)), table[:, c]) for c in range(3)], axis=1)

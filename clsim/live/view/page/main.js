@@ -1,0 +1,306 @@
+// Joins the stream, the pictures and the controls.
+
+import { Cloud } from "./cloud.js";
+import { EventImage } from "./image.js";
+import { Rate } from "./rate.js";
+import { Store } from "./store.js";
+import { perSecond, seconds, short, span } from "./text.js";
+
+const HEADER_BYTES = 32;
+const EVENTS = 1, NOISY = 2, DENOISED = 3, SEEK = 4;
+const RATE_OVER_US = 50_000;
+
+const $ = (id) => document.getElementById(id);
+const store = new Store();
+const image = new EventImage($("image"));
+const cloud = new Cloud($("cloud"), { now: $("axis-now"), past: $("axis-past"), x: $("axis-x"), y: $("axis-y") }, () => { dirty = true; });
+const rate = new Rate($("rate").parentElement, $("rate"), $("rate-tip"), seek);
+$("no-webgl").hidden = cloud.gl !== null;
+
+const saved = JSON.parse(localStorage.getItem("clsim") || "{}");
+const settings = { windowUs: 30_000, depthUs: 300_000, full: 2, decay: false, colours: "blue-orange", theme: null, ...saved };
+let hello = null, status = {}, tables = {}, look = null, socket = null;
+let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, total = 0, lastSeekS = 0, ended = false;
+
+const now = () => heldUs ?? store.nowUs;
+const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
+
+// ---- the stream ----------------------------------------------------------------------------------------------------
+
+function connect() {
+  socket = new WebSocket(`ws://${location.host}/stream`);
+  socket.binaryType = "arraybuffer";
+  received = confirmed = 0;
+  socket.onopen = () => { ended = false; tellVisibility(); };
+  socket.onclose = () => {
+    setState(ended ? "ended" : "no connection", ended ? "" : "bad");
+    setTimeout(connect, 1000);
+  };
+  socket.onmessage = ({ data }) => {
+    if (typeof data === "string") takeText(JSON.parse(data));
+    else {
+      takePacket(data);
+      received++;
+      // Confirmed only once a picture was made of it: a browser that is too slow is sent less, not more.
+      if (!document.hidden) requestAnimationFrame(confirm); else confirm();
+    }
+  };
+}
+
+function confirm() {
+  if (confirmed === received) return;
+  confirmed = received;
+  send({ seen: received });
+}
+
+function takeText(message) {
+  if (message.type === "hello") {
+    if (hello && JSON.stringify(hello) !== JSON.stringify(message)) { location.reload(); return; }
+    hello = message;
+    image.resize(message.width, message.height);
+    cloud.resize(message.width, message.height);
+    store.clear(0);
+    rate.clear();
+    total = 0;
+    $("title").textContent = `${message.title} · ${message.width} × ${message.height}`;
+    document.title = `${message.title} · clsim`;
+    document.body.classList.toggle("live", message.live);
+    setState(message.live ? "live" : "recording", "on");
+    fit();
+  } else if (message.type === "status") {
+    status = message;
+    if (message.error) setState(message.error, "bad");
+    if (!hello?.live) {
+      paused = !message.playing;
+      $("loop").checked = message.loop;
+      $("speed").value = String(message.speed);
+    }
+  } else if (message.type === "overview") {
+    rate.overview(message);
+  } else if (message.type === "end") {
+    ended = true;
+  }
+  dirty = true;
+}
+
+function takePacket(buffer) {
+  const header = new DataView(buffer, 0, HEADER_BYTES);
+  const kind = header.getUint32(0, true), count = header.getUint32(4, true);
+  const baseUs = Number(header.getBigInt64(8, true)), nowUs = Number(header.getBigInt64(16, true));
+  if (kind === EVENTS) {
+    if (hello.live && paused) return;
+    const dt = new Uint32Array(buffer, HEADER_BYTES, count);
+    const x = new Uint16Array(buffer, HEADER_BYTES + 4 * count, count);
+    const y = new Uint16Array(buffer, HEADER_BYTES + 6 * count, count);
+    store.add(baseUs, nowUs, dt, x, y);
+    if (hello.live) rate.count(baseUs, nowUs, dt, y);
+    total += count;
+  } else if (kind === SEEK) {
+    store.clear(nowUs);
+    heldUs = null;
+  } else if ((kind === NOISY || kind === DENOISED) && !paused) {
+    takeImage(kind, new Uint8Array(buffer, HEADER_BYTES), header.getUint32(24, true), header.getUint32(28, true), count);
+  }
+  dirty = true;
+}
+
+function takeImage(kind, bytes, width, height, channels) {
+  $("frames").hidden = false;
+  if (kind === DENOISED) $("denoised-figure").hidden = false;
+  const canvas = kind === NOISY ? $("noisy") : $("denoised");
+  if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+  const context = canvas.getContext("2d", { alpha: false });
+  const picture = context.createImageData(width, height);
+  for (let i = 0, o = 0; i < bytes.length; i += channels, o += 4) {
+    picture.data[o] = bytes[i];
+    picture.data[o + 1] = bytes[channels === 3 ? i + 1 : i];
+    picture.data[o + 2] = bytes[channels === 3 ? i + 2 : i];
+    picture.data[o + 3] = 255;
+  }
+  context.putImageData(picture, 0, 0);
+}
+
+const tellVisibility = () => send({ frames: !document.hidden });
+document.addEventListener("visibilitychange", () => { tellVisibility(); dirty = true; });
+
+// ---- pictures ------------------------------------------------------------------------------------------------------
+
+function loop() {
+  requestAnimationFrame(loop);
+  if (!dirty || !hello || !look) return;
+  dirty = false;
+  const nowUs = now();
+  image.draw(store, nowUs, settings, look.table);
+  cloud.draw(store, nowUs, settings.depthUs, look);
+  rate.draw(nowUs, settings.windowUs, look);
+  $("clock").textContent = rate.file ? `${seconds(nowUs)} / ${(rate.file.end_us / 1e6).toFixed(3)}` : seconds(nowUs);
+  $("play").classList.toggle("paused", paused);
+  $("play").setAttribute("aria-label", paused ? "Play" : "Pause");
+  showNumbers(nowUs);
+}
+
+let numbersAtMs = 0;
+function showNumbers(nowUs) {
+  const ms = performance.now();
+  if (ms - numbersAtMs < 120) return;
+  numbersAtMs = ms;
+  const inSpan = store.at(nowUs + 1) - store.at(nowUs - RATE_OVER_US);
+  const numbers = [["events/s", short(inSpan / RATE_OVER_US * 1e6)]];
+  const known = rate.file?.complete ? sum(rate.file.on) + sum(rate.file.off) : status.events ?? total;
+  numbers.push(["events", short(known)]);
+  if (status.frames_per_s !== undefined) numbers.push(["frames/s", status.frames_per_s.toFixed(1)]);
+  if (status.solved_share !== undefined) numbers.push(["pixels solved", `${(100 * status.solved_share).toFixed(1)} %`]);
+  if (status.dropped_frames) numbers.push(["frames dropped", short(status.dropped_frames)]);
+  if (status.dropped_events) numbers.push(["events not shown", short(status.dropped_events)]);
+  $("numbers").replaceChildren(...numbers.map(([name, value]) => {
+    const pair = document.createElement("div");
+    pair.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
+    return pair;
+  }));
+}
+
+const sum = (counts) => counts.reduce((a, b) => a + b, 0);
+
+function setState(text, kind) {
+  $("state").textContent = text;
+  $("state").className = `state ${kind}`;
+}
+
+// The largest size of the image that fits, in whole pixels of the screen where that does not cost much.
+function fit() {
+  if (!hello) return;
+  const stage = $("image").parentElement;
+  let scale = Math.min(stage.clientWidth / hello.width, stage.clientHeight / hello.height);
+  const ratio = window.devicePixelRatio || 1, whole = Math.floor(scale * ratio) / ratio;
+  if (whole > 0.93 * scale) scale = whole;
+  $("image").style.width = `${hello.width * scale}px`;
+  $("image").style.height = `${hello.height * scale}px`;
+  dirty = true;
+}
+new ResizeObserver(fit).observe($("image").parentElement);
+new ResizeObserver(() => { dirty = true; }).observe($("cloud"));
+new ResizeObserver(() => { dirty = true; }).observe($("rate"));
+
+// ---- looks ---------------------------------------------------------------------------------------------------------
+
+const systemDark = matchMedia("(prefers-color-scheme: dark)");
+systemDark.addEventListener("change", restyle);
+
+function restyle() {
+  const theme = settings.theme ?? (systemDark.matches ? "dark" : "light");
+  document.documentElement.dataset.theme = theme;
+  const rgb = tables[settings.colours][theme];
+  const table = new Uint32Array(256);
+  for (let i = 0; i < 256; i++) table[i] = (255 << 24 | rgb[3 * i + 2] << 16 | rgb[3 * i + 1] << 8 | rgb[3 * i]) >>> 0;
+  // Points and bars take the ramps' middle; grey says nothing on a ground of its own, so they stay coloured there.
+  const ramps = settings.colours === "grey" ? tables["blue-orange"][theme] : rgb;
+  const at = (index) => [...ramps.slice(3 * index, 3 * index + 3)];
+  const css = (colour) => `rgb(${colour.join(" ")})`;
+  const [off, on] = [at(43), at(213)];
+  const style = getComputedStyle(document.documentElement);
+  const unit = (colour) => colour.map((c) => c / 255);
+  look = {
+    dark: theme === "dark", table, on: unit(on), off: unit(off), onText: css(on), offText: css(off),
+    line: theme === "dark" ? [0.38, 0.44, 0.52] : [0.55, 0.6, 0.66],
+    lineText: style.getPropertyValue("--line"), text: style.getPropertyValue("--text"), soft: style.getPropertyValue("--soft"),
+    window: theme === "dark" ? "rgb(255 255 255 / .12)" : "rgb(20 40 70 / .10)",
+  };
+  const image = (index) => css([...rgb.slice(3 * index, 3 * index + 3)]);
+  $("swatch-off").style.background = image(43);
+  $("swatch-on").style.background = image(213);
+  dirty = true;
+}
+
+// ---- controls ------------------------------------------------------------------------------------------------------
+
+// Sliders run from 0 to 1 over the logarithm of what they set.
+const sliders = {
+  window: { key: "windowUs", low: 1e3, high: 1e6, text: $("window-text") },
+  depth: { key: "depthUs", low: 1e4, high: 1e7, text: $("depth-text") },
+  contrast: { key: "full", low: 20, high: 0.5, text: null },
+};
+
+function showSettings() {
+  for (const [id, { key, low, high, text }] of Object.entries(sliders)) {
+    $(id).value = String(Math.log(settings[key] / low) / Math.log(high / low));
+    if (text) text.textContent = span(settings[key]);
+  }
+  $("axis-past").textContent = `− ${span(settings.depthUs)}`;
+  $("decay").checked = settings.decay;
+  $("colours").value = settings.colours;
+  localStorage.setItem("clsim", JSON.stringify(settings));
+  restyle();
+}
+
+function change(changes) {
+  Object.assign(settings, changes);
+  for (const { key, low, high } of Object.values(sliders)) {
+    settings[key] = Math.min(Math.max(low, high), Math.max(Math.min(low, high), settings[key]));
+  }
+  showSettings();
+}
+
+for (const [id, { key, low, high }] of Object.entries(sliders)) {
+  $(id).addEventListener("input", () => change({ [key]: low * (high / low) ** Number($(id).value) }));
+}
+$("decay").addEventListener("change", () => change({ decay: $("decay").checked }));
+$("colours").addEventListener("change", () => change({ colours: $("colours").value }));
+$("speed").addEventListener("change", () => send({ command: "speed", value: Number($("speed").value) }));
+$("loop").addEventListener("change", () => send({ command: "loop", value: $("loop").checked }));
+$("play").addEventListener("click", togglePlay);
+$("image").addEventListener("click", togglePlay);
+$("theme").addEventListener("click", toggleTheme);
+$("help-open").addEventListener("click", () => $("help").showModal());
+
+function togglePlay() {
+  paused = !paused;
+  heldUs = null;
+  if (!hello?.live) send({ command: "play", value: !paused });
+  dirty = true;
+}
+
+function toggleTheme() {
+  change({ theme: document.documentElement.dataset.theme === "dark" ? "light" : "dark" });
+}
+
+function seek(timeUs) {
+  const s = performance.now() / 1000;
+  if (s - lastSeekS < 0.08) return; // the server reads from a file: not at every move of the mouse
+  lastSeekS = s;
+  send({ command: "seek", value: Math.round(timeUs) });
+}
+
+// A stream is stepped through what the browser still holds of it, a recording through the file.
+function step(direction) {
+  const target = now() + direction * settings.windowUs;
+  if (!hello?.live) { seek(target); return; }
+  if (!paused) togglePlay();
+  heldUs = Math.min(store.nowUs, Math.max(store.t[store.first & store.mask], target));
+  dirty = true;
+}
+
+const keys = {
+  " ": togglePlay, ArrowLeft: () => step(-1), ArrowRight: () => step(1),
+  "[": () => change({ windowUs: settings.windowUs / 1.25 }), "]": () => change({ windowUs: settings.windowUs * 1.25 }),
+  "-": () => change({ full: settings.full * 1.2 }), "+": () => change({ full: settings.full / 1.2 }), "=": () => change({ full: settings.full / 1.2 }),
+  d: () => change({ decay: !settings.decay }), t: toggleTheme, r: () => { if (cloud.gl) cloud.home(); dirty = true; },
+  c: () => { const names = Object.keys(tables); change({ colours: names[(names.indexOf(settings.colours) + 1) % names.length] }); },
+  f: () => document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen(),
+  "?": () => $("help").showModal(),
+};
+document.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  const inControl = event.target.closest("input, select, button");
+  if (inControl && (event.key === " " || event.key.startsWith("Arrow"))) return;
+  const action = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+  if (!action) return;
+  event.preventDefault();
+  action();
+});
+
+tables = await (await fetch("/colormaps.json")).json();
+if (!tables[settings.colours]) settings.colours = Object.keys(tables)[0];
+$("colours").replaceChildren(...Object.keys(tables).map((name) => new Option(name)));
+showSettings();
+connect();
+loop();

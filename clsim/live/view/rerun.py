@@ -1,0 +1,91 @@
+"""Events in rerun's viewer (the [rerun] extra)."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.events import EventBatch
+from clsim.frames import Frame
+from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.live.view.accumulate import EventWindow, colour_indices, signed_image
+from clsim.live.view.colormaps import ZERO, lut
+from clsim.live.view.tonemap import ToneMap
+
+PICTURE_US = 33_000
+_MOST_POINTS = 50_000
+
+
+class RerunSink:
+    """Logs an event image, the cloud in x, y and t, and the rates of ON and OFF, once in 33 ms of event time."""
+
+    def __init__(self, title: str, width: int, height: int, *, save_to: str | None = None) -> None:
+        """Open rerun's viewer, or a file; raises InputError if rerun is missing."""
+        try:
+            import rerun
+        except ImportError:
+            raise InputError("--view rerun needs rerun: pip install 'clsim[rerun]'") from None
+        self._rerun: Any = rerun
+        self._size = width, height
+        self._table = lut()
+        self._window = EventWindow()
+        self._end_us: int | None = None
+        self._tone_map, self._shown_us = ToneMap(), -PICTURE_US
+        self._recording: Any = rerun.RecordingStream("clsim")
+        if save_to is not None:
+            self._recording.save(save_to)
+        else:
+            _silence_analytics()
+            self._recording.spawn()
+        self._recording.log("/", rerun.TextDocument(title), static=True)
+
+    def write(self, batch: EventBatch) -> None:
+        """Take a batch; see Sink.write."""
+        if not len(batch):
+            return
+        self._window.push(batch.copy())
+        if self._end_us is None:
+            self._end_us = int(batch["t"][0]) + PICTURE_US
+        while batch["t"][-1] >= self._end_us:
+            self._log(self._window.select(self._end_us - PICTURE_US, self._end_us), self._end_us)
+            self._end_us += PICTURE_US
+
+    def wants_frame(self) -> bool:
+        """Take every frame; rate is bounded in event time."""
+        return True
+
+    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
+        """Log the frame, at most once in 33 ms of its own time."""
+        if 0 <= frame.time_us - self._shown_us < PICTURE_US:
+            return
+        self._shown_us = frame.time_us
+        radiance = np.stack([frame.plane(name) for name in RADIANCE], axis=2)
+        self._recording.set_time("event time", duration=frame.time_us * 1e-6)
+        self._recording.log("frame", self._rerun.Image(self._tone_map(radiance)))
+
+    def close(self) -> None:
+        """Hand over what is left."""
+        self._recording.flush()
+
+    def _log(self, events: EventBatch, end_us: int) -> None:
+        rerun, recording = self._rerun, self._recording
+        recording.set_time("event time", duration=end_us * 1e-6)
+        image = self._table[colour_indices(signed_image(events, *self._size), 2.0)]
+        recording.log("events", rerun.Image(image))
+        on = int(events["on"].sum())
+        for name, count in (("on", on), ("off", len(events) - on)):
+            recording.log(f"rate/{name}", rerun.Scalars(count * 1e6 / PICTURE_US))
+        few = events[:: 1 + len(events) // _MOST_POINTS]
+        age = (end_us - few["t"]) / PICTURE_US * max(self._size) / 2
+        points = np.stack([few["x"], few["y"], age], axis=1, dtype=np.float32)
+        colours = self._table[np.where(few["on"], ZERO + 85, ZERO - 85)]
+        recording.log("cloud", rerun.Points3D(points, colors=colours, radii=0.4))
+
+
+def _silence_analytics() -> None:
+    """Switch the viewer's usage statistics off for good: it knows no other way than its own setting."""
+    subprocess.run([sys.executable, "-m", "rerun", "analytics", "disable"], capture_output=True, check=False)

@@ -1,0 +1,112 @@
+"""The page as a sink of events and a watcher of frames."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from clsim.events import EventBatch
+from clsim.frames import Frame
+from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.live.view.packets import DENOISED, NOISY, image_packet
+from clsim.live.view.server import PageServer
+from clsim.live.view.tonemap import ToneMap
+
+FRAME_PERIOD_S = 1 / 15
+_LARGEST_FRAME_PX = 640
+
+
+class ViewSink:
+    """Shows events, and on demand the newest frame, in every browser that opens ``url``; never waits for one.
+
+    ``status`` may be set to a function whose numbers the page shows beside its own.
+    """
+
+    def __init__(
+        self, title: str, width: int, height: int, *, host: str = "127.0.0.1", port: int | None = None
+    ) -> None:
+        """Start the server; raises InputError if aiohttp is missing or the port cannot be used."""
+        self.status: Callable[[], dict[str, Any]] = dict
+        hello = {"title": title, "width": width, "height": height, "live": True}
+        self._server = PageServer(hello, lambda: self.status(), lambda command: None, host, port)
+        self.url, self.warning = self._server.url, self._server.warning
+        self._now_us = 0
+        self._next_frame_s = 0.0
+        self._frames = _FrameWorker(self._server)
+
+    @property
+    def clients(self) -> int:
+        """Number of browsers that watch."""
+        return len(self._server.hub.watchers)
+
+    @property
+    def dropped_events(self) -> int:
+        """Events that browsers were too slow for."""
+        return self._server.hub.dropped_events
+
+    def write(self, batch: EventBatch) -> None:
+        """Take a batch; see Sink.write."""
+        if len(batch):
+            self._now_us = max(self._now_us, int(batch["t"][-1]))
+        self._server.hub.offer(batch, self._now_us)
+
+    def wants_frame(self) -> bool:
+        """Tell whether somebody watches frames and the last one is long enough ago."""
+        return time.monotonic() >= self._next_frame_s and any(
+            watcher.wants_frames for watcher in tuple(self._server.hub.watchers)
+        )
+
+    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
+        """Take a copy of the frame's radiance and of the detector's brightness (its logarithm, ``[H, W]``)."""
+        self._next_frame_s = time.monotonic() + FRAME_PERIOD_S
+        self._now_us = max(self._now_us, frame.time_us)
+        step = -(-max(frame.width, frame.height) // _LARGEST_FRAME_PX)
+        first = frame.names.index(RADIANCE[0])
+        radiance = np.moveaxis(frame.planes[first : first + 3, ::step, ::step], 0, 2).copy()
+        self._frames.give(frame.time_us, radiance, None if level is None else level[::step, ::step].copy())
+
+    def close(self) -> None:
+        """Tell the pages that the stream has ended, and stop serving."""
+        self._frames.close()
+        self._server.close()
+
+
+class _FrameWorker:
+    """Maps the newest frame to 8 bits in a thread of its own, so that the detector need not wait for it."""
+
+    def __init__(self, server: PageServer) -> None:
+        self._server = server
+        self._maps = {NOISY: ToneMap(), DENOISED: ToneMap()}
+        self._given = threading.Condition()
+        self._newest: tuple[int, FloatArray, FloatArray | None] | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._run, name="clsim-view-frames", daemon=True)
+        self._thread.start()
+
+    def give(self, time_us: int, radiance: FloatArray, level: FloatArray | None) -> None:
+        with self._given:
+            self._newest = (time_us, radiance, level)
+            self._given.notify()
+
+    def close(self) -> None:
+        with self._given:
+            self._closed = True
+            self._given.notify()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            with self._given:
+                self._given.wait_for(lambda: self._newest is not None or self._closed)
+                if self._newest is None:
+                    return
+                (time_us, radiance, level), self._newest = self._newest, None
+            images = {NOISY: radiance}
+            if level is not None:
+                images[DENOISED] = np.exp(np.minimum(level, 80.0))[..., np.newaxis]
+            for kind, linear in images.items():
+                self._server.hub.show(kind, image_packet(kind, self._maps[kind](linear), time_us))
