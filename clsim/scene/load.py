@@ -26,12 +26,15 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
     Args:
         scene: name or path.
         resolution: width and height in place of the scene's own; the horizontal field of view stays, pixels are square.
+        strict: refuse a file that asks for something that clsim lacks, rather than warn.
 
     Raises:
         InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # what 32 bits cannot hold, validate names
         world = _load(scene)
+        if strict and world.warnings:
+            raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if resolution is not None:
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
         validate(world, str(scene))
