@@ -38,10 +38,6 @@ class Engine:
         layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32)
         depth = self.features.index(DEPTH[0]) if DEPTH[0] in self.features else -1
         macros: dict[str, Any] = {"DEPTH": depth, "MISSES": int(depth >= 0 and COVERAGE[0] in self.names)}
-        if config.method == "esim-ad":
-            macros["MODEL"] = 1
-            if config.gate == "radiance":
-                macros["RADIANCE"] = 1
         self.workplace = Workplace(self.device, layout, macros)
         self.memory = FrameMemory(self.workplace)
         self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.gate import Gate, Level
+from clsim.detect.gate import Gate, Level, model_macros
 from clsim.detect.program import Buffer, Workplace
 from clsim.detect.wlr import History, Regression
 from clsim.events import EventBatch, empty_batch
@@ -47,7 +47,7 @@ class EventRule:
         self._gate = gate
         self._packed = packed
         self._regression = regression
-        macros: dict[str, object] = {"CHUNK": _CHUNK}
+        macros: dict[str, object] = {"CHUNK": _CHUNK, **model_macros(config)}
         if config.event_rule == "frame":
             macros["FRAME_RULE"] = 1
         self._decide, self._emit = workplace.kernels("events", ("decide_events", "emit_events"), macros)

@@ -34,6 +34,13 @@ class Counts:
         return self.solved + self.fresh
 
 
+def model_macros(config: DetectorConfig) -> dict[str, object]:
+    """Return the macros of kernels that know what pixels remember of their last event."""
+    if config.method != "esim-ad":
+        return {}
+    return {"MODEL": 1, "RADIANCE": 1} if config.gate == "radiance" else {"MODEL": 1}
+
+
 class Gate:
     """Sorts a frame's pixels into those that may fire and those that cannot.
 
@@ -50,7 +57,9 @@ class Gate:
         layout = workplace.layout
         self._radiance = config.method == "esim-ad" and config.gate == "radiance"
         test = "gate_model" if config.method == "esim-ad" else "gate_level"
-        self._test, self._count, self._list = workplace.kernels("gate", (test, "count_flags", "list_pixels"))
+        self._test, self._count, self._list = workplace.kernels(
+            "gate", (test, "count_flags", "list_pixels"), model_macros(config)
+        )
         self.flags = workplace.allocate((layout.height, layout.span), np.uint8)
         self.pixels = workplace.allocate((layout.height * layout.span,), np.int32)
         self._counts = workplace.allocate((layout.height, 4), np.int32)
