@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
+    from clsim.live.open import open_events as open
     from clsim.live.stream import stream
 
 try:
@@ -20,7 +21,7 @@ try:
 except PackageNotFoundError:  # a plain checkout, not installed
     __version__ = "0+unknown"
 
-__all__ = ["InputError", "__version__", "stream"]
+__all__ = ["InputError", "__version__", "open", "stream"]
 
 
 def __getattr__(name: str) -> Any:
@@ -29,4 +30,8 @@ def __getattr__(name: str) -> Any:
         from clsim.live.stream import stream
 
         return stream
+    if name == "open":
+        from clsim.live.open import open_events
+
+        return open_events
     raise AttributeError(f"module 'clsim' has no attribute {name!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from clsim.cli.convert import convert
 from clsim.cli.detect import detect
 from clsim.cli.devices import devices
 from clsim.cli.info import info
@@ -11,6 +12,8 @@ from clsim.cli.live import live
 from clsim.cli.render import render
 from clsim.cli.scenes import scenes
 from clsim.cli.score import score
+from clsim.cli.view import view
+from clsim.cli.watch import BareViewCommand
 
 app = typer.Typer(
     help="Live event-camera simulation from path-traced 3-D scenes.",
@@ -21,8 +24,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (live, render, detect, score, info, scenes, devices):
-    app.command()(command)
+for command in (live, render, detect, score, view, convert, info, scenes, devices):
+    app.command(cls=BareViewCommand if command in (live, view) else None)(command)
 
 
 def _print_version(value: bool) -> None:

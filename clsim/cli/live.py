@@ -25,6 +25,7 @@ from clsim.cli.options import (
     THRESHOLD,
     WINDOW,
 )
+from clsim.cli.watch import PORT, VIEW, attach, default_view
 from clsim.errors import InputError
 
 
@@ -62,6 +63,8 @@ def live(
     ] = "block",
     render_device: RENDER_DEVICE = "cpu",
     opencl: OPENCL = None,
+    view: VIEW = None,
+    port: PORT = None,
     as_json: JSON = False,
 ) -> int:
     """Turn a scene into a live event stream.
@@ -100,4 +103,14 @@ def live(
     from clsim.cli.status import run_session
     from clsim.live.session import open_live
 
-    return run_session(open_live(options), as_json=as_json)
+    if view is None:
+        view = default_view(outputs, as_json=as_json)
+    if view == "terminal" and "-" in outputs:
+        raise InputError("--view terminal and --out - would both write to standard output; give --out a file instead")
+    session = open_live(options)
+    try:
+        screen = attach(session, view, port, as_json=as_json)
+    except InputError:
+        session.pipeline.stop()
+        raise
+    return run_session(session, as_json=as_json, screen=screen)

@@ -10,12 +10,12 @@ _DURATION = re.compile(r"(?P<value>[0-9.eE+-]+)\s*(?P<unit>us|µs|ms|s|min)?")
 _SECONDS = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, None: 1.0}
 
 
-def duration_s(text: str) -> float:
+def duration_s(text: str, option: str = "--duration") -> float:
     """Return the seconds of ``2s``, ``500ms``, ``1.5min`` or ``2``."""
     match = _DURATION.fullmatch(text.strip())
     value = _number(match["value"]) if match else None
     if match is None or value is None or not 0 < value < float("inf"):
-        raise InputError(f"--duration must be a positive time such as 2s or 500ms, got {text!r}")
+        raise InputError(f"{option} must be a positive time such as 2s or 500ms, got {text!r}")
     return value * _SECONDS[match["unit"]]
 
 

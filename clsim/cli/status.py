@@ -13,6 +13,7 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from clsim.live.session import Session
+    from clsim.live.view.terminal import TerminalScreen
 
 _REFRESH_S = 0.1
 _STEEP_SHARE = 0.01
@@ -20,8 +21,8 @@ INTERRUPTED = 130
 OUTPUT_FAILED = 1
 
 
-def run_session(session: Session, *, as_json: bool) -> int:
-    """Run a session to its end or to Ctrl-C; return the exit status."""
+def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | None = None) -> int:
+    """Run a session to its end or to Ctrl-C, painting the screen if there is one; return the exit status."""
     console = Console(stderr=True)
     for output in session.pipeline.outputs:
         warning = getattr(output.sink, "warning", None)
@@ -32,7 +33,9 @@ def run_session(session: Session, *, as_json: bool) -> int:
     session.start()
     interrupted, all_ended = False, True
     try:
-        if console.is_terminal:
+        if screen is not None:
+            _paint_to_the_end(session, screen)
+        elif console.is_terminal:
             with Live(_status_line(session), console=console, transient=True, auto_refresh=False) as display:
                 while not session.pipeline.wait(_REFRESH_S):
                     display.update(_status_line(session), refresh=True)
@@ -56,6 +59,14 @@ def run_session(session: Session, *, as_json: bool) -> int:
         sys.stderr.flush()
         os._exit(status)
     return status
+
+
+def _paint_to_the_end(session: Session, screen: TerminalScreen) -> None:
+    try:
+        while not session.pipeline.wait(screen.period_s):
+            screen.paint(_status_line(session).plain, session.pipeline.progress.simulated_us)
+    finally:
+        screen.close()
 
 
 def _status_line(session: Session) -> Text:

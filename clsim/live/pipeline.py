@@ -10,10 +10,12 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, Protocol
 
 from clsim.events import EventBatch, Sink, SinkError
 from clsim.frames import Frame, FrameRing, FrameSource, Policy, RingClosed
+from clsim.frames.frame import FloatArray
 from clsim.live.schedule import Schedule
 
 Pace = Literal["max", "real"]
@@ -53,13 +55,26 @@ class Detector(Protocol):
         ...
 
 
+class FrameWatcher(Protocol):
+    """Somebody who looks at a frame now and then."""
+
+    def wants_frame(self) -> bool:
+        """Tell whether the frame at hand should be shown; called for each, so it must be quick."""
+        ...
+
+    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
+        """Show a copy of the frame and, if the detector tells, of its brightness ``[H, W]``, denoised [log units]."""
+        ...
+
+
 @dataclass
 class Output:
-    """A sink and the name the user knows it by."""
+    """A sink, the name the user knows it by, and where its sidecar goes if it has one."""
 
     name: str
     sink: Sink
     error: str | None = None
+    sidecar: Path | None = None
 
 
 @dataclass
@@ -110,6 +125,7 @@ class Pipeline:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
         self.progress = Progress()
+        self.watcher: FrameWatcher | None = None
         self.outputs = list(outputs)
         self._make_source, self._make_detector = make_source, make_detector
         self._schedule, self._pace = schedule, pace
@@ -210,6 +226,9 @@ class Pipeline:
                     previous = frame.index
                     batch = detector.step(frame)
                     time_us = frame.time_us
+                    if self.watcher is not None and self.watcher.wants_frame():
+                        tell_level = getattr(detector, "level", None)
+                        self.watcher.show_frame(frame, None if tell_level is None else tell_level())
                 finally:
                     self._ring.release()
                 self._write(batch)

@@ -72,7 +72,7 @@ class Session:
 
     def write_sidecars(self, *, complete: bool) -> None:
         """Write NAME.json beside every output that is a file."""
-        files = [path for output in self.pipeline.outputs if (path := sidecar_path(output.name)) is not None]
+        files = [output.sidecar for output in self.pipeline.outputs if output.sidecar is not None]
         if not files:
             return
         info = self.about | {"complete": complete}
@@ -167,7 +167,7 @@ def _open_outputs(names: Sequence[str], extra_sinks: Sequence[Sink], width: int,
     outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
     try:
         for name in names:
-            outputs.append(Output(name, open_output(name, width, height)))
+            outputs.append(Output(name, open_output(name, width, height), sidecar=sidecar_path(name)))
     except BaseException:
         for output in outputs:
             output.sink.close()

@@ -17,7 +17,7 @@ from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesink import unwritable
 from clsim.live.view.accumulate import EventWindow, IndexImage, colour_indices, signed_image
-from clsim.live.view.colormaps import DEFAULT, Lut, Theme, lut
+from clsim.live.view.colormaps import DEFAULT, ZERO, Lut, Theme, lut
 
 ENDINGS = (".mp4", ".gif", ".png")
 _DECAY_REACH = 5
@@ -184,17 +184,14 @@ class _Mp4:
         self._av, self._table, self._scale = av, table, scale
         # 4:2:0 wants even sides: an odd one gets another line of nothing.
         self._pad = [(0, side * scale % 2) for side in shape]
+        height, width = (side * scale + pad[1] for side, pad in zip(shape, self._pad, strict=True))
         self._container: Any = av.open(str(path), "w", format="mp4")
         self._stream: Any = self._container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1000))
-        self._stream.height, self._stream.width = (
-            side * scale + pad[1] for side, pad in zip(shape, self._pad, strict=True)
-        )
+        self._stream.height, self._stream.width = height, width
         self._stream.pix_fmt = "yuv420p"
         self._stream.options = {"crf": "18", "preset": "fast"}
 
     def add(self, image: IndexImage) -> None:
-        from clsim.live.view.colormaps import ZERO
-
         large = np.pad(_enlarge(image, self._scale), self._pad, constant_values=ZERO)
         frame = self._av.VideoFrame.from_ndarray(self._table[large], format="rgb24")
         self._container.mux(self._stream.encode(frame))

@@ -19,7 +19,6 @@ DECAY_US = 30_000.0
 """Age [µs of event time] at which an event has faded to 1/e."""
 LEVELS = 4
 """Steps of brightness for each polarity."""
-PERIOD_S = 1 / 20
 _FULL_PER_SIDE = 1.3
 """An edge through a cell of n × n pixels fires about n events: this many times n is the brightest."""
 _TABLE = {level: lut()[ZERO + round(85 * level / LEVELS)] for level in range(-LEVELS, LEVELS + 1) if level}
@@ -49,7 +48,7 @@ class TerminalView:
         """Do nothing: there is nothing to release."""
 
     def picture(self, columns: int, rows: int, now_us: int = 0) -> list[str]:
-        """Return lines of text with escape codes that fit ``columns`` × ``rows`` characters and keep the proportions."""
+        """Return lines of text with escape codes that fill ``columns`` × ``rows`` characters, in proportion."""
         scale = min(columns / self.width, 2 * rows / self.height)
         cells = max(1, int(self.width * scale)), max(2, 2 * int(self.height * scale / 2))
         with self._lock:
@@ -88,6 +87,9 @@ class TerminalView:
 class TerminalScreen:
     """Paints a view and a status line in place, again and again, below what the terminal already shows."""
 
+    period_s = 1 / 20
+    """Time between two pictures that is short enough to look like motion and long enough to cost little [s]."""
+
     def __init__(self, view: TerminalView, stream: TextIO) -> None:
         """Hide the cursor; ``close`` brings it back and leaves the last picture standing."""
         self._view, self._stream = view, stream
@@ -100,10 +102,9 @@ class TerminalScreen:
         size = shutil.get_terminal_size()
         lines = self._view.picture(size.columns, max(1, size.lines - 2), now_us)
         lines.append(f"\x1b[36m{status[: size.columns - 1]}\x1b[0m")
+        start = f"\x1b[{self._painted}F" if self._painted else ""
         if size != self._size:  # what was painted may have been wrapped: begin anew
             start = "\x1b[2J\x1b[H"
-        else:
-            start = f"\x1b[{self._painted}F" if self._painted else ""
         self._size, self._painted = size, len(lines)
         # Between these two marks, terminals that know them show nothing half painted.
         self._stream.write("\x1b[?2026h" + start + "".join(f"{line}\x1b[K\n" for line in lines) + "\x1b[J\x1b[?2026l")

@@ -1,0 +1,133 @@
+"""``clsim view``: recordings and streams as something to look at."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from clsim.cli import parse
+from clsim.cli.watch import PORT, announce, host_and_port, open_screen
+from clsim.errors import InputError
+from clsim.live.outputs import is_address
+
+if TYPE_CHECKING:
+    from clsim.events import Sink
+    from clsim.events.filesource import EventSource
+    from clsim.events.socket_sources import SocketSource
+
+
+def view(
+    events: Annotated[
+        str, typer.Argument(help="An event file, tcp://HOST:PORT, unix://PATH or udp://HOST:PORT?size=WIDTHxHEIGHT.")
+    ],
+    where: Annotated[
+        Literal["web", "terminal", "rerun"],
+        typer.Option("--view", help="In the browser (the [view] extra), the terminal, or rerun (the [rerun] extra)."),
+    ] = "web",
+    port: PORT = None,
+    to: Annotated[
+        str | None, typer.Option(help="Write a video or picture instead: NAME.mp4 (the [video] extra), .gif or .png.")
+    ] = None,
+    accumulate: Annotated[str, typer.Option(help="Time whose events share a picture, such as 33ms.")] = "33ms",
+    decay: Annotated[bool, typer.Option("--decay", help="Let events fade within that time, not end at it.")] = False,
+    contrast: Annotated[float, typer.Option(help="Events in a pixel that give the strongest colour.")] = 2.0,
+    colours: Annotated[
+        Literal["blue-orange", "purple-green", "violet-yellow", "grey"],
+        typer.Option("--colours", "--colors", help="Colours of OFF and ON; each pair suits the colour-blind."),
+    ] = "blue-orange",
+    theme: Annotated[Literal["dark", "light"], typer.Option(help="Ground of the picture.")] = "dark",
+    scale: Annotated[int, typer.Option(help="Side of a sensor pixel in the picture.", min=1, max=16)] = 2,
+    fps: Annotated[float, typer.Option(help="Pictures per second of the video.")] = 30.0,
+    speed: Annotated[float, typer.Option(help="Seconds of events in a second: 0.1 is slow motion.")] = 1.0,
+    at: Annotated[str | None, typer.Option(help="Time of a .png, such as 0.5s. [where most happens]")] = None,
+    resolution: Annotated[
+        str | None, typer.Option(help="WIDTHxHEIGHT of the sensor, for files that do not tell. [found out]")
+    ] = None,
+) -> int:
+    """Look at an event file or a live stream.
+
+    Examples: `clsim view events.aedat4`, `clsim view tcp://127.0.0.1:7777`, `clsim view events.aedat4 --to film.mp4`
+    """
+    from clsim.live.open import open_events, sensor_size
+
+    for option, value in (("--fps", fps), ("--speed", speed), ("--contrast", contrast)):
+        if not 0 < value < float("inf"):
+            raise InputError(f"{option} must be a positive number, got {value}")
+    source = open_events(events)
+    with source:
+        size = sensor_size(events, source, None if resolution is None else parse.resolution(resolution))
+        if to is not None:
+            from clsim.live.view.picture import Film, Look, write_picture
+
+            accumulate_us = max(1, round(parse.duration_s(accumulate, "--accumulate") * 1e6))
+            look = Look(accumulate_us, decay, contrast, colours, theme, scale)
+            at_us = None if at is None else round(parse.duration_s(at, "--at") * 1e6)
+            count = write_picture(to, source, size, look, Film(fps, speed), at_us)
+            typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
+        elif where == "terminal":
+            _in_terminal(events, source, size, speed)
+        elif where == "rerun":
+            from clsim.live.view.rerun import RerunSink
+
+            _pump(source, RerunSink(events, *size))
+        elif where == "web":
+            _in_page(events, source, size, port)
+    return 0
+
+
+def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int], port: str | None) -> None:
+    """Serve the page until Ctrl-C or, for a stream, its end."""
+    if is_address(name):
+        from clsim.live.view.sink import ViewSink
+
+        page = ViewSink(name, *size, **host_and_port(port))
+        _warn(page.warning)
+        announce(page.url)
+        _pump(source, page)
+        return
+    from clsim.events.files import open_source
+    from clsim.live.view.player import Player
+
+    source.close()
+    player = Player(lambda: open_source(name), Path(name).name, *size, **host_and_port(port))
+    _warn(player.warning)
+    announce(player.url)
+    try:
+        while True:
+            player.wait(1.0)
+    finally:
+        player.close()
+
+
+def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int, int], speed: float) -> None:
+    from clsim.live.view.pump import Pump, paced
+    from clsim.live.view.terminal import TerminalView
+
+    view = TerminalView(*size)
+    screen = open_screen(view)
+    pump = Pump(source if is_address(name) else paced(source, speed), view)
+    try:
+        while not pump.wait(screen.period_s):
+            screen.paint(f"{name}  t {pump.now_us * 1e-6:.3f} s  {pump.events:,} events", pump.now_us)
+    finally:
+        screen.close()
+        pump.stop()
+
+
+def _pump(source: EventSource | SocketSource, sink: Sink) -> None:
+    from clsim.live.view.pump import Pump
+
+    pump = Pump(source, sink)
+    try:
+        while not pump.wait(0.2):
+            pass
+    finally:
+        source.close()
+        pump.stop()
+
+
+def _warn(warning: str | None) -> None:
+    if warning is not None:
+        typer.echo(f"clsim: {warning}", err=True)

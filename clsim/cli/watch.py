@@ -1,0 +1,115 @@
+"""``--view``: where events can be watched, for the commands that have any."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+
+import typer
+from typer.core import TyperCommand
+
+from clsim.errors import InputError
+
+if TYPE_CHECKING:
+    from clsim.live.session import Session
+    from clsim.live.view.terminal import TerminalScreen, TerminalView
+
+PAGE_NUMBERS = ("events", "frames_per_s", "solved_share", "dropped_frames", "simulated_s")
+"""Keys of a summary that the page shows."""
+
+View = Literal["web", "terminal", "rerun", "none"]
+VIEW = Annotated[
+    View | None,
+    typer.Option(
+        help="Watch the events: in a page of the browser (what --view alone means; needs the [view] extra), "
+        "in the terminal, in rerun (the [rerun] extra), or not at all."
+    ),
+]
+PORT = Annotated[
+    str | None,
+    typer.Option(help="Port of the page; HOST:PORT opens it to other machines. [8787 or a free one, for this machine]"),
+]
+
+
+class BareViewCommand(TyperCommand):
+    """A command whose ``--view`` may stand alone; typer knows no options with an optional value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Write the missing ``web`` behind a bare ``--view``."""
+        complete: list[str] = []
+        for position, word in enumerate(args):
+            complete.append(word)
+            if word == "--":
+                complete += args[position + 1 :]
+                break
+            if word == "--view" and args[position + 1 : position + 2] not in [[view] for view in get_args(View)]:
+                complete.append("web")
+        return super().parse_args(ctx, complete)
+
+
+def host_and_port(text: str | None) -> dict[str, Any]:
+    """Return the arguments host and port for ``8080`` or ``0.0.0.0:8080``; None leaves the usual ones."""
+    if text is None:
+        return {}
+    host, _, port = text.rpartition(":")
+    if not (port.isascii() and port.isdigit() and len(port) <= 5 and int(port) <= 65535):
+        raise InputError(f"--port must be a port within 0 … 65535, or HOST:PORT, got {text!r}")
+    return {"host": host.strip("[]") or "127.0.0.1", "port": int(port)}
+
+
+def announce(url: str) -> None:
+    """Print where the page is and, for somebody who sits at a screen, open it."""
+    print(f"clsim: watch at {url}", file=sys.stderr, flush=True)
+    has_screen = sys.platform in ("darwin", "win32") or any(os.environ.get(n) for n in ("DISPLAY", "WAYLAND_DISPLAY"))
+    if has_screen and sys.stderr.isatty() and "SSH_CONNECTION" not in os.environ:
+        import webbrowser
+
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+def default_view(outputs: tuple[str, ...], *, as_json: bool) -> View:
+    """Return what ``clsim live`` shows unless told: events in the terminal, if there is one and no other output."""
+    from clsim.live.view.terminal import suits_terminal
+
+    return "terminal" if not outputs and not as_json and suits_terminal(sys.stdout) else "none"
+
+
+def open_screen(view: TerminalView, *, as_json: bool = False) -> TerminalScreen:
+    """Begin to paint on the terminal; raises InputError if there is none."""
+    from clsim.live.view.terminal import TerminalScreen
+
+    stream = sys.stderr if as_json else sys.stdout
+    if not stream.isatty():
+        raise InputError("--view terminal needs a terminal, but the output goes elsewhere; expected --view web or none")
+    return TerminalScreen(view, stream)
+
+
+def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> TerminalScreen | None:
+    """Let a session be watched; returns the screen that has to be painted, if it is the terminal's."""
+    from clsim.live.pipeline import Output
+
+    size = session.width, session.height
+    if view == "terminal":
+        from clsim.live.view.terminal import TerminalView
+
+        terminal = TerminalView(*size)
+        screen = open_screen(terminal, as_json=as_json)
+        session.pipeline.outputs.append(Output("the terminal", terminal))
+        return screen
+    if view == "web":
+        from clsim.live.view.sink import ViewSink
+
+        page = ViewSink(session.name, *size, **host_and_port(port))
+        page.status = lambda: {key: session.summary()[key] for key in PAGE_NUMBERS}
+        session.pipeline.outputs.append(Output(page.url, page))
+        session.pipeline.watcher = page
+        announce(page.url)
+    if view == "rerun":
+        from clsim.live.view.rerun import RerunSink
+
+        viewer = RerunSink(session.name, *size)
+        session.pipeline.outputs.append(Output("rerun", viewer))
+        session.pipeline.watcher = viewer
+    return None

@@ -1,0 +1,86 @@
+"""From any file or stream of events to any other, batch by batch."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from clsim.errors import InputError
+from clsim.events import SinkError
+from clsim.live.open import open_events, sensor_size
+from clsim.live.outputs import is_address, open_output, sidecar_path, write_sidecar
+
+
+def convert_events(
+    source_name: str,
+    target_name: str,
+    resolution: tuple[int, int] | None = None,
+    progress: Callable[[int, int], None] = lambda events, time_us: None,
+) -> int:
+    """Copy all events, in bounded memory; returns how many. ``progress`` hears of events and time after each batch.
+
+    A target file is there in the end only if all was well: one that fails on the way is removed again, except where it
+    records a stream, whose end (or Ctrl-C) completes it. The sidecar comes along.
+
+    Raises:
+        InputError: the source or the target cannot be used, or the source is damaged.
+        SinkError: the target can no longer be written.
+    """
+    if not is_address(target_name) and not is_address(source_name) and _same_file(source_name, target_name):
+        raise InputError(f"{target_name}: is the file to read; expected another name to write")
+    about = _source_sidecar(source_name)
+    records_stream = is_address(source_name)
+    with open_events(source_name) as source:
+        size = sensor_size(source_name, source, resolution)
+        batches = iter(source)
+        batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
+        sink = open_output(target_name, *size)
+        events = 0
+        try:
+            while batch is not None:
+                sink.write(batch)
+                events += len(batch)
+                progress(events, int(batch["t"][-1]))
+                batch = next(batches, None)
+            sink.close()
+        except BaseException as error:
+            with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
+                sink.close()
+            if records_stream and isinstance(error, KeyboardInterrupt):
+                _write_sidecar(source_name, target_name, about, size, events)
+            elif not is_address(target_name):
+                Path(target_name).unlink(missing_ok=True)
+            raise
+    _write_sidecar(source_name, target_name, about, size, events)
+    return events
+
+
+def _same_file(source: str, target: str) -> bool:
+    try:
+        return Path(target).samefile(source)
+    except OSError:
+        return False
+
+
+def _source_sidecar(name: str) -> dict[str, Any]:
+    path = sidecar_path(name)
+    if path is None or not path.exists():
+        return {}
+    try:
+        about: dict[str, Any] = dict(json.loads(path.read_text(encoding="utf-8")))
+        return about
+    except (OSError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: is no sidecar ({error}); expected a JSON object, or no such file") from None
+
+
+def _write_sidecar(source: str, target: str, about: dict[str, Any], size: tuple[int, int], events: int) -> None:
+    path = sidecar_path(target)
+    if path is None:
+        return
+    from clsim import __version__
+
+    about = {"clsim_version": __version__, "camera": {"width": size[0], "height": size[1]}} | about
+    write_sidecar(path, about | {"converted_from": source, "events": events})
