@@ -29,9 +29,7 @@ __kernel void decide_events(
         __global real *s = state + (size_t)y * STATE_PLANES * span + x;
         const real now = level[y * level_row + level_start + x], ref = s[S_REF * span];
         const real change = now - ref;
-        real before = s[S_LEVEL * span];
-        before = before > ref + on ? ref + on : before;
-        before = before < ref - off ? ref - off : before;
+        const real before = s[S_LEVEL * span];
         s[S_LEVEL * span] = now;
         int fired = 0;
         if (fresh) {

@@ -28,6 +28,7 @@ VARIANTS = [
     {"response": "lin-log", "luminance": "rec601", "scale": 0.3},
     {"bandwidth_h": 0.5},
     {"box": 9, "gate_scale": 0.7, "threshold_off": 0.1},
+    {"gate_scale": 2.0},
     {"features": ("Depth", "Albedo.G")},
 ]
 
@@ -185,6 +186,19 @@ def test_windows_wider_than_a_vector_are_gathered_whole(monkeypatch):
         kernels, _ = both(config_of(window=21), frames)
         results.append((run(kernels, frames).tobytes(), levels(kernels).tobytes()))
     assert results[0] == results[1]
+
+
+def test_bad_values_in_a_constant_plane_make_a_pixel_invalid():
+    frames = random_frames(16, height=9, width=11, count=2)
+    for frame in frames:
+        frame.plane("Nx")[...] = 0.5
+        frame.plane("Nx")[3, 4] = np.nan
+    config = config_of(precision="float64")
+    kernels, reference = both(config, frames)
+    for detector in (kernels, reference):
+        run(detector, frames)
+        assert detector.stats.masked == 2
+    assert "Nx" not in kernels.features
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: "-".join(m.values()))
