@@ -18,7 +18,7 @@ def devices(as_json: JSON = False) -> None:
     from clsim.render import list_render_devices
 
     rendering = list_render_devices()
-    detecting = [device.describe() for device in list_devices()]
+    detecting = list_devices()
     if as_json:
         typer.echo(json.dumps({"render": rendering, "opencl": detecting}))
         return

@@ -16,7 +16,7 @@ RESOLUTION = Annotated[
 ]
 FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [scene's own]")]
 SPP = Annotated[int, typer.Option(help="Light paths per pixel and frame.")]
-MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path, in bounces.")]
+MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path in edges: 2 is direct light, 3 one bounce.")]
 THREADS = Annotated[int | None, typer.Option(help="Threads that render. [one a core]")]
 SEED = Annotated[int, typer.Option(help="Seed of all random numbers.")]
 NOISE = Annotated[

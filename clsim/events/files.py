@@ -62,7 +62,7 @@ def open_sink(
     written, all before any event is asked for.
     """
     target = Path(path)
-    chosen = _by_name(format) if format else _by_name("text") if target == STDOUT else _by_ending(target)
+    chosen = _by_name(format) if format else _by_name("text") if target == STDOUT else format_of(target)
     opener = chosen.load().open_sink
     known = list(inspect.signature(opener).parameters)[4:]
     for option in options:
@@ -80,13 +80,14 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> E
     Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
     """
     target = Path(path)
-    chosen = _by_name(format) if format else _by_ending(target)
+    chosen = _by_name(format) if format else format_of(target)
     with naming_damage(target):
         source: EventSource = chosen.load().open_source(target)
     return source
 
 
-def _by_ending(path: Path) -> FileFormat:
+def format_of(path: Path) -> FileFormat:
+    """Return the format that the ending of a name tells; InputError for an unknown one."""
     for candidate in FORMATS:
         if path.name.lower().endswith(candidate.endings):
             return candidate

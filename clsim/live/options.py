@@ -43,7 +43,7 @@ class LiveOptions:
     noise: Noise = "common"
     seed: int = 0
     max_depth: int = 8
-    """Longest light path [bounces]."""
+    """Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce."""
     threads: int | None = None
     """Threads that render; None takes one a core."""
     pace: Pace = "max"

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
+from clsim.errors import InputError
 from clsim.events import Sink
 
 
 def is_address(name: str) -> bool:
     """Tell whether an output is a socket address or standard output rather than a file."""
     return name == "-" or "://" in name
+
+
+def check_output(name: str) -> None:
+    """Raise InputError where a file could not be opened for events, without touching it."""
+    if is_address(name):
+        return
+    from clsim.events.files import format_of
+
+    path = Path(name)
+    format_of(path)
+    if path.is_dir():
+        raise InputError(f"{name} is a folder, expected a file for events")
+    if not path.parent.is_dir():
+        raise InputError(f"{name}: there is no folder {path.parent}")
+    if not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise InputError(f"{name}: permission denied")
 
 
 def open_output(name: str, width: int, height: int) -> Sink:

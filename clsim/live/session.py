@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.events import Sink
 from clsim.frames import BASE_PLANES
 from clsim.live.options import LiveOptions, RecordingOptions
-from clsim.live.outputs import open_output, sidecar_path, write_sidecar
+from clsim.live.outputs import check_output, is_address, open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
 from clsim.live.schedule import Schedule, plan
 from clsim.scene import Camera, Motion, World, load_world
@@ -62,7 +63,7 @@ class Session:
             "steep_pixels": progress.steep_pixels,
             "capped_events": progress.capped_events,
             "dropped_frames": progress.dropped_frames,
-            "simulated_s": progress.simulated_us * 1e-6,
+            "simulated_s": progress.simulated_us / 1e6,
             "wall_s": wall_s,
             "cpu_s": time.process_time() - self.cpu_start_s,
             "startup_s": startup_s,
@@ -165,12 +166,19 @@ def _detector_maker(
 
 def _open_outputs(names: Sequence[str], extra_sinks: Sequence[Sink], width: int, height: int) -> list[Output]:
     outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
+    # Files last: opening one replaces what was there, and nothing may be lost because another output is wrong.
+    ordered = sorted(names, key=lambda name: not is_address(name))
+    for name in ordered:
+        check_output(name)
+    new_files = [Path(name) for name in names if not is_address(name) and not Path(name).exists()]
     try:
-        for name in names:
+        for name in ordered:
             outputs.append(Output(name, open_output(name, width, height), sidecar=sidecar_path(name)))
     except BaseException:
         for output in outputs:
             output.sink.close()
+        for path in new_files:
+            path.unlink(missing_ok=True)
         raise
     return outputs
 

@@ -1,0 +1,97 @@
+"""Wrong input gives one clear sentence and status 2, and leaves nothing half-written behind."""
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import trimesh
+
+SMALL = ("--resolution", "16x12", "--frames", "2")
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    (tmp_path / "unknown_key.toml").write_text("[camera]\nfov = 50\nposition = [0, 0, 3]\nlook_at = [0, 0, 0]\n")
+    (tmp_path / "not.toml").write_text("= =")
+    (tmp_path / "nan.obj").write_text("v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n")
+    (tmp_path / "empty.ply").write_text("")
+    glb = trimesh.creation.box().export(file_type="glb")
+    (tmp_path / "cut.glb").write_bytes(glb[: len(glb) // 2])
+    (tmp_path / "readonly").write_text("a file, not a folder")
+    (tmp_path / "frames").mkdir()
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["live", "two-boxs"], "no scene 'two-boxs': did you mean two-boxes?"),
+        (["live", "{}/missing.toml"], "missing.toml: no such file"),
+        (["live", "{}/unknown_key.toml"], "fov"),
+        (["live", "{}/not.toml"], "not.toml"),
+        (["live", "{}/nan.obj"], "nan.obj"),
+        (["live", "{}/empty.ply"], "empty.ply"),
+        (["live", "{}/cut.glb"], "cut.glb"),
+        (["live", "still", "--threshold", "-0.2"], "--threshold must be one or two positive numbers"),
+        (["live", "still", "--threshold=0"], "--threshold must be one or two positive numbers"),
+        (["live", "still", "--resolution", "0x10"], "--resolution must be WIDTHxHEIGHT"),
+        (["live", "still", "--duration", "-1s"], "--duration must be a positive time"),
+        (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
+        (["live", "still", "--spp", "0"], "--spp must be at least 1, got 0"),
+        (["live", "still", "--window", "12"], "window must be an odd number from 3 to 21, got 12"),
+        (["live", "still", "--history", "9"], "history must be from 1 to 5 frames, got 9"),
+        (["live", "still", "--gate", "published"], "'published' is not one of"),
+        (["live", "still", "--seed", "-1"], "--seed must not be negative, got -1"),
+        (["live", "still", "--ring", "drop-oldest"], "--ring drop-oldest needs --pace real"),
+        (["live", "still", "--frames", "3", "--duration", "1s"], "--frames and --duration"),
+        (["live", "still", "--render-device", "cuda:99"], "cuda:99"),
+        (["live", "still", "--opencl", "no such device"], "no such device"),
+        (["live", "still", *SMALL, "--out", "{}/nowhere/x.aedat4"], "nowhere"),
+        (["live", "still", *SMALL, "--out", "{}/readonly/x.txt"], "readonly"),
+        (["live", "still", *SMALL, "--out", "{}/x.mov"], 'the ending ".mov" is no known event format'),
+        (["live", "still", *SMALL, "--out", "gopher://127.0.0.1:70"], "gopher"),
+        (["live", "still", *SMALL, "--out", "tcp://127.0.0.1:99999"], "99999"),
+        (["live", "still", *SMALL, "--json", "--out", "-"], "--json and --out - would both write"),
+        (["live"], "Missing argument"),
+        (["live", "still", "--no-such-option"], "--no-such-option"),
+        (["detect", "{}/frames", "--out", "{}/x.txt"], "no EXR file"),
+        (["render", "still", "--out", "{}/readonly"], "readonly"),
+        (["score", "{}/a.aedat4", "{}/b.aedat4", "--width", "4", "--height", "4", "--fps", "60"], "a.aedat4"),
+        (["info", "nothing"], "no scene 'nothing'"),
+    ],
+    ids=lambda value: " ".join(value)[:60] if isinstance(value, list) else "",
+)
+def test_one_sentence_and_status_2(
+    clsim: Callable[..., object], files: Path, arguments: list[str], expected: str
+) -> None:
+    before = set(files.rglob("*"))
+    outcome = clsim(*[argument.replace("{}", str(files)) for argument in arguments])
+    assert outcome.status == 2, outcome.stderr
+    assert expected in outcome.stderr
+    assert outcome.stderr.startswith("clsim: ") and "Traceback" not in outcome.stderr
+    assert len(outcome.stderr.strip().splitlines()) == 1, outcome.stderr
+    assert set(files.rglob("*")) == before
+
+
+def test_every_wrong_key_is_named_at_once(clsim: Callable[..., object], tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    scene.write_text("color = 1\n[camera]\nfov = 3\n")
+    outcome = clsim("live", scene)
+    assert outcome.status == 2 and "color" in outcome.stderr and "fov" in outcome.stderr
+
+
+def test_a_port_in_use(clsim: Callable[..., object]) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        outcome = clsim("live", "still", *SMALL, "--out", f"tcp://127.0.0.1:{port}")
+    assert outcome.status == 2 and str(port) in outcome.stderr
+    assert len(outcome.stderr.strip().splitlines()) == 1
+
+
+def test_no_output_is_left_when_a_later_one_cannot_be_opened(clsim: Callable[..., object], tmp_path: Path) -> None:
+    outcome = clsim("live", "still", *SMALL, "--out", tmp_path / "a.txt", "--out", tmp_path / "no" / "b.txt")
+    assert outcome.status == 2
+    assert list(tmp_path.iterdir()) == []

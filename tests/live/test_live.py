@@ -1,0 +1,166 @@
+"""The whole line: a scene in, events out."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.events.files import open_source
+from clsim.score import score
+
+SIZE = (64, 48)
+
+
+def events_of(scene: str, **options: object) -> np.ndarray:
+    settings = {"resolution": SIZE, "frames": 24, "fps": 60.0, "spp": 8} | options
+    return np.concatenate(list(clsim.stream(scene, **settings)))
+
+
+def command(*arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "clsim", *map(str, arguments)], capture_output=True, text=True, timeout=120, **options
+    )
+
+
+def test_a_still_scene_fires_nothing() -> None:
+    assert len(events_of("still")) == 0
+
+
+def test_independent_noise_fires_in_a_still_scene() -> None:
+    assert len(events_of("still", noise="independent", frames=6, method="esim")) > 0
+
+
+def test_moving_shadows_are_found() -> None:
+    """The radiance gate sees shadows; ΔR, whose inputs are first-hit features, is blind to them (method.md §3)."""
+    truth = events_of("moving-light", method="wlr-esim", spp=64, seed=1)
+    recall = {
+        gate: score(events_of("moving-light", gate=gate), truth, *SIZE, fps=60.0).recall
+        for gate in ("radiance", "delta-r")
+    }
+    assert recall["radiance"] >= 0.6
+    assert recall["delta-r"] < 0.2
+
+
+def test_a_box_over_a_uniform_wall_fires_at_its_leading_edge() -> None:
+    """Where the wall was uniform, ΔR knows nothing of what arrives; features that leave their range open the gate."""
+    found = events_of("uniform-wall")
+    truth = events_of("uniform-wall", method="wlr-esim", spp=32, seed=1)
+    blind = events_of("uniform-wall", gate="delta-r")
+    assert score(found, truth, *SIZE, fps=60.0).recall > 0.9
+    assert len(blind) < len(found)
+
+
+@pytest.mark.parametrize("rule", ["interpolated", "frame"])
+def test_runs_and_thread_counts_are_bit_identical(rule: str) -> None:
+    runs = [events_of("two-boxes", frames=8, event_rule=rule, threads=threads) for threads in (1, 2, 2)]
+    assert len(runs[0]) > 100
+    for run in runs[1:]:
+        assert run.tobytes() == runs[0].tobytes()
+    assert events_of("two-boxes", frames=8, event_rule=rule, seed=1).tobytes() != runs[0].tobytes()
+
+
+def test_batches_are_sorted_and_inside_the_run() -> None:
+    found = events_of("two-boxes", frames=8)
+    order = np.lexsort((found["x"], found["y"], found["t"]))
+    assert (order == np.arange(len(found))).all()
+    assert found["t"].min() > 0 and found["t"].max() <= round(7e6 / 60)
+    assert found["x"].max() < SIZE[0] and found["y"].max() < SIZE[1]
+
+
+def test_files_are_written_alike_twice_and_have_sidecars(tmp_path: Path) -> None:
+    options = ("--resolution", "32x24", "--frames", "6", "--fps", "60", "--seed", "3")
+    for name in ("a", "b"):
+        outcome = command(
+            "live", "cornell", *options, "--out", tmp_path / f"{name}.aedat4", "--out", tmp_path / f"{name}.txt"
+        )
+        assert outcome.returncode == 0, outcome.stderr
+    assert (tmp_path / "a.aedat4").read_bytes() == (tmp_path / "b.aedat4").read_bytes()
+    assert (tmp_path / "a.txt").read_bytes() == (tmp_path / "b.txt").read_bytes()
+    binary, text = (np.concatenate(list(open_source(tmp_path / name))) for name in ("a.aedat4", "a.txt"))
+    assert len(binary) > 0 and (binary == text).all()
+    about = json.loads((tmp_path / "a.aedat4.json").read_text())
+    assert about["complete"] and about["clsim_version"] == clsim.__version__
+    assert about["options"]["seed"] == 3 and about["thresholds"] == {"on": 0.2, "off": 0.2}
+    assert len(about["poses"]) == 6 and about["camera"]["intrinsics_px"]["cx"] == 16
+    assert about["summary"]["events"] == len(binary)
+
+
+def test_json_summary_and_text_on_standard_output() -> None:
+    options = ("live", "cornell", "--resolution", "32x24", "--frames", "4", "--fps", "30")
+    summary = json.loads(command(*options, "--json").stdout)
+    needed = {"frames", "events", "solved_share", "dropped_frames", "wall_s", "cpu_s", "simulated_s"}
+    assert needed <= set(summary) and summary["frames"] == 4 and summary["simulated_s"] == 0.1
+    lines = command(*options, "--out", "-").stdout.splitlines()
+    assert len(lines) == summary["events"] and all(len(line.split()) == 4 for line in lines)
+
+
+def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path) -> None:
+    out = tmp_path / "events.aedat4"
+    arguments = ["live", "two-boxes", "--resolution", "64x48", "--loop", "--json", "--out", str(out)]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "clsim", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60
+    while (not out.exists() or out.stat().st_size < 20_000) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    run.send_signal(signal.SIGINT)
+    stdout, stderr = run.communicate(timeout=30)
+    assert run.returncode == 130, stderr
+    summary = json.loads(stdout)
+    assert summary["interrupted"] and summary["events"] > 0
+    assert len(np.concatenate(list(open_source(out)))) == summary["events"]
+
+
+def test_an_interrupt_while_kernels_are_built(tmp_path: Path) -> None:
+    caches = {"WARP_CACHE_PATH": tmp_path / "warp", "POCL_CACHE_DIR": tmp_path / "pocl", "XDG_CACHE_HOME": tmp_path}
+    (tmp_path / "pocl").mkdir()
+    out = tmp_path / "events.txt"
+    run = subprocess.Popen(
+        [sys.executable, "-m", "clsim", "live", "cornell", "--out", str(out)],
+        env=os.environ | {name: str(path) for name, path in caches.items()},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60
+    while not out.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    run.send_signal(signal.SIGINT)
+    _, stderr = run.communicate(timeout=20)
+    assert run.returncode == 130, stderr
+    assert "interrupted" in stderr and out.read_text() == ""
+
+
+def test_stopping_to_iterate_ends_the_run() -> None:
+    batches = clsim.stream("two-boxes", resolution=(32, 24), loop=True)
+    assert len([next(batches) for _ in range(3)]) == 3
+    batches.close()
+    import threading
+
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow() -> None:
+    """Resident memory grows by less than 5 MB between frames 200 and 2,000."""
+    script = """
+import sys, clsim
+def resident_kb():
+    return int(next(l for l in open("/proc/self/status") if l.startswith("VmRSS")).split()[1])
+for k, _ in enumerate(clsim.stream("two-boxes", resolution=(64, 48), loop=True, spp=2)):
+    if k == 200:
+        before = resident_kb()
+    if k == 2000:
+        print(resident_kb() - before)
+        break
+"""
+    outcome = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=290)
+    assert outcome.returncode == 0, outcome.stderr
+    assert int(outcome.stdout) < 5 * 1024
