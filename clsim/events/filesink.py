@@ -181,7 +181,8 @@ class ByteFile:
 
     def write(self, data: bytes | memoryview) -> None:
         """Append everything, or nothing and raise OSError; a file that was deleted meanwhile counts as an error."""
-        check_exists(self._descriptor)
+        if self.path != STDOUT:  # which may well be a file without a name
+            check_exists(self._descriptor)
         view = memoryview(data).cast("B")
         start = self.size
         try:

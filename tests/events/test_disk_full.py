@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
 import textwrap
 
 import numpy as np
@@ -115,6 +116,18 @@ def test_a_folder_that_vanishes_is_a_sink_error(tmp_path, ending):
         sink.write(events(10))
         sink.close()
     sink.close()
+
+
+def test_standard_output_may_be_a_file_without_a_name():
+    code = (
+        "from clsim.events.files import open_sink; from event_writer import numbered\n"
+        "sink = open_sink('-', 346, 260); sink.write(numbered(0, 2)); sink.close()"
+    )
+    with tempfile.TemporaryFile() as file:
+        folder = os.path.dirname(__file__)
+        subprocess.run([sys.executable, "-c", code], stdout=file, check=True, env={**os.environ, "PYTHONPATH": folder})
+        file.seek(0)
+        assert file.read() == b"0 0 0 1\n3 1 1 0\n"
 
 
 def test_no_descriptor_is_left_open(tmp_path):
