@@ -17,9 +17,12 @@ from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
+from clsim.frames.frame import FloatArray
 
 SPARSE_SHARE = 0.65
 """Below this share of pixels to solve, a list of them is faster than solving all."""
+_STATE_LEVEL = 1
+"""Plane of the state that is called S_LEVEL in common.clh."""
 
 
 @dataclass(slots=True)
@@ -134,6 +137,17 @@ class Detector:
         elif self.config.method == "esim-ad":
             stats.solved += counts.solved
         return events
+
+    def level(self) -> FloatArray:
+        """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``, for people to look at.
+
+        It is the regression's or, where none was solved, what the model of the pixel's last event predicts; with
+        ``esim``, the frame's own. NaN before a pixel's first valid frame.
+        """
+        if self._engine is None:
+            return np.full((self.height, self.width), np.nan, dtype=np.float32)
+        state = self._engine.workplace.read(self._engine.state)
+        return np.ascontiguousarray(state[:, _STATE_LEVEL, : self.width], dtype=np.float32)
 
     def _check(self, frame: Frame) -> None:
         if (frame.width, frame.height) != (self.width, self.height):

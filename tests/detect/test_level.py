@@ -1,0 +1,23 @@
+"""The brightness a detector shows to people is the one its events come from."""
+
+import numpy as np
+import pytest
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.detector import Detector
+from clsim.detect.reference import ReferenceDetector
+from tests.detect.reference_scenes import random_frames
+
+
+@pytest.mark.parametrize("method", ["esim", "wlr-esim", "esim-ad"])
+def test_level_is_the_references(method: str) -> None:
+    frames = random_frames(4)
+    size = (frames[0].width, frames[0].height, frames[0].names)
+    config = DetectorConfig(method=method, window=5, precision="float64")
+    detector, reference = Detector(config, *size), ReferenceDetector(config, *size)
+    assert np.isnan(detector.level()).all()
+    for frame in frames:
+        detector.step(frame)
+        reference.step(frame)
+        np.testing.assert_allclose(detector.level(), reference.level, atol=1e-5)
+    detector.close()
