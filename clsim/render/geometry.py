@@ -2,15 +2,18 @@
 # ruff: noqa: RUF046, UP018
 """Meshes, instances and the intersection of rays with them, as Warp functions.
 
-Everything above the two functions ``_closest_in_mesh`` and ``_any_in_mesh`` is blind to how a mesh is searched, so
-another acceleration structure replaces these two alone.
+Everything above the two functions of ``make_search`` is blind to how a mesh is searched.
 """
 
-from typing import Any
+from typing import Any, Literal
 
 import warp as wp
 
+from clsim.render.bvh8_traverse import any_in_tree, closest_in_tree
 from clsim.render.features import Features
+
+Tree = Literal["bvh8", "warp"]
+"""How a mesh is searched: by the 8-wide tree, which is faster but for CPUs alone, or by Warp's own."""
 
 mat34 = wp.types.matrix(shape=(3, 4), dtype=wp.float32)
 """An affine map: the upper three rows of a 4×4 matrix."""
@@ -110,18 +113,43 @@ def hit_sphere(sphere: wp.vec4, origin: wp.vec3, direction: wp.vec3) -> float:
     return t
 
 
-@wp.func
-def _closest_in_mesh(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> wp.MeshQueryRay:
-    return wp.mesh_query_ray(geometry.mesh_handles[mesh], origin, direction, far)
+@wp.struct
+class Found:
+    """The nearest triangle of one mesh, numbered within it; −1 where there is none."""
+
+    t: float
+    triangle: int
+    weight0: float
+    weight1: float
 
 
-@wp.func
-def _any_in_mesh(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
-    return wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
+def make_search(tree: Tree) -> tuple[Any, Any]:
+    """Return the Warp functions ``closest_in_mesh`` and ``any_in_mesh``, for rays in the space of that mesh."""
+
+    @wp.func
+    def closest_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
+        bits = closest_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
+        return Found(wp.cast(bits[1], float), bits[0], wp.cast(bits[2], float), wp.cast(bits[3], float))
+
+    @wp.func
+    def any_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
+        return any_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
+
+    @wp.func
+    def closest_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
+        hit = wp.mesh_query_ray(geometry.mesh_handles[mesh], origin, direction, far)
+        return Found(hit.t, wp.where(hit.result, hit.face, -1), hit.u, hit.v)
+
+    @wp.func
+    def any_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
+        return wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
+
+    return (closest_by_bvh8, any_by_bvh8) if tree == "bvh8" else (closest_by_warp, any_by_warp)
 
 
-def make_intersection(features: Features) -> tuple[Any, Any, Any]:
+def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?) and ``surface``."""
+    closest_in_mesh, any_in_mesh = make_search(tree)
 
     @wp.func
     def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3) -> Hit:
@@ -138,21 +166,21 @@ def make_intersection(features: Features) -> tuple[Any, Any, Any]:
                 mesh = geometry.instance_mesh[instance]
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
-                found = _closest_in_mesh(geometry, mesh, local_origin, local_direction, hit.t)
-                if found.result:
+                found = closest_in_mesh(geometry, mesh, local_origin, local_direction, hit.t)
+                if found.triangle >= 0:
                     hit.t = found.t
                     hit.instance = instance
-                    hit.triangle = geometry.mesh_first_triangle[mesh] + found.face
-                    hit.weight0 = found.u
-                    hit.weight1 = found.v
+                    hit.triangle = geometry.mesh_first_triangle[mesh] + found.triangle
+                    hit.weight0 = found.weight0
+                    hit.weight1 = found.weight1
         else:
-            found = _closest_in_mesh(geometry, 0, origin, direction, hit.t)
-            if found.result:
+            found = closest_in_mesh(geometry, 0, origin, direction, hit.t)
+            if found.triangle >= 0:
                 hit.t = found.t
                 hit.instance = 0
-                hit.triangle = found.face
-                hit.weight0 = found.u
-                hit.weight1 = found.v
+                hit.triangle = found.triangle
+                hit.weight0 = found.weight0
+                hit.weight1 = found.weight1
         if wp.static(features.sphere_lights):
             for i in range(geometry.spheres.shape[0]):
                 t = hit_sphere(geometry.spheres[i], origin, direction)
@@ -176,10 +204,10 @@ def make_intersection(features: Features) -> tuple[Any, Any, Any]:
                 to_object = geometry.to_object[instance]
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
-                if _any_in_mesh(geometry, geometry.instance_mesh[instance], local_origin, local_direction, far):
+                if any_in_mesh(geometry, geometry.instance_mesh[instance], local_origin, local_direction, far):
                     return True
             return False
-        return _any_in_mesh(geometry, 0, origin, direction, far)
+        return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func
     def surface(geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float) -> Surface:

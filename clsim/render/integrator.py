@@ -16,7 +16,7 @@ from clsim.render.bsdf import Materials, make_materials, scatter, scatter_pdf, s
 from clsim.render.camera import Pinhole, camera_ray
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
-from clsim.render.geometry import Geometry, face, make_intersection, offset_origin
+from clsim.render.geometry import Geometry, Tree, face, make_intersection, offset_origin
 from clsim.render.lights import Lights, make_lights
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
@@ -43,12 +43,12 @@ class Scene:
 
 
 @cache
-def build_kernel(features: Features) -> Any:
+def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """Return the kernel ``render(scene, camera, settings, first_pixel, out_planes, out_bits)``; a thread is a pixel.
 
     ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as unsigned integers.
     """
-    closest, occluded, surface = make_intersection(features)
+    closest, occluded, surface = make_intersection(features, tree)
     reflectance, emitted = make_materials(features)
     sample_light, triangle_pdf, sphere_pdf, environment_pdf = make_lights(features, surface, emitted)
     add, store = make_film(features.variances)

@@ -15,6 +15,7 @@ from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, frame_time_us
 from clsim.render.camera import pinhole
 from clsim.render.devices import check_device
 from clsim.render.features import Strategy, features_of, unsupported
+from clsim.render.geometry import Tree
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.sampling import MAX_BOUNCES
 from clsim.render.upload import SceneData
@@ -60,10 +61,13 @@ class RenderOptions:
     """Whether frames have the planes of variances."""
     strategy: Strategy = "mis"
     """How light is found; other than "mis" only to check it."""
+    tree: Tree | None = None
+    """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work, in the command line's spelling."""
         require_choice("--noise", self.noise, ("common", "independent"))
+        require_choice("tree", self.tree, (None, "bvh8", "warp"))
         for option, value in (
             ("--spp", self.spp),
             ("--frames", self.frames),
@@ -121,8 +125,11 @@ class PathTracer:
         self._device = wp.get_device(options.device)
         self.warnings = unsupported(world)
         features = features_of(world, options.variances, options.strategy)
-        self._kernel = build_kernel(features)
-        self._data = SceneData(world, features, self._device)
+        tree = options.tree or ("bvh8" if self._device.is_cpu else "warp")
+        if tree == "bvh8" and not self._device.is_cpu:
+            raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')
+        self._kernel = build_kernel(features, tree)
+        self._data = SceneData(world, features, tree, self._device)
         self._settings: Any = Settings()
         self._settings.samples = options.spp
         self._settings.max_depth = options.max_depth

@@ -11,8 +11,9 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.bsdf import Materials
+from clsim.render.bvh8 import Bvh8
 from clsim.render.features import Features, checker_of
-from clsim.render.geometry import Geometry, mat34
+from clsim.render.geometry import Geometry, Tree, mat34
 from clsim.render.integrator import Scene
 from clsim.render.lights import Lights
 from clsim.scene import CheckerTexture, Instance, Mesh, Static, World
@@ -89,10 +90,11 @@ class SceneData:
         scene: what the kernel takes.
     """
 
-    def __init__(self, world: World, features: Features, device: Any) -> None:
+    def __init__(self, world: World, features: Features, tree: Tree, device: Any) -> None:
         """Copy the world to the device and build its acceleration structures, at time 0."""
         self._device = device
         self._features = features
+        self._search = Bvh8 if tree == "bvh8" else wp.Mesh
         self._sphere_lights = world.sphere_lights
         placement = _place(world)
         self._instances = placement.instances
@@ -149,14 +151,14 @@ class SceneData:
             geometry.normals = self._array(np.concatenate([_normals(mesh) for mesh in meshes]), wp.vec3)
         if self._features.textures:
             geometry.uvs = self._array(np.concatenate([_uvs(mesh) for mesh in meshes]), wp.vec2)
-        self._meshes = [
-            wp.Mesh(
+        self._trees = [
+            self._search(
                 geometry.vertices[first_vertex[i] : first_vertex[i + 1]],
                 geometry.indices[3 * first_triangle[i] : 3 * first_triangle[i + 1]],
             )
             for i in range(len(meshes))
         ]
-        geometry.mesh_handles = self._array([mesh.id for mesh in self._meshes], wp.uint64)
+        geometry.mesh_handles = self._array([tree.id for tree in self._trees], wp.uint64)
 
         poses = np.array([instance.motion.pose(0.0) for instance in placement.instances])
         boxes = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in meshes], np.float64)

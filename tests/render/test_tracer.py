@@ -96,6 +96,15 @@ def test_samples_are_a_prefix():
         np.testing.assert_allclose(off, half, rtol=1e-3, atol=1e-5)
 
 
+@pytest.mark.parametrize("scene", [lit_world, moving_world])
+def test_both_trees_give_one_picture(scene):
+    ours, warps = (hw.render(scene(), 3, spp=16, tree=tree) for tree in ("bvh8", "warp"))
+    for name in ALL_PLANES[:12]:
+        a, b = ours.plane(name), warps.plane(name)
+        assert np.isclose(a, b, rtol=1e-3, atol=1e-4).mean() > 0.95, name
+        assert abs(a.mean() - b.mean()) < 0.01 * (np.abs(b).mean() + 1e-3), name
+
+
 @pytest.mark.parametrize("index", [0, 7])
 def test_what_moves_is_where_its_motion_says(index):
     moved, placed = hw.render(moving_world(), index, spp=16), hw.render(moving_world(index / 10), spp=16)

@@ -1,0 +1,88 @@
+"""An 8-wide bounding volume hierarchy of triangles for rays on a CPU.
+
+``bvh8_build`` makes it, ``bvh8_traverse`` searches it; here is its memory.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.bvh8_build import fit, grow
+from clsim.render.bvh8_traverse import NODE_FLOATS
+
+_ALIGNMENT = 64
+
+
+class Bvh8:
+    """The tree over the triangles of a mesh.
+
+    Triangles with a vertex that is not finite or farther than 1e12 from the origin, and those without area, are never
+    hit.
+
+    Attributes:
+        id: what ``closest_in_tree`` and ``any_in_tree`` take; valid as long as this object lives.
+        levels: the most nodes on a way from the root to a leaf.
+        nbytes: memory of nodes and triangles.
+    """
+
+    def __init__(self, vertices: Any, indices: Any) -> None:
+        """Build the tree of triangles ``indices`` (int32, [3n]) over ``vertices`` (vec3), both on the CPU.
+
+        The arrays are read, and ``indices`` is kept for ``refit``.
+        """
+        triangles = len(indices) // 3
+        self._indices = indices
+        # Untouched pages cost nothing: the arrays are made for the worst case and then cut.
+        scratch = _aligned(8 * triangles)
+        nodes = _aligned(NODE_FLOATS * (triangles // 2 + 1))
+        order = np.empty(max(triangles, 1), np.int32)
+        counts = np.zeros(3, np.int32)
+        arrays = [_wrap(a) for a in (scratch, nodes, order, counts)]
+        wp.launch(grow, dim=1, inputs=[vertices, indices, arrays[0]], outputs=arrays[1:], device="cpu")
+        node_count, triangle_count, self.levels = (int(n) for n in counts)
+        del scratch, arrays
+        self._nodes = _aligned(NODE_FLOATS * node_count)
+        self._nodes[:] = nodes[: NODE_FLOATS * node_count]
+        del nodes
+        self._order = order[:triangle_count].copy()
+        del order
+        # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
+        self._corners = _aligned(9 * triangle_count + 9 + 8)
+        self._corners[9 * triangle_count :] = 0.0
+        self._extent = np.zeros(1, np.float32)
+        self._header = np.zeros(4, np.uint64)
+        self._header[:3] = [a.ctypes.data for a in (self._nodes, self._corners, self._order)]
+        self.id = int(self._header.ctypes.data)
+        self.refit(vertices)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of nodes, corners and triangle numbers."""
+        return sum(int(array.nbytes) for array in (self._nodes, self._corners, self._order))
+
+    def refit(self, vertices: Any) -> None:
+        """Take new positions of the same vertices; the topology stays, so that large deformations make rays slow."""
+        wp.launch(
+            fit,
+            dim=1,
+            inputs=[vertices, self._indices, _wrap(self._order), len(self._nodes) // NODE_FLOATS],
+            outputs=[_wrap(a) for a in (self._nodes, self._corners, self._extent)],
+            device="cpu",
+        )
+        self._header[3:].view(np.float32)[0] = self._extent[0]
+
+
+def _aligned(floats: int) -> npt.NDArray[np.float32]:
+    memory = np.empty(4 * floats + _ALIGNMENT, np.uint8)
+    start = -memory.ctypes.data % _ALIGNMENT
+    return memory[start : start + 4 * floats].view(np.float32)
+
+
+def _wrap(values: npt.NDArray[np.float32] | npt.NDArray[np.int32]) -> Any:
+    """Return the same memory as a Warp array."""
+    dtype = wp.int32 if values.dtype == np.int32 else wp.float32
+    return wp.array(ptr=values.ctypes.data, shape=values.shape, dtype=dtype, device="cpu")

@@ -1,0 +1,209 @@
+"""Rays against an 8-wide tree on a CPU: the nearest hit and any hit, as Warp functions in native code.
+
+A node's eight boxes are tested at once with the compiler's vector types, and so are the triangles of a leaf, up to
+eight. ``clsim.render.bvh8`` has the tree.
+
+No ray slips between triangles that share an edge. The edge functions are those of Woop, Benthin, Wald (JCGT 2(1),
+2013): equal vertices are translated and sheared to equal numbers, the two products of an edge function are rounded on
+their own (no fused multiply-add), so that the two sides of an edge get values that differ in sign alone, and 0 counts
+for both. Boxes are tested with a slack that is a bound on all roundings, of the box test and of the triangle test: each
+is at most 2^-24 of the largest coordinate, and there are fewer than 16 of them (the bound takes the place of the factor
+1 + 2γ of Ize, JCGT 2(2), 2013, and allows the fused form of the slab test).
+
+Results are bits in integers: the code around is compiled as if there were no NaN, and an index may look like one.
+"""
+
+import warp as wp
+
+MAX_DEPTH = 20
+"""Most nodes on a way from the root to a leaf, both ends included; the builder keeps to it (see ``bvh8``)."""
+NODE_FLOATS = 56
+"""A node: lower x, y, z and upper x, y, z of eight boxes each, then eight children."""
+LEAF_TRIANGLES = 8
+
+# What both searches share. A child that is not negative is a node, in units of 32 bytes; of a negative one the
+# complement is a leaf: eight times the first triangle, plus the number of triangles less one. A missing child is the
+# leaf behind the last, without extent: a ray of NaN may go there, and must find memory.
+# Casts are C's, because Warp defines int(x) and float(x) as macros.
+_SEARCH = """
+    typedef float v8 __attribute__((ext_vector_type(8)));
+    typedef float unaligned8 __attribute__((ext_vector_type(8), aligned(4)));
+    typedef int lanes8 __attribute__((ext_vector_type(8)));
+    typedef bool bits8 __attribute__((ext_vector_type(8)));
+
+    const unsigned long long* tree = (const unsigned long long*)handle;
+    const float* nodes = (const float*)tree[0];
+    const float* corners = (const float*)tree[1];
+    const int* triangles = (const int*)tree[2];
+    const float extent = *(const float*)&tree[3];
+
+    float size = extent, longest = 0.0f;
+    int kz = 0;
+    for (int k = 0; k < 3; ++k) {
+        const float o = __builtin_fabsf(origin[k]), d = __builtin_fabsf(direction[k]);
+        size = o > size ? o : size;
+        kz = d > longest ? k : kz;
+        longest = d > longest ? d : longest;
+    }
+    const int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
+    const float sz = 1.0f / direction[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
+
+    int near_row[3], far_row[3];
+    float inverse[3], near_shift[3], far_shift[3];
+    for (int k = 0; k < 3; ++k) {
+        // A ray along an axis never leaves the slabs of the others: a steep, finite slope says the same without NaN.
+        const float least = 1.0e-18f * longest;
+        const float d = __builtin_fabsf(direction[k]) < least ? __builtin_copysignf(least, direction[k]) : direction[k];
+        const float r = 1.0f / d, slack = 0x1p-20f * size * __builtin_fabsf(r);
+        inverse[k] = r;
+        near_shift[k] = -origin[k] * r - slack;
+        far_shift[k] = -origin[k] * r + slack;
+        near_row[k] = r < 0.0f ? 8 * k + 24 : 8 * k;
+        far_row[k] = r < 0.0f ? 8 * k : 8 * k + 24;
+    }
+
+    const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
+    const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
+    const auto mask = [](lanes8 a) __attribute__((always_inline)) {
+        return (unsigned)__builtin_bit_cast(unsigned char, __builtin_convertvector(a, bits8));
+    };
+    // Boxes that the ray meets between t_min and far, and where.
+    const auto boxes = [&](const float* node, v8& enter) __attribute__((always_inline)) {
+        const auto plane = [&](int row, int k, float shift) __attribute__((always_inline)) {
+            return *(const v8*)(node + row) * v8(inverse[k]) + v8(shift);
+        };
+        const v8 x0 = plane(near_row[0], 0, near_shift[0]), x1 = plane(far_row[0], 0, far_shift[0]);
+        const v8 y0 = plane(near_row[1], 1, near_shift[1]), y1 = plane(far_row[1], 1, far_shift[1]);
+        const v8 z0 = plane(near_row[2], 2, near_shift[2]), z1 = plane(far_row[2], 2, far_shift[2]);
+        enter = greater(greater(x0, y0), greater(z0, v8(t_min)));
+        return mask(enter <= lesser(lesser(x1, y1), lesser(z1, v8(far))));
+    };
+    // Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
+    const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
+        const float* block = corners + 9 * (long long)first;
+        const auto row = [&](int i, int k) __attribute__((always_inline)) {
+            return v8(*(const unaligned8*)(block + (3 * i + k) * count)) - v8(origin[k]);
+        };
+        const auto shear = [](v8 a, float s, v8 z) __attribute__((always_inline)) {
+            return __builtin_elementwise_fma(v8(-s), z, a);
+        };
+        const v8 az = row(0, kz), bz = row(1, kz), cz = row(2, kz);
+        const v8 ax = shear(row(0, kx), sx, az), ay = shear(row(0, ky), sy, az);
+        const v8 bx = shear(row(1, kx), sx, bz), by = shear(row(1, ky), sy, bz);
+        const v8 cx = shear(row(2, kx), sx, cz), cy = shear(row(2, ky), sy, cz);
+        v8 w;
+        {
+            #pragma clang fp contract(off)
+            u = cx * by - cy * bx;
+            v = ax * cy - ay * cx;
+            w = bx * ay - by * ax;
+        }
+        const v8 sum = u + v + w;
+        const lanes8 inside = (lesser(lesser(u, v), w) >= v8(0.0f)) | (greater(greater(u, v), w) <= v8(0.0f));
+        unsigned met = mask(inside & (sum != v8(0.0f))) & ((1u << count) - 1u);
+        if (met) {
+            const v8 scale = v8(1.0f) / sum;
+            t = (u * az + v * bz + w * cz) * (scale * v8(sz));
+            u *= scale;
+            v *= scale;
+            met &= mask((t >= v8(t_min)) & (t <= v8(far)));
+        }
+        return met;
+    };
+"""
+
+_CLOSEST = """
+    struct { float t; int child; } stack[STACK];
+    int top = 0, child = 0, nearest = -1;
+    float nearest_u = 0.0f, nearest_v = 0.0f;
+    for (;;) {
+        if (child >= 0) {
+            const float* node = nodes + 8 * (long long)child;
+            const int* children = (const int*)(node + 48);
+            alignas(32) float enter[8];
+            unsigned met = boxes(node, *(v8*)enter);
+            if (met) {
+                int i = __builtin_ctz(met);
+                met &= met - 1;
+                child = children[i];
+                if (!met) continue;
+                float t = enter[i];
+                // The others go to the stack, the farthest first; the nearest is kept in hand.
+                const int base = top;
+                do {
+                    i = __builtin_ctz(met);
+                    met &= met - 1;
+                    float other_t = enter[i];
+                    int other = children[i];
+                    if (other_t < t) {
+                        const float swap_t = t; t = other_t; other_t = swap_t;
+                        const int swap = child; child = other; other = swap;
+                    }
+                    int at = top++;
+                    for (; at > base && stack[at - 1].t < other_t; --at) stack[at] = stack[at - 1];
+                    stack[at].t = other_t;
+                    stack[at].child = other;
+                } while (met);
+                continue;
+            }
+        } else {
+            const int first = ~child >> 3, count = (~child & 7) + 1;
+            alignas(32) float t[8], u[8], v[8];
+            unsigned met = leaf(first, count, *(v8*)t, *(v8*)u, *(v8*)v);
+            for (; met; met &= met - 1) {
+                const int i = __builtin_ctz(met);
+                if (t[i] < far) {
+                    far = t[i];
+                    nearest = first + i;
+                    nearest_u = u[i];
+                    nearest_v = v[i];
+                }
+            }
+        }
+        do {
+            if (top == 0) {
+                if (nearest >= 0) nearest = triangles[nearest];
+                return wp::vec_t<4, int>(
+                    nearest, __builtin_bit_cast(int, far),
+                    __builtin_bit_cast(int, nearest_u), __builtin_bit_cast(int, nearest_v)
+                );
+            }
+            --top;
+        } while (stack[top].t > far);
+        child = stack[top].child;
+    }
+"""
+
+_ANY = """
+    int stack[STACK];
+    int top = 0, child = 0;
+    for (;;) {
+        if (child >= 0) {
+            const float* node = nodes + 8 * (long long)child;
+            const int* children = (const int*)(node + 48);
+            v8 enter;
+            for (unsigned met = boxes(node, enter); met; met &= met - 1) stack[top++] = children[__builtin_ctz(met)];
+        } else {
+            v8 t, u, v;
+            if (leaf(~child >> 3, (~child & 7) + 1, t, u, v)) return true;
+        }
+        if (top == 0) return false;
+        child = stack[--top];
+    }
+"""
+
+
+def _native(snippet: str) -> str:
+    return snippet.replace("STACK", str(7 * MAX_DEPTH + 1))
+
+
+@wp.func_native(_native(_SEARCH + _CLOSEST))
+def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> wp.vec4i:
+    """Return triangle (−1: none) and the bits of t and of the weights of vertices 0 and 1; t in [t_min, far)."""
+    ...
+
+
+@wp.func_native(_native(_SEARCH + _ANY))
+def any_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> bool:
+    """Return whether the ray meets a triangle at a t in [t_min, far]."""
+    ...
