@@ -240,7 +240,8 @@ def _live_config(options: LiveOptions, world: World) -> DetectorConfig:
 
 
 def _is_periodic(world: World) -> bool:
-    motions: list[Motion] = [world.camera.motion, *(i.motion for i in world.instances)]
-    motions += [light.motion for light in (*world.sphere_lights, *world.punctual_lights)]
+    motions: list[Motion] = [world.camera.motion, *(instance.motion for instance in world.instances)]
+    motions += [light.motion for light in world.sphere_lights]
+    motions += [light.motion for light in world.punctual_lights]
     meshes_still = all(mesh.deformation is None for mesh in world.meshes)
     return meshes_still and all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in motions)
