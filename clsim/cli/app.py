@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from clsim.cli.bench import bench
 from clsim.cli.convert import convert
 from clsim.cli.detect import detect
 from clsim.cli.devices import devices
@@ -26,6 +27,7 @@ app = typer.Typer(
 
 for command in (live, render, detect, score, view, convert, info, scenes, devices):
     app.command(cls=BareViewCommand if command in (live, view) else None)(command)
+app.add_typer(bench, name="bench")
 
 
 def _print_version(value: bool) -> None:
