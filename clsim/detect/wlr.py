@@ -16,6 +16,10 @@ from clsim.detect.program import Buffer, Workplace
 
 _TILE = {16: 5, 8: 3, 4: 3, 1: 3}
 """Side of the register tile by vector width: CPUs with 512-bit registers have twice as many of them."""
+_RUN = 8
+"""Vectors of a row whose extremes one work-item finds on a CPU."""
+_BIG = {"float32": 3e38, "float64": 1e300}
+"""Larger than any value (BIG in common.clh)."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,10 @@ class Regression:
         layout = workplace.layout
         reach = config.window // 2 // config.stride * config.stride
         macros: dict[str, object] = {"REACH": reach, "STEP": config.stride, "TAPS": 2 * (reach // config.stride) + 1}
-        self._rows, self._columns = workplace.kernels("minmax", ("minmax_rows", "minmax_columns"), macros)
+        names = ("minmax_columns", "minmax_rows")
+        run = _RUN if workplace.device.is_cpu else 1
+        self._columns, self._rows = workplace.kernels("minmax", names, {**macros, "RUN": run})
+        self._rows_size = (-(-layout.span // (run * layout.lanes)), layout.height * 2 * layout.features)
         macros["TILE"] = _TILE[workplace.device.lanes]
         prefix = ""
         if config.kernel == "epanechnikov":
@@ -59,7 +66,11 @@ class Regression:
             prefix = root_source(2 + layout.features, config.bandwidth_h, workplace.real)
         self._dense, self._sparse = workplace.kernels("wlr", ("wlr_dense", "wlr_sparse"), macros, prefix)
         self._extremes_shape = layout.image_shape(2 * layout.features)
-        self._row_extremes = workplace.allocate(self._extremes_shape)
+        # Outside the image there is no value: columns of border that no kernel writes.
+        self._column_extremes = workplace.allocate((layout.height, 2 * layout.features, layout.pitch))
+        nothing = np.full(self._column_extremes.shape, _BIG[workplace.real.name])
+        nothing[:, 1::2] *= -1
+        workplace.write(self._column_extremes, nothing)
         self.extremes = workplace.allocate((slots, *self._extremes_shape))
         self.fit = workplace.allocate(layout.image_shape(3 + layout.features))
 
@@ -79,11 +90,11 @@ class Regression:
         if layout.features == 0:
             return
         self._workplace.launch(
-            self._rows, layout.vectors, self._packed, np.int64(slot * self.packed_size), layout.pitch, layout.span,
-            self._row_extremes,
+            self._columns, (layout.span // layout.lanes, layout.features), self._packed,
+            np.int64(slot * self.packed_size), layout.pitch, layout.height, self._column_extremes,
         )  # fmt: skip
         self._workplace.launch(
-            self._columns, layout.vectors, self._row_extremes, layout.height, layout.span,
+            self._rows, self._rows_size, self._column_extremes, layout.pitch, layout.span,
             np.int64(slot * self.extremes_size), self.extremes,
         )  # fmt: skip
 
