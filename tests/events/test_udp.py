@@ -13,7 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from socket_help import HEIGHT, WIDTH, make_events, wait_until
 
@@ -25,6 +25,12 @@ from clsim.events.udp_layouts import LAYOUTS, Unwrapper
 
 FEW = 6000
 """Their datagrams fit into any receiver's default socket buffer, however late it reads."""
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let ``close`` take its time on a busy machine."""
+    monkeypatch.setattr("clsim.events.udp.CLOSE_TIMEOUT_S", 30.0)
 
 
 @pytest.fixture
@@ -173,12 +179,12 @@ def test_full_queue_drops_the_oldest_and_counts(monkeypatch: pytest.MonkeyPatch,
     resting = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: held.wait(10))
     monkeypatch.setattr("clsim.events.udp.time", resting)  # the sender rests after its first burst
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
-    batches = [make_events(2000, start_us=i * 1_000_000) for i in range(10)]
+    batches = [make_events(1950, start_us=i * 1_000_000) for i in range(10)]
     sink.write(batches[0])
     wait_until(lambda: sink.queued_bytes == 0)
     for batch in batches[1:]:
         sink.write(batch)
-    assert sink.dropped_events == 7 * 2000  # of the nine, two fit
+    assert sink.dropped_events == 7 * 1950  # of the nine, two fit
     assert sink.dropped_packets == 7 * 20
     held.set()
     sink.close()
@@ -245,7 +251,8 @@ def test_close_by_another_thread_ends_the_iteration() -> None:
     assert list(source) == []
 
 
-@given(st.lists(st.lists(st.integers(0, 2**30), min_size=1, max_size=5), min_size=1, max_size=20))
+@settings(deadline=None)
+@given(st.lists(st.lists(st.integers(2**27, 2**31 - 1), min_size=1, max_size=5), min_size=5, max_size=20))
 def test_unwrapping_restores_increasing_times(steps: list[list[int]]) -> None:
     unwrap, now = Unwrapper(), 0
     for part in steps:
