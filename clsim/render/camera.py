@@ -1,38 +1,229 @@
-"""The camera: rays through the pixels, as a Warp function."""
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018
+"""The camera: rays through the pixels, as Warp functions.
+
+Distortion is that of OpenCV ("Camera calibration and 3D reconstruction": pinhole model with k1, k2, p1, p2, k3, and
+fisheye model), whose pixel 0, 0 has its centre at image position 0.5, 0.5 here. ``fov_deg`` gives the focal length as
+if there were no distortion: f = w / (2 tan(fov / 2)) in perspective, f = w / fov for a fisheye. Rays are found by
+inverting the distortion for each sample by Newton's method, so that jitter within a pixel is distorted too. Where no
+ray leads to a pixel (beyond the fold of the distortion, or behind a fisheye) it stays black, with coverage 0.
+"""
+
+from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from clsim.render.features import Features
+from clsim.render.shutter import key_times, shutter_key, shutter_weight
 from clsim.scene import Camera
+
+_ITERATIONS = wp.constant(12)
+_TOLERANCE = wp.constant(2.0e-6)
+vec5 = wp.types.vector(length=5, dtype=wp.float32)
 
 
 @wp.struct
-class Pinhole:
-    """A pinhole camera; ``right`` and ``down`` span one pixel, ``corner`` points to the image's top left corner."""
+class View:
+    """A camera where it stands.
+
+    A plain pinhole is ``origin`` and the plane of the image: ``right`` and ``down`` span one pixel, ``corner`` points
+    to its top left corner. The others have their intrinsics in pixels, and a pose for each key of the exposure;
+    ``limit`` is the tangent (fisheye: the angle) squared up to which distortion can be inverted.
+    """
 
     origin: wp.vec3
     right: wp.vec3
     down: wp.vec3
     corner: wp.vec3
+    focal_px: float
+    centre_px: wp.vec2
+    distortion: vec5
+    limit: float
+    aperture_m: float
+    focus_m: float
+    positions: wp.array(dtype=wp.vec3)
+    rotations: wp.array(dtype=wp.quat)
+
+
+@wp.struct
+class CameraRay:
+    """A ray of unit direction; ``exists`` is false where the lens sees nothing."""
+
+    origin: wp.vec3
+    direction: wp.vec3
+    exists: bool
 
 
 @wp.func
-def camera_ray(camera: Pinhole, x: float, y: float) -> wp.vec3:
-    """Return the unit direction through image position x, y [pixels], the top left corner being 0, 0."""
-    return wp.normalize(camera.corner + camera.right * x + camera.down * y)
+def undistort_perspective(k: vec5, limit: float, distorted: wp.vec2) -> wp.vec3:
+    """Return the x, y distorted to the given ones (image plane at distance 1), and 1, or 0 if there are none."""
+    x = float(distorted[0])
+    y = float(distorted[1])
+    exists = float(0.0)
+    for _ in range(_ITERATIONS):
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+        slope = 2.0 * (k[0] + r2 * (2.0 * k[1] + r2 * 3.0 * k[4]))
+        error_x = x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x) - distorted[0]
+        error_y = y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y - distorted[1]
+        exists = wp.where(r2 <= limit and wp.max(wp.abs(error_x), wp.abs(error_y)) < _TOLERANCE * (1.0 + r2), 1.0, 0.0)
+        xx = radial + x * x * slope + 2.0 * k[2] * y + 6.0 * k[3] * x
+        xy = x * y * slope + 2.0 * k[2] * x + 2.0 * k[3] * y
+        yy = radial + y * y * slope + 6.0 * k[2] * y + 2.0 * k[3] * x
+        determinant = xx * yy - xy * xy
+        if determinant <= 0.0:
+            break
+        x = x - (yy * error_x - xy * error_y) / determinant
+        y = y - (xx * error_y - xy * error_x) / determinant
+    return wp.vec3(x, y, exists)
 
 
-def pinhole(camera: Camera, pose: npt.NDArray[np.float64]) -> Pinhole:
-    """Return the camera at a pose (4×4, camera to world; it looks along −z, +y up); scale in the pose is ignored."""
-    right, up, back = (pose[:3, i] / np.linalg.norm(pose[:3, i]) for i in range(3))
-    pixel = 2.0 * math.tan(math.radians(camera.fov_deg) / 2.0) / camera.width
-    corner = -back - right * (pixel * camera.width / 2.0) + up * (pixel * camera.height / 2.0)
-    result = Pinhole()
-    result.origin = wp.vec3(*pose[:3, 3])
-    result.right = wp.vec3(*(right * pixel))
-    result.down = wp.vec3(*(-up * pixel))
-    result.corner = wp.vec3(*corner)
-    return result
+@wp.func
+def undistort_fisheye(k: vec5, limit: float, distorted: float) -> wp.vec2:
+    """Return the angle θ [rad] with θ·(1 + k1·θ² + …) as given, and 1, or 0 if there is none."""
+    theta = float(distorted)
+    exists = float(0.0)
+    for _ in range(_ITERATIONS):
+        t = theta * theta
+        error = theta * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3])))) - distorted
+        exists = wp.where(t <= limit and wp.abs(error) < _TOLERANCE, 1.0, 0.0)
+        slope = 1.0 + t * (3.0 * k[0] + t * (5.0 * k[1] + t * (7.0 * k[2] + t * 9.0 * k[3])))
+        if slope <= 0.0:
+            break
+        theta = theta - error / slope
+    return wp.vec2(theta, exists)
+
+
+def make_camera(features: Features) -> Any:
+    """Return the Warp function ``camera_ray(view, x, y, lens, time)``.
+
+    x, y is the image position [pixels], the top left corner being 0, 0; ``lens`` a pair of random numbers for the
+    position on the aperture, ``time`` goes from 0 to 1 through the exposure.
+    """
+
+    @wp.func
+    def camera_ray(view: View, x: float, y: float, lens: wp.vec2, time: float) -> CameraRay:
+        ray = CameraRay()
+        ray.exists = True
+        if wp.static(plain(features)):
+            ray.origin = view.origin
+            ray.direction = wp.normalize(view.corner + view.right * x + view.down * y)
+        else:
+            across = (x - view.centre_px[0]) / view.focal_px
+            down = (y - view.centre_px[1]) / view.focal_px
+            target = wp.vec3(across, -down, -1.0)
+            if wp.static(features.projection == "perspective" and features.distortion):
+                found = undistort_perspective(view.distortion, view.limit, wp.vec2(across, down))
+                target = wp.vec3(found[0], -found[1], -1.0)
+                ray.exists = found[2] > 0.0
+            if wp.static(features.projection == "fisheye"):
+                radius = wp.sqrt(across * across + down * down)
+                angle = undistort_fisheye(view.distortion, view.limit, radius)
+                scale = wp.sin(angle[0]) / wp.max(radius, 1.0e-12)
+                target = wp.vec3(across * scale, -down * scale, -wp.cos(angle[0]))
+                ray.exists = angle[1] > 0.0
+            start = wp.vec3()
+            if wp.static(features.aperture):
+                # In perspective the plane at the focus distance is sharp, for a fisheye the sphere.
+                r = view.aperture_m * wp.sqrt(lens[0])
+                phi = 2.0 * wp.pi * lens[1]
+                start = wp.vec3(r * wp.cos(phi), r * wp.sin(phi), 0.0)
+                target = target * view.focus_m - start
+            position = view.positions[0]
+            rotation = view.rotations[0]
+            if wp.static(features.motion_blur):
+                key = shutter_key(time)
+                weight = shutter_weight(time)
+                position = wp.lerp(view.positions[key], view.positions[key + 1], weight)
+                rotation = wp.normalize(wp.lerp(view.rotations[key], view.rotations[key + 1], weight))
+            ray.origin = position + wp.quat_rotate(rotation, start)
+            ray.direction = wp.normalize(wp.quat_rotate(rotation, target))
+        return ray
+
+    return camera_ray
+
+
+def plain(features: Features) -> bool:
+    """Whether the camera is a still pinhole without distortion."""
+    return (
+        features.projection == "perspective"
+        and not features.distortion
+        and not features.aperture
+        and not features.motion_blur
+    )
+
+
+class CameraData:
+    """A camera on a device."""
+
+    def __init__(self, camera: Camera, features: Features, device: Any) -> None:
+        """Take what does not change with time."""
+        self._camera = camera
+        self._shutter_s = camera.shutter_s if features.motion_blur else 0.0
+        fov, lens = math.radians(camera.fov_deg), camera.lens
+        fisheye = lens.model == "fisheye"
+        self._focal_px = camera.width / fov if fisheye else camera.width / (2.0 * math.tan(fov / 2.0))
+        self._centre_px = (
+            camera.width * (0.5 + lens.principal_point[0]),
+            camera.height / 2.0 + camera.width * lens.principal_point[1],
+        )
+        keys = len(key_times(0.0, self._shutter_s))
+        self._view = View()
+        self._view.focal_px = self._focal_px
+        self._view.centre_px = wp.vec2(*self._centre_px)
+        self._view.distortion = vec5(*lens.distortion, *[0.0] * (5 - len(lens.distortion)))
+        self._view.limit = invertible(lens.distortion, fisheye)
+        self._view.aperture_m = lens.aperture_radius_m
+        self._view.focus_m = lens.focus_distance_m
+        self._view.positions = wp.zeros(keys, dtype=wp.vec3, device=device)
+        self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
+
+    def at(self, time_s: float) -> Any:
+        """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
+        poses = np.array([self._camera.motion.pose(float(t)) for t in key_times(time_s, self._shutter_s)])
+        axes = poses[:, :3, :3] / np.linalg.norm(poses[:, :3, :3], axis=1, keepdims=True)
+        self._view.positions.assign(poses[:, :3, 3].astype(np.float32))
+        self._view.rotations.assign(quaternions(axes).astype(np.float32))
+        middle = self._camera.motion.pose(time_s)
+        right, up, back = (middle[:3, i] / np.linalg.norm(middle[:3, i]) for i in range(3))
+        x, y = (c / self._focal_px for c in self._centre_px)
+        self._view.origin = wp.vec3(*middle[:3, 3])
+        self._view.right = wp.vec3(*(right / self._focal_px))
+        self._view.down = wp.vec3(*(-up / self._focal_px))
+        self._view.corner = wp.vec3(*(-back - right * x + up * y))
+        return self._view
+
+
+def invertible(distortion: tuple[float, ...], fisheye: bool) -> float:
+    """Return the squared radius (fisheye: angle) where the distorted radius stops growing; at most 1e12 (π²)."""
+    k = (*distortion, *[0.0] * (5 - len(distortion)))
+    radial = (k[0], k[1], k[2], k[3]) if fisheye else (k[0], k[1], k[4])
+    slope = [(2 * i + 3) * value for i, value in enumerate(radial)]
+    roots = np.roots([*slope[::-1], 1.0])
+    folds = [root.real for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
+    return float(min([math.pi**2 if fisheye else 1e12, *folds]))
+
+
+def quaternions(rotations: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the unit quaternions x, y, z, w of rotations ``[n, 3, 3]``, neighbours on the same side."""
+    m = rotations
+    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
+    # 4·q·qᵀ, of which every row is a multiple of q: the longest is the most exact (Shepperd, JGC 1(3), 1978).
+    products = np.empty((len(m), 4, 4))
+    for i, diagonal in enumerate((1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz)):
+        products[:, i, i] = diagonal
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[:, i, j] = products[:, j, i] = m[:, i, j] + m[:, j, i]
+        products[:, k, 3] = products[:, 3, k] = m[:, j, i] - m[:, i, j]
+    best = np.argmax(products[:, range(4), range(4)], axis=1)
+    q = products[np.arange(len(m)), best]
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    for n in range(1, len(q)):
+        if q[n] @ q[n - 1] < 0:
+            q[n] = -q[n]
+    return q

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from clsim.scene import CheckerTexture, Lens, Material, Mesh, World
+from clsim.scene import CheckerTexture, Material, Mesh, World
 
 Strategy = Literal["mis", "light", "scatter"]
 
@@ -23,7 +23,13 @@ class Features:
         one_sided: some used material's back is black.
         triangle_lights: some triangle emits.
         sphere_lights: the number of sphere lights is not zero.
+        punctual_lights: the number of point, spot and directional lights is not zero.
         environment: the environment emits.
+        environment_map: the environment is an image, with the constant environment added to it.
+        motion_blur: the exposure lasts, and something moves.
+        projection: the camera's.
+        distortion: the camera's lens distorts.
+        aperture: the camera's lens has a size.
         variances: the planes of variances are wanted.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
@@ -35,7 +41,13 @@ class Features:
     one_sided: bool
     triangle_lights: bool
     sphere_lights: bool
+    punctual_lights: bool
     environment: bool
+    environment_map: bool
+    motion_blur: bool
+    projection: Literal["perspective", "fisheye"]
+    distortion: bool
+    aperture: bool
     variances: bool
     strategy: Strategy
 
@@ -48,7 +60,13 @@ class Features:
             (self.one_sided, "one-sided materials"),
             (self.triangle_lights, "triangle area lights"),
             (self.sphere_lights, "sphere lights"),
-            (self.environment, "constant environment"),
+            (self.punctual_lights, "point, spot and directional lights"),
+            (self.environment and not self.environment_map, "constant environment"),
+            (self.environment_map, "environment map"),
+            (self.motion_blur, "motion blur"),
+            (self.projection == "fisheye", "fisheye projection"),
+            (self.distortion, "lens distortion"),
+            (self.aperture, "depth of field (thin lens)"),
             (self.variances, "variance planes"),
         )
         return {
@@ -86,11 +104,14 @@ def unsupported(world: World) -> tuple[str, ...]:
         (any(m.normal_texture >= 0 for m in materials), "normal maps are left out"),
         (any(m.alpha_mode != "opaque" for m in materials), "cut-out and translucent materials are rendered as opaque"),
         (any(mesh.deformation is not None for mesh in meshes), "deforming meshes keep their rest shape"),
-        (bool(world.punctual_lights), "point, spot and directional lights are left out"),
-        (world.environment_map is not None, "the environment map is left out"),
-        (world.camera.lens != Lens(), "the camera is rendered as a pinhole without distortion"),
     )
     return tuple(text for lacks, text in rows if lacks)
+
+
+def moves(world: World) -> bool:
+    """Whether the camera, an object or a light moves rigidly."""
+    movers = (world.camera, *world.instances, *world.sphere_lights, *world.punctual_lights)
+    return any(mover.motion.duration_s > 0 for mover in movers)
 
 
 def features_of(world: World, variances: bool, strategy: Strategy) -> Features:
@@ -103,7 +124,13 @@ def features_of(world: World, variances: bool, strategy: Strategy) -> Features:
         one_sided=any(not material.two_sided for material in materials),
         triangle_lights=any(max(material.emission) > 0 for material in materials),
         sphere_lights=bool(world.sphere_lights),
-        environment=max(world.environment) > 0,
+        punctual_lights=bool(world.punctual_lights),
+        environment=max(world.environment) > 0 or world.environment_map is not None,
+        environment_map=world.environment_map is not None,
+        motion_blur=world.camera.shutter_s > 0 and moves(world),
+        projection=world.camera.lens.model,
+        distortion=any(world.camera.lens.distortion),
+        aperture=world.camera.lens.aperture_radius_m > 0,
         variances=variances,
         strategy=strategy,
     )

@@ -11,6 +11,7 @@ import warp as wp
 
 from clsim.render.bvh8_traverse import any_in_tree, closest_in_tree
 from clsim.render.features import Features
+from clsim.render.shutter import shutter_key, shutter_weight
 
 Tree = Literal["bvh8", "warp"]
 """How a mesh is searched: by the 8-wide tree, which is faster but for CPUs alone, or by Warp's own."""
@@ -24,7 +25,11 @@ _OFFSET = wp.constant(4.0e-6)
 
 @wp.struct
 class Geometry:
-    """The triangles of all meshes one after the other, their instances and the analytic spheres."""
+    """The triangles of all meshes one after the other, their instances and the analytic spheres.
+
+    Maps of instances, and spheres, one after the other for each key of the exposure; without motion blur there is one,
+    and only without it ``to_object``.
+    """
 
     mesh_handles: wp.array(dtype=wp.uint64)
     mesh_first_vertex: wp.array(dtype=int)
@@ -38,7 +43,9 @@ class Geometry:
     instance_mesh: wp.array(dtype=int)
     to_world: wp.array(dtype=mat34)
     to_object: wp.array(dtype=mat34)
+    instance_count: int
     spheres: wp.array(dtype=wp.vec4)
+    sphere_count: int
     scale_m: float
 
 
@@ -113,6 +120,57 @@ def hit_sphere(sphere: wp.vec4, origin: wp.vec3, direction: wp.vec3) -> float:
     return t
 
 
+def make_sphere_at(features: Features) -> Any:
+    """Return the Warp function ``sphere_at(geometry, index, time)``: centre and radius."""
+
+    @wp.func
+    def sphere_at(geometry: Geometry, index: int, time: float) -> wp.vec4:
+        sphere = geometry.spheres[index]
+        if wp.static(features.motion_blur):
+            first = shutter_key(time) * geometry.sphere_count + index
+            after = geometry.spheres[first + geometry.sphere_count]
+            sphere = wp.lerp(geometry.spheres[first], after, shutter_weight(time))
+        return sphere
+
+    return sphere_at
+
+
+def make_placement(features: Features) -> tuple[Any, Any]:
+    """Return the Warp functions ``to_world_at(geometry, instance, time)`` and its inverse ``to_object_at``."""
+
+    @wp.func
+    def to_world_at(geometry: Geometry, instance: int, time: float) -> mat34:
+        to_world = geometry.to_world[instance]
+        if wp.static(features.motion_blur):
+            first = shutter_key(time) * geometry.instance_count + instance
+            after = geometry.to_world[first + geometry.instance_count]
+            to_world = wp.lerp(geometry.to_world[first], after, shutter_weight(time))
+        return to_world
+
+    @wp.func
+    def to_object_at(geometry: Geometry, instance: int, time: float) -> mat34:
+        if wp.static(features.motion_blur):
+            m = to_world_at(geometry, instance, time)
+            x = wp.vec3(m[0, 0], m[1, 0], m[2, 0])
+            y = wp.vec3(m[0, 1], m[1, 1], m[2, 1])
+            z = wp.vec3(m[0, 2], m[1, 2], m[2, 2])
+            moved = wp.vec3(m[0, 3], m[1, 3], m[2, 3])
+            scale = 1.0 / wp.dot(x, wp.cross(y, z))
+            a = wp.cross(y, z) * scale
+            b = wp.cross(z, x) * scale
+            c = wp.cross(x, y) * scale
+            to_object = mat34(
+                a[0], a[1], a[2], -wp.dot(a, moved),
+                b[0], b[1], b[2], -wp.dot(b, moved),
+                c[0], c[1], c[2], -wp.dot(c, moved),
+            )  # fmt: skip
+        else:
+            to_object = geometry.to_object[instance]
+        return to_object
+
+    return to_world_at, to_object_at
+
+
 @wp.struct
 class Found:
     """The nearest triangle of one mesh, numbered within it; −1 where there is none."""
@@ -150,9 +208,11 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
 def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?) and ``surface``."""
     closest_in_mesh, any_in_mesh = make_search(tree)
+    sphere_at = make_sphere_at(features)
+    to_world_at, to_object_at = make_placement(features)
 
     @wp.func
-    def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3) -> Hit:
+    def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
         hit = Hit()
         hit.t = FAR
         hit.instance = -1
@@ -162,7 +222,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
             candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
             instance = int(0)
             while wp.bvh_query_next(candidates, instance, hit.t):
-                to_object = geometry.to_object[instance]
+                to_object = to_object_at(geometry, instance, time)
                 mesh = geometry.instance_mesh[instance]
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
@@ -182,8 +242,8 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
                 hit.weight0 = found.weight0
                 hit.weight1 = found.weight1
         if wp.static(features.sphere_lights):
-            for i in range(geometry.spheres.shape[0]):
-                t = hit_sphere(geometry.spheres[i], origin, direction)
+            for i in range(geometry.sphere_count):
+                t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
                 if t > 0.0 and t < hit.t:
                     hit.t = t
                     hit.triangle = -1
@@ -191,17 +251,17 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
         return hit
 
     @wp.func
-    def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
+    def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
         if wp.static(features.sphere_lights):
-            for i in range(geometry.spheres.shape[0]):
-                t = hit_sphere(geometry.spheres[i], origin, direction)
+            for i in range(geometry.sphere_count):
+                t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
                 if t > 0.0 and t < far:
                     return True
         if wp.static(features.two_level):
             candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
             instance = int(0)
             while wp.bvh_query_next(candidates, instance, far):
-                to_object = geometry.to_object[instance]
+                to_object = to_object_at(geometry, instance, time)
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
                 if any_in_mesh(geometry, geometry.instance_mesh[instance], local_origin, local_direction, far):
@@ -210,7 +270,9 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
         return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func
-    def surface(geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float) -> Surface:
+    def surface(
+        geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float, time: float
+    ) -> Surface:
         """The front of the triangle; ``face`` turns it to the ray."""
         first = int(0)
         if wp.static(features.two_level):
@@ -227,8 +289,8 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
         point.front = True
         point.normal = wp.normalize(cross)
         if wp.static(features.two_level):
-            to_world = geometry.to_world[instance]
-            to_object = geometry.to_object[instance]
+            to_world = to_world_at(geometry, instance, time)
+            to_object = to_object_at(geometry, instance, time)
             point.normal = transform_normal(to_object, cross)
             p0 = transform_point(to_world, p0)
             p1 = transform_point(to_world, p1)
@@ -241,7 +303,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
             blend = geometry.normals[i0] * weight0 + geometry.normals[i1] * weight1 + geometry.normals[i2] * weight2
             if wp.dot(blend, blend) > 1.0e-12:
                 if wp.static(features.two_level):
-                    point.shading_normal = transform_normal(geometry.to_object[instance], blend)
+                    point.shading_normal = transform_normal(to_object_at(geometry, instance, time), blend)
                 else:
                     point.shading_normal = wp.normalize(blend)
         if wp.static(features.textures):

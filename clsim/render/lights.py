@@ -2,17 +2,25 @@
 # ruff: noqa: SIM102, UP018
 """Lights and how they are sampled, as Warp functions.
 
-Lights are numbered: emitting triangles first (each instance's own), then spheres, then the environment. One is drawn
-by its power; the cumulative table holds multiples of 2⁻²⁴, as the random numbers do, so that probabilities are exact. A
-light whose share rounds to nothing is never drawn, and then counts fully when scattering finds it.
+Lights are numbered: emitting triangles first (each instance's own), then spheres, punctual lights, and the environment.
+One is drawn by its power; the cumulative table holds multiples of 2⁻²⁴, as the random numbers do, so that probabilities
+are exact. A light whose share rounds to nothing is never drawn, and then counts fully when scattering finds it.
 """
 
 from typing import Any
 
 import warp as wp
 
+from clsim.render.environment import (
+    STEP,
+    EnvironmentImage,
+    EnvironmentSample,
+    environment_towards,
+    sample_environment,
+)
 from clsim.render.features import Features
-from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, offset_origin
+from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin
+from clsim.render.lights_punctual import Punctual, make_punctual
 from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
 
@@ -28,15 +36,24 @@ class Lights:
     triangle_rank: wp.array(dtype=int)
     first_sphere: int
     sphere_radiance: wp.array(dtype=wp.vec3)
+    first_punctual: int
+    punctual: Punctual
+    first_environment: int
     environment: wp.vec3
+    environment_image: EnvironmentImage
     environment_probability: float
 
 
 @wp.struct
 class LightSample:
-    """A direction to a light: its density per steradian (0: no light there), radiance and where the shadow ray ends."""
+    """A direction to a light: its density per steradian (0: no light there), radiance and where the shadow ray ends.
+
+    A ``delta`` light has no size: ``pdf`` is its probability, ``radiance`` its irradiance across the direction, and
+    scattering never finds it.
+    """
 
     direction: wp.vec3
+    delta: bool
     pdf: float
     radiance: wp.vec3
     origin: wp.vec3
@@ -55,7 +72,12 @@ def sphere_cone(sphere: wp.vec4, position: wp.vec3) -> float:
 
 
 def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, Any, Any, Any]:
-    """Return the Warp functions ``sample_light`` and the densities with which it draws what scattering finds."""
+    """Return the Warp functions ``sample_light`` and, for what scattering finds, the densities with which it draws.
+
+    They are ``triangle_pdf``, ``sphere_pdf`` and ``environment``, which also tells its radiance.
+    """
+    sphere_at = make_sphere_at(features)
+    towards_punctual = make_punctual(features)
 
     @wp.func
     def triangle_pdf(
@@ -70,31 +92,36 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         return pdf
 
     @wp.func
-    def sphere_pdf(lights: Lights, geometry: Geometry, index: int, position: wp.vec3) -> float:
+    def sphere_pdf(lights: Lights, geometry: Geometry, index: int, position: wp.vec3, time: float) -> float:
         pdf = float(0.0)
-        size = sphere_cone(geometry.spheres[index], position)
+        size = sphere_cone(sphere_at(geometry, index, time), position)
         if size > 0.0:
             pdf = lights.probability[lights.first_sphere + index] / (2.0 * wp.pi * size)
         return pdf
 
     @wp.func
-    def environment_pdf(lights: Lights, normal: wp.vec3, direction: wp.vec3) -> float:
-        return lights.environment_probability * wp.max(wp.dot(normal, direction), 0.0) / wp.pi
+    def environment(lights: Lights, normal: wp.vec3, direction: wp.vec3) -> EnvironmentSample:
+        if wp.static(features.environment_map):
+            sample = environment_towards(lights.environment_image, direction)
+        else:
+            sample = EnvironmentSample(direction, lights.environment, wp.max(wp.dot(normal, direction), 0.0) / wp.pi)
+        sample.pdf = sample.pdf * lights.environment_probability
+        return sample
 
     @wp.func
     def sample_light(
-        lights: Lights, geometry: Geometry, materials: Any, point: Surface, choice: float, u: wp.vec2
+        lights: Lights, geometry: Geometry, materials: Any, point: Surface, choice: float, u: wp.vec2, time: float
     ) -> LightSample:
         sample = LightSample()
         sample.pdf = 0.0
-        # Half a step up, so that the first entry above ``choice`` is found.
-        light = wp.lower_bound(lights.cumulative, choice + 2.9802322e-08)
+        # A step up, so that the first entry above ``choice`` is found.
+        light = wp.lower_bound(lights.cumulative, choice + STEP)
         if wp.static(features.triangle_lights):
             if light < lights.first_sphere:
                 weights = uniform_triangle(u)
                 instance = lights.instance[light]
                 triangle = lights.triangle[light]
-                lamp = surface(geometry, instance, triangle, weights[0], weights[1])
+                lamp = surface(geometry, instance, triangle, weights[0], weights[1], time)
                 away = lamp.position - point.position
                 distance2 = wp.dot(away, away)
                 if distance2 > 1.0e-30 and wp.dot(away, point.normal) > 0.0:
@@ -110,9 +137,9 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     sample.distance = wp.length(shadow)
                     sample.direction = shadow / sample.distance
         if wp.static(features.sphere_lights):
-            if light >= lights.first_sphere and light < lights.first_sphere + geometry.spheres.shape[0]:
+            if light >= lights.first_sphere and light < lights.first_punctual:
                 index = light - lights.first_sphere
-                sphere = geometry.spheres[index]
+                sphere = sphere_at(geometry, index, time)
                 size = sphere_cone(sphere, point.position)
                 if size > 0.0:
                     centre = wp.vec3(sphere[0], sphere[1], sphere[2])
@@ -126,15 +153,29 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                         if t < 0.0:  # grazes the edge by rounding
                             t = wp.dot(centre - sample.origin, toward)
                         sample.distance = 0.9999 * t
+        if wp.static(features.punctual_lights):
+            if light >= lights.first_punctual and light < lights.first_environment:
+                found = towards_punctual(lights.punctual, light - lights.first_punctual, point.position, time)
+                if wp.dot(found.direction, point.normal) > 0.0:
+                    sample.delta = True
+                    sample.pdf = lights.probability[light]
+                    sample.radiance = found.irradiance
+                    sample.direction = found.direction
+                    sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
+                    sample.distance = found.distance
         if wp.static(features.environment):
-            if light == lights.first_sphere + geometry.spheres.shape[0]:
-                toward = cosine_hemisphere(point.shading_normal, u)
-                if wp.dot(toward, point.normal) > 0.0:
-                    sample.pdf = environment_pdf(lights, point.shading_normal, toward)
-                    sample.radiance = lights.environment
-                    sample.direction = toward
+            if light == lights.first_environment:
+                if wp.static(features.environment_map):
+                    drawn = sample_environment(lights.environment_image, u)
+                    drawn.pdf = drawn.pdf * lights.environment_probability
+                else:
+                    drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))
+                if wp.dot(drawn.direction, point.normal) > 0.0:
+                    sample.pdf = drawn.pdf
+                    sample.radiance = drawn.radiance
+                    sample.direction = drawn.direction
                     sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
                     sample.distance = FAR
         return sample
 
-    return sample_light, triangle_pdf, sphere_pdf, environment_pdf
+    return sample_light, triangle_pdf, sphere_pdf, environment

@@ -18,6 +18,8 @@ DIMENSIONS_PER_BOUNCE = 4
 MAX_BOUNCES = 2**DIMENSION_BITS // DIMENSIONS_PER_BOUNCE - 1
 
 CAMERA = wp.constant(0)
+LENS = wp.constant(1)
+TIME = wp.constant(2)
 LIGHT = wp.constant(0)
 SCATTER = wp.constant(1)
 CHOICE = wp.constant(2)

@@ -12,7 +12,7 @@ import warp as wp
 
 from clsim.errors import InputError, require_choice
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, frame_time_us
-from clsim.render.camera import pinhole
+from clsim.render.camera import CameraData
 from clsim.render.devices import check_device
 from clsim.render.features import Strategy, features_of, unsupported
 from clsim.render.geometry import Tree
@@ -110,10 +110,6 @@ class PathTracer:
         """
         validate(world, world.name)
         camera = world.camera
-        if camera.shutter_s > 0:
-            raise InputError(
-                f"{world.name}: camera.shutter_s is {camera.shutter_s:g}, but motion blur is not supported; expected 0"
-            )
         check_device(options.device)
         self.width = camera.width
         self.height = camera.height
@@ -121,7 +117,6 @@ class PathTracer:
         self.fps = options.fps or world.fps
         self.frame_count: int | None = options.frames or max(1, round(world.duration_s * self.fps)) + 1
         self._options = options
-        self._camera = camera
         self._device = wp.get_device(options.device)
         self.warnings = unsupported(world)
         features = features_of(world, options.variances, options.strategy)
@@ -129,6 +124,7 @@ class PathTracer:
         if tree == "bvh8" and not self._device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')
         self._kernel = build_kernel(features, tree)
+        self._camera = CameraData(camera, features, self._device)
         self._data = SceneData(world, features, tree, self._device)
         self._settings: Any = Settings()
         self._settings.samples = options.spp
@@ -163,7 +159,7 @@ class PathTracer:
         time_us = frame_time_us(index, self.fps)
         time_s = time_us * 1e-6
         self._data.update(time_s)
-        camera = pinhole(self._camera, self._camera.motion.pose(time_s))
+        camera = self._camera.at(time_s)
         self._settings.stream = stream_state(
             self._options.seed, index if self._options.noise == "independent" else None
         )
@@ -196,7 +192,7 @@ class PathTracer:
         """Record a launch, one for each thread since its parameters change."""
         planes = wp.zeros((len(self.names), self._tile), dtype=wp.float32, device=self._device)
         bits: Any = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
-        camera = pinhole(self._camera, self._camera.motion.pose(0.0))
+        camera = self._camera.at(0.0)
         return wp.launch(
             self._kernel,
             dim=self._tile,

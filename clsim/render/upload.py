@@ -10,17 +10,19 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from clsim.render import lights_punctual
 from clsim.render.bsdf import Materials
 from clsim.render.bvh8 import Bvh8
+from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
 from clsim.render.features import Features, checker_of
 from clsim.render.geometry import Geometry, Tree, mat34
 from clsim.render.integrator import Scene
 from clsim.render.lights import Lights
+from clsim.render.lights_punctual import Punctual
+from clsim.render.shutter import key_times
 from clsim.scene import CheckerTexture, Instance, Mesh, Static, World
 
 _F64 = npt.NDArray[np.float64]
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-_STEPS = 1 << 24
 _BLACK = (0.0, 0.0, 0.0)
 _NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32))
 """A triangle without area, for a world without meshes."""
@@ -96,6 +98,8 @@ class SceneData:
         self._features = features
         self._search = Bvh8 if tree == "bvh8" else wp.Mesh
         self._sphere_lights = world.sphere_lights
+        self._punctual_lights = world.punctual_lights
+        self._shutter_s = world.camera.shutter_s if features.motion_blur else 0.0
         placement = _place(world)
         self._instances = placement.instances
         self.scene = Scene()
@@ -106,16 +110,26 @@ class SceneData:
 
     def update(self, time_s: float) -> None:
         """Move everything to where it is at that time; work only where something moves."""
+        times_s = key_times(time_s, self._shutter_s)
         if self._features.two_level:
-            poses = np.array([instance.motion.pose(time_s) for instance in self._instances])
+            poses = self._poses(times_s)
             lowers, uppers = self._bounds(poses)
-            self._to_world.assign(poses[:, :3].astype(np.float32))
-            self._to_object.assign(np.linalg.inv(poses)[:, :3].astype(np.float32))
+            self._to_world.assign(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32))
+            if not self._features.motion_blur:
+                self._to_object.assign(np.linalg.inv(poses[0])[:, :3].astype(np.float32))
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
             self._tree.refit()
         if any(light.motion.duration_s > 0 for light in self._sphere_lights):
-            self._spheres.assign(self._sphere_rows(time_s))
+            self._spheres.assign(self._sphere_rows(times_s))
+        if any(light.motion.duration_s > 0 for light in self._punctual_lights):
+            positions, axes = lights_punctual.rows(self._punctual_lights, times_s)
+            self._punctual.positions.assign(positions)
+            self._punctual.axes.assign(axes)
+
+    def _poses(self, times_s: _F64) -> _F64:
+        """Poses ``[times, instances, 4, 4]``."""
+        return np.array([[instance.motion.pose(float(t)) for instance in self._instances] for t in times_s])
 
     def _array(self, values: Any, dtype: Any) -> Any:
         """Copy to the device; an empty array becomes one entry of zeros, since its fields are never read."""
@@ -160,48 +174,51 @@ class SceneData:
         ]
         geometry.mesh_handles = self._array([tree.id for tree in self._trees], wp.uint64)
 
-        poses = np.array([instance.motion.pose(0.0) for instance in placement.instances])
+        times_s = key_times(0.0, self._shutter_s)
+        poses = self._poses(times_s)
         boxes = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in meshes], np.float64)
         used = boxes[[instance.mesh for instance in placement.instances]]
         self._centres = used.mean(axis=1)
         self._extents = (used[:, 1] - used[:, 0]) / 2
         lowers, uppers = self._bounds(poses)
-        spheres = self._sphere_rows(0.0)
+        spheres = self._sphere_rows(times_s)
         least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
         most = np.vstack([uppers, spheres[:, :3] + spheres[:, 3:]]).max(axis=0)
         geometry.scale_m = float((most - least).max() / 2)
         self._radius_m = float(np.linalg.norm(most - least) / 2)
 
         geometry.instance_mesh = self._array([instance.mesh for instance in placement.instances], wp.int32)
-        self._to_world = self._array(poses[:, :3].astype(np.float32), mat34)
-        self._to_object = self._array(np.linalg.inv(poses)[:, :3].astype(np.float32), mat34)
+        geometry.instance_count = len(placement.instances)
+        self._to_world = self._array(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32), mat34)
+        self._to_object = self._array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34)
         geometry.to_world, geometry.to_object = self._to_world, self._to_object
         if self._features.two_level:
             self._lowers = self._array(lowers.astype(np.float32), wp.vec3)
             self._uppers = self._array(uppers.astype(np.float32), wp.vec3)
             self._tree: Any = wp.Bvh(self._lowers, self._uppers)
             geometry.instance_tree = self._tree.id
+        geometry.sphere_count = len(self._sphere_lights)
         if len(spheres):
             self._spheres = self._array(spheres, wp.vec4)
             geometry.spheres = self._spheres
         return geometry
 
     def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
-        """World boxes of the instances, a little wide so that flat ones and rounding miss nothing."""
-        centres = np.einsum("nij,nj->ni", poses[:, :3, :3], self._centres) + poses[:, :3, 3]
-        extents = np.einsum("nij,nj->ni", np.abs(poses[:, :3, :3]), self._extents)
+        """World boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
+        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], self._centres) + poses[..., :3, 3]
+        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), self._extents)
         extents += 1e-6 * (1.0 + np.abs(centres) + extents)
-        return centres - extents, centres + extents
+        return (centres - extents).min(axis=0), (centres + extents).max(axis=0)
 
-    def _sphere_rows(self, time_s: float) -> npt.NDArray[np.float32]:
-        rows = [(*light.motion.pose(time_s)[:3, 3], light.radius_m) for light in self._sphere_lights]
+    def _sphere_rows(self, times_s: _F64) -> npt.NDArray[np.float32]:
+        rows = [(*light.motion.pose(float(t))[:3, 3], light.radius_m) for t in times_s for light in self._sphere_lights]
         return np.array(rows, np.float32).reshape(-1, 4)
 
     def _lights(self, world: World, placement: _Placement) -> Any:
         """Number the lights and give each its share of the power, as it is at time 0."""
         emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
         sides = np.array([2.0 if material.two_sided else 1.0 for material in world.materials])
-        power_of = emission @ _LUMINANCE * sides * math.pi
+        power_of = emission @ LUMINANCE * sides * math.pi
         ranks, emitting = [], []
         for mesh in placement.meshes:
             emits = power_of[mesh.material_ids] > 0 if len(power_of) else np.zeros(len(mesh.triangles), bool)
@@ -220,24 +237,53 @@ class SceneData:
             instance_first.append(instance_first[-1] + len(local))
         for light in world.sphere_lights:
             surface_m2 = 4 * math.pi * light.radius_m**2
-            powers.append(np.array([surface_m2 * math.pi * float(np.dot(light.radiance, _LUMINANCE))]))
+            powers.append(np.array([surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE))]))
+        for light in world.punctual_lights:
+            powers.append(np.array([lights_punctual.power(light, self._radius_m) @ LUMINANCE]))
         power = np.concatenate(powers)
-        environment = float(np.dot(world.environment, _LUMINANCE)) * (2 * math.pi * max(self._radius_m, 1e-3)) ** 2
+        sky = float(np.dot(world.environment, LUMINANCE))
+        lights = Lights()
+        if world.environment_map is not None:
+            tables = tabulate(world.environment_map, world.environment)
+            lights.environment_image = self._environment_image(tables, world.environment_map.to_world)
+            sky = tables.mean
+        environment = sky * (2 * math.pi * max(self._radius_m, 1e-3)) ** 2
         # Scattering finds a constant environment just as well, so that lamps keep at least half of the samples.
         power = np.append(power, min(environment, power.sum()) if power.sum() > 0 else environment)
 
-        lights = Lights()
-        share = np.cumsum(power) / power.sum() if power.sum() > 0 else np.zeros_like(power)
-        cumulative = np.round(share * _STEPS) / _STEPS
-        probability = np.diff(cumulative, prepend=0.0)
-        lights.cumulative = self._array(cumulative.astype(np.float32), wp.float32)
-        lights.probability = self._array(probability.astype(np.float32), wp.float32)
+        cumulative = steps(np.cumsum(power))
+        probability = np.diff(cumulative, prepend=np.float32(0.0))
+        lights.cumulative = self._array(cumulative, wp.float32)
+        lights.probability = self._array(probability, wp.float32)
         lights.instance = self._array(np.concatenate(instance_of), wp.int32)
         lights.triangle = self._array(np.concatenate(triangle_of), wp.int32)
         lights.instance_first = self._array(instance_first[:-1], wp.int32)
         lights.triangle_rank = self._array(np.concatenate(ranks), wp.int32)
         lights.first_sphere = instance_first[-1]
         lights.sphere_radiance = self._array([light.radiance for light in world.sphere_lights], wp.vec3)
+        lights.first_punctual = lights.first_sphere + len(world.sphere_lights)
+        lights.punctual = self._punctual_table(world)
+        lights.first_environment = lights.first_punctual + len(world.punctual_lights)
         lights.environment = wp.vec3(*world.environment)
         lights.environment_probability = float(probability[-1])
         return lights
+
+    def _punctual_table(self, world: World) -> Any:
+        lights, table = world.punctual_lights, Punctual()
+        positions, axes = lights_punctual.rows(lights, key_times(0.0, self._shutter_s))
+        table.count = len(lights)
+        table.directional = self._array([int(light.kind == "directional") for light in lights], wp.int32)
+        table.intensity = self._array([light.intensity for light in lights], wp.vec3)
+        table.falloff = self._array([lights_punctual.falloff(light) for light in lights], wp.vec2)
+        table.positions = self._array(positions, wp.vec3)
+        table.axes = self._array(axes, wp.vec3)
+        self._punctual = table
+        return table
+
+    def _environment_image(self, tables: EnvironmentTables, to_world: _F64) -> Any:
+        image = EnvironmentImage()
+        image.radiance = wp.array(tables.radiance, dtype=wp.vec3, device=self._device)
+        image.rows = self._array(tables.rows, wp.float32)
+        image.columns = self._array(tables.columns.ravel(), wp.float32)
+        image.to_world = wp.mat33(*np.asarray(to_world, np.float64).ravel())
+        return image

@@ -1,0 +1,180 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018
+"""Environment maps: their radiance and how directions to them are drawn.
+
+The image is interpolated bilinearly between the centres of its texels, around the vertical without a seam. The cells
+between centres, one row more than the image has, are drawn by their mean luminance times their solid angle, by
+inverting the cumulative distribution of rows and then that of the row's columns (Pharr, Jakob, Humphreys, Physically
+Based Rendering, 4th ed., §12.5): within a cell radiance exceeds its mean four times at most, so that weights are
+bounded.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.scene import EnvironmentMap
+
+F32 = npt.NDArray[np.float32]
+F64 = npt.NDArray[np.float64]
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+STEPS = 1 << 24
+"""Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
+STEP = wp.constant(1.0 / STEPS)
+
+
+@wp.struct
+class EnvironmentImage:
+    """Radiance by row and column, and the cumulative probabilities of rows and, row by row, of columns."""
+
+    radiance: wp.array2d(dtype=wp.vec3)
+    rows: wp.array(dtype=float)
+    columns: wp.array(dtype=float)
+    to_world: wp.mat33
+
+
+@wp.struct
+class EnvironmentSample:
+    """What comes from a direction, and the density per steradian with which that direction is drawn."""
+
+    direction: wp.vec3
+    radiance: wp.vec3
+    pdf: float
+
+
+@wp.func
+def _radiance(image: EnvironmentImage, u: float, v: float) -> wp.vec3:
+    height = image.radiance.shape[0]
+    width = image.radiance.shape[1]
+    x = u * float(width) - 0.5
+    y = v * float(height) - 0.5
+    right = x - wp.floor(x)
+    down = y - wp.floor(y)
+    x0 = (wp.int32(wp.floor(x)) + width) % width
+    x1 = (x0 + 1) % width
+    y0 = wp.clamp(wp.int32(wp.floor(y)), 0, height - 1)
+    y1 = wp.clamp(wp.int32(wp.floor(y)) + 1, 0, height - 1)
+    top = image.radiance[y0, x0] * (1.0 - right) + image.radiance[y0, x1] * right
+    bottom = image.radiance[y1, x0] * (1.0 - right) + image.radiance[y1, x1] * right
+    return top * (1.0 - down) + bottom * down
+
+
+@wp.func
+def _share(cumulative: wp.array(dtype=float), first: int, index: int) -> float:
+    """Return the probability of an entry of the table that starts at ``first``."""
+    before = float(0.0)
+    if index > first:
+        before = cumulative[index - 1]
+    return cumulative[index] - before
+
+
+@wp.func
+def _inside(cumulative: wp.array(dtype=float), first: int, index: int, u: float) -> float:
+    """Return where in its entry ``u`` lies, 0 to 1; half a step up, so that it is right in the mean."""
+    before = float(0.0)
+    if index > first:
+        before = cumulative[index - 1]
+    return (u - before + 0.5 * STEP) / (cumulative[index] - before)
+
+
+@wp.func
+def _density(image: EnvironmentImage, row: int, column: int, sin_theta: float) -> float:
+    """Return the density per steradian in a cell; its rows are cut in half at the poles."""
+    height = image.radiance.shape[0]
+    width = image.radiance.shape[1]
+    first = row * width
+    cells = float(width * height)
+    if row == 0 or row == height:
+        cells = 2.0 * cells
+    probability = _share(image.rows, 0, row) * _share(image.columns, first, first + column)
+    return probability * cells / (2.0 * wp.pi * wp.pi * wp.max(sin_theta, 1.0e-7))
+
+
+@wp.func
+def environment_towards(image: EnvironmentImage, direction: wp.vec3) -> EnvironmentSample:
+    """Return what comes from a unit direction."""
+    local = wp.transpose(image.to_world) * direction
+    sin_theta = wp.sqrt(local[0] * local[0] + local[2] * local[2])
+    u = wp.atan2(local[0], -local[2]) / (2.0 * wp.pi)
+    if u < 0.0:
+        u = u + 1.0
+    v = wp.atan2(sin_theta, local[1]) / wp.pi
+    height = image.radiance.shape[0]
+    width = image.radiance.shape[1]
+    column = (wp.int32(wp.floor(u * float(width) - 0.5)) + width) % width
+    row = wp.clamp(wp.int32(wp.floor(v * float(height) + 0.5)), 0, height)
+    return EnvironmentSample(direction, _radiance(image, u, v), _density(image, row, column, sin_theta))
+
+
+@wp.func
+def sample_environment(image: EnvironmentImage, random: wp.vec2) -> EnvironmentSample:
+    """Draw a direction."""
+    height = image.radiance.shape[0]
+    width = image.radiance.shape[1]
+    row = wp.lower_bound(image.rows, random[1] + STEP)
+    first = row * width
+    column = wp.lower_bound(image.columns, first, first + width, random[0] + STEP) - first
+    across = _inside(image.columns, first, first + column, random[0])
+    down = _inside(image.rows, 0, row, random[1])
+    u = (float(column) + 0.5 + across) / float(width)
+    top = wp.max(float(row) - 0.5, 0.0)
+    bottom = wp.min(float(row) + 0.5, float(height))
+    v = (top + (bottom - top) * down) / float(height)
+    sin_theta = wp.sin(wp.pi * v)
+    phi = 2.0 * wp.pi * u
+    local = wp.vec3(sin_theta * wp.sin(phi), wp.cos(wp.pi * v), -sin_theta * wp.cos(phi))
+    return EnvironmentSample(
+        wp.normalize(image.to_world * local), _radiance(image, u, v), _density(image, row, column, sin_theta)
+    )
+
+
+@dataclass(frozen=True)
+class EnvironmentTables:
+    """A map ready for the device.
+
+    Attributes:
+        radiance: float32 ``[h, w, 3]``, the constant environment included.
+        rows: cumulative probabilities of the rows of cells, float32 ``[h + 1]``.
+        columns: those of the columns of each row, float32 ``[h + 1, w]``.
+        mean: luminance averaged over the sphere.
+    """
+
+    radiance: F32
+    rows: F32
+    columns: F32
+    mean: float
+
+
+def tabulate(environment: EnvironmentMap, constant: tuple[float, float, float]) -> EnvironmentTables:
+    """Return the tables of a map on top of a constant radiance."""
+    radiance = np.ascontiguousarray(environment.radiance, np.float32) + np.asarray(constant, np.float32)
+    height = len(radiance)
+    luminance = radiance @ LUMINANCE.astype(np.float32)
+    # Mean of the corners of each cell; the polar rows have the first and last row of texels on both sides.
+    pairs = luminance + np.roll(luminance, -1, axis=1)
+    corners = np.concatenate([2 * pairs[:1], pairs[:-1] + pairs[1:], 2 * pairs[-1:]])
+    cumulative = np.cumsum(corners, axis=1, dtype=np.float64)
+    edges = np.concatenate([[0.0], np.arange(0.5, height), [float(height)]]) * (math.pi / height)
+    # The difference of cosines as a product, which does not cancel at the poles.
+    bands = 2 * np.sin((edges[1:] + edges[:-1]) / 2) * np.sin((edges[1:] - edges[:-1]) / 2)
+    weights = cumulative[:, -1] * bands
+    total = weights.sum()
+    return EnvironmentTables(
+        radiance,
+        steps(np.cumsum(weights)),
+        steps(cumulative),
+        float(total / (4 * luminance.shape[1] * 2.0)),
+    )
+
+
+def steps(cumulative: F64) -> F32:
+    """Return running sums along the last axis as probabilities, multiples of 1 / STEPS; sums of 0 stay 0."""
+    total = cumulative[..., -1:]
+    share = np.divide(cumulative, total, out=np.zeros_like(cumulative), where=total > 0)
+    return (np.round(share * STEPS) / STEPS).astype(np.float32)
