@@ -105,12 +105,13 @@ def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int,
     from clsim.live.view.pump import Pump, paced
     from clsim.live.view.terminal import TerminalView
 
+    title = name if is_address(name) else Path(name).name
     view = TerminalView(*size)
     screen = open_screen(view)
     pump = Pump(source if is_address(name) else paced(source, speed), view)
     try:
         while not pump.wait(screen.period_s):
-            screen.paint(f"{name}  t {pump.now_us * 1e-6:.3f} s  {pump.events:,} events", pump.now_us)
+            screen.paint(f"{title}  t {pump.now_us * 1e-6:.3f} s  {pump.events:,} events", pump.now_us)
     finally:
         screen.close()
         pump.stop()

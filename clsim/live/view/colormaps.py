@@ -31,20 +31,20 @@ class _Ramps:
 
 _MAPS: dict[str, dict[Theme, _Ramps]] = {
     "blue-orange": {
-        "dark": _Ramps("0b0e14", ("15508f", "3d9bff", "cfe7ff"), ("9a5208", "ff9d2e", "ffe7c2")),
+        "dark": _Ramps("0b0e14", ("1a5a9e", "3d9bff", "a8d3ff"), ("a85a0a", "ff9d2e", "ffd9a0")),
         "light": _Ramps("ffffff", ("a9cff5", "1f6fd0", "08306b"), ("ffcf94", "e2660a", "7f2f00")),
     },
     "purple-green": {
-        "dark": _Ramps("0d0c11", ("6a2c9c", "b46cf0", "efdcff"), ("1d7a40", "4fd684", "dcfbe7")),
+        "dark": _Ramps("0d0c11", ("6a2c9c", "b060f5", "d8a8ff"), ("1d7a40", "4fd684", "9cf7bf")),
         "light": _Ramps("ffffff", ("d3b7e3", "7b2f96", "3f0050"), ("a9dfb0", "1a8043", "00441b")),
     },
     "violet-yellow": {
-        "dark": _Ramps("0c0b12", ("4a35a8", "8470ff", "d9d2ff"), ("8a7600", "ffdf3d", "fff8cf")),
+        "dark": _Ramps("0c0b12", ("4a35a8", "7c68f5", "b3a8ff"), ("8a7600", "ffdf3d", "ffee8a")),
         "light": _Ramps("ffffff", ("bcb3f0", "5a45c9", "241070"), ("f4dd7a", "c79a00", "6b5000")),
     },
     "grey": {
         "dark": _Ramps("70757d", ("454a51", "14171b", "000000"), ("a3a8af", "e4e7ea", "ffffff")),
-        "light": _Ramps("a9aeb5", ("6f747b", "2a2e33", "000000"), ("cdd1d6", "f2f4f6", "ffffff")),
+        "light": _Ramps("9aa0a8", ("62676e", "2a2e33", "000000"), ("cbd0d6", "f2f4f6", "ffffff")),
     },
 }
 NAMES = tuple(_MAPS)

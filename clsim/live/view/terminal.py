@@ -15,12 +15,12 @@ from clsim.events import EventBatch
 from clsim.live.view.accumulate import FloatImage, signed_image
 from clsim.live.view.colormaps import ZERO, lut
 
-DECAY_US = 30_000.0
+DECAY_US = 20_000.0
 """Age [µs of event time] at which an event has faded to 1/e."""
 LEVELS = 4
 """Steps of brightness for each polarity."""
-_FULL_PER_SIDE = 1.3
-"""An edge through a cell of n × n pixels fires about n events: this many times n is the brightest."""
+_FULL_PER_SIDE = 2.0
+"""An edge through a cell of n × n pixels fires about n events: this many times n make the brightest."""
 _TABLE = {level: lut()[ZERO + round(85 * level / LEVELS)] for level in range(-LEVELS, LEVELS + 1) if level}
 
 

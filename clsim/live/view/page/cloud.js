@@ -2,7 +2,9 @@
 // which looks like the image; the past recedes behind it.
 
 const MOST_POINTS = 250_000;
-const HOME = { yaw: -0.92, pitch: 0.3, distance: 3.05 };
+const HOME = { yaw: -0.92, pitch: 0.3, zoom: 1 };
+const DISTANCE = 3.4;
+const FILL = 0.86; // share of the panel that the box takes up at home
 const HALF_TIME = 1.35; // half the length of the time axis; the longer side of the sensor is 2 · HALF_SIDE
 const HALF_SIDE = 0.78;
 
@@ -85,6 +87,7 @@ export class Cloud {
     const { gl } = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.lineBuffer);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(edges.flat()), gl.STATIC_DRAW);
+    this.corners = [...now, ...past];
     this.marks = { now: [t, y + 0.1, 0], past: [-t, y + 0.1, x], x: [t, -y - 0.09, 0], y: [t, 0, -x - 0.09] };
   }
 
@@ -93,7 +96,7 @@ export class Cloud {
     const turn = (yaw, pitch, zoom) => {
       this.yaw += yaw;
       this.pitch = Math.max(-1.5, Math.min(1.5, this.pitch + pitch));
-      this.distance = Math.max(1.6, Math.min(9, this.distance * zoom));
+      this.zoom = Math.max(0.4, Math.min(8, this.zoom * zoom));
       onTurn();
     };
     canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
@@ -102,7 +105,7 @@ export class Cloud {
     });
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
-      turn(0, 0, Math.exp(event.deltaY * 0.001));
+      turn(0, 0, Math.exp(-event.deltaY * 0.001));
     }, { passive: false });
     canvas.addEventListener("dblclick", () => { this.home(); onTurn(); });
     const keys = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] };
@@ -124,7 +127,7 @@ export class Cloud {
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
     gl.enable(gl.BLEND);
-    const view = camera(this.yaw, this.pitch, this.distance, width / height);
+    const view = this.view(width / height);
     const count = this.fill(store, nowUs, depthUs);
 
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
@@ -135,8 +138,6 @@ export class Cloud {
     gl.uniform4f(colour, ...theme.line, 0.4);
     gl.drawArrays(gl.LINES, 8, 16);
 
-    // On a dark ground light adds up; on a light one colours cover each other.
-    gl.blendFunc(gl.ONE, theme.dark ? gl.ONE : gl.ONE_MINUS_SRC_ALPHA);
     gl.useProgram(this.points);
     gl.bindVertexArray(this.pointArray);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.pointBuffer);
@@ -144,13 +145,12 @@ export class Cloud {
     const at = (name) => gl.getUniformLocation(this.points, name);
     gl.uniformMatrix4fv(at("view"), false, view);
     gl.uniform3f(at("extent"), this.width, this.height, this.scale);
-    gl.uniform1f(at("size"), height * 0.0088);
-    gl.uniform1f(at("density"), Math.max(theme.dark ? 0.32 : 0.5, Math.min(1, 16_000 / Math.max(1, count))));
+    gl.uniform1f(at("size"), height * 0.0046 * this.magnified);
+    gl.uniform1f(at("density"), Math.max(0.5, Math.min(1, 16_000 / Math.max(1, count))));
     gl.uniform3f(at("onColour"), ...theme.on);
     gl.uniform3f(at("offColour"), ...theme.off);
     gl.drawArrays(gl.POINTS, 0, count);
 
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.useProgram(this.lines);
     gl.bindVertexArray(this.lineArray);
     gl.uniform4f(colour, ...theme.line, 1);
@@ -175,28 +175,52 @@ export class Cloud {
     return k >> 2;
   }
 
+  // The camera, moved so that the box stays in the middle, and as near as fills the panel at home.
+  view(aspect) {
+    const home = bounds(camera(HOME.yaw, HOME.pitch, aspect), this.corners);
+    const scale = this.magnified = this.zoom * FILL * 2 / Math.max(home.width, home.height);
+    const view = camera(this.yaw, this.pitch, aspect);
+    const { u, v } = bounds(view, this.corners);
+    for (let column = 0; column < 16; column += 4) {
+      view[column] = scale * (view[column] - u * view[column + 3]);
+      view[column + 1] = scale * (view[column + 1] - v * view[column + 3]);
+    }
+    return view;
+  }
+
   label(view) {
-    for (const [name, [x, y, z]] of Object.entries(this.marks)) {
-      const [u, v, , w] = [0, 1, 2, 3].map((row) => view[row] * x + view[4 + row] * y + view[8 + row] * z + view[12 + row]);
-      const left = (u / w + 1) / 2 * this.canvas.clientWidth, top = (1 - v / w) / 2 * this.canvas.clientHeight;
+    for (const [name, place] of Object.entries(this.marks)) {
+      const [u, v] = project(view, place);
+      const left = (u + 1) / 2 * this.canvas.clientWidth, top = (1 - v) / 2 * this.canvas.clientHeight;
       this.labels[name].style.transform = `translate(${left.toFixed(1)}px, ${top.toFixed(1)}px) translate(-50%, -50%)`;
     }
   }
 }
 
 // Projection · distance · pitch · yaw, by columns as WebGL wants it.
-function camera(yaw, pitch, distance, aspect) {
+function camera(yaw, pitch, aspect) {
   const [sy, cy, sp, cp] = [Math.sin(yaw), Math.cos(yaw), Math.sin(pitch), Math.cos(pitch)];
-  const focal = 1.9 * Math.min(1, aspect / 1.25), near = 0.1, far = 30;
+  const near = 0.1, far = 30;
   const rotation = [[cy, 0, sy], [sp * sy, cp, -sp * cy], [-cp * sy, sp, cp * cy]];
   const depth = (far + near) / (near - far), shift = 2 * far * near / (near - far);
   const view = new Float32Array(16);
   for (let column = 0; column < 3; column++) {
     const [x, y, z] = rotation.map((row) => row[column]);
-    view.set([x * focal / aspect, y * focal, z * depth, -z], 4 * column);
+    view.set([x / aspect, y, z * depth, -z], 4 * column);
   }
-  view.set([0, 0, -distance * depth + shift, distance], 12);
+  view.set([0, 0, -DISTANCE * depth + shift, DISTANCE], 12);
   return view;
+}
+
+function project(view, [x, y, z]) {
+  const [u, v, , w] = [0, 1, 2, 3].map((row) => view[row] * x + view[4 + row] * y + view[8 + row] * z + view[12 + row]);
+  return [u / w, v / w];
+}
+
+function bounds(view, places) {
+  const seen = places.map((place) => project(view, place));
+  const [[left, right], [bottom, top]] = [0, 1].map((k) => [Math.min(...seen.map((p) => p[k])), Math.max(...seen.map((p) => p[k]))]);
+  return { u: (left + right) / 2, v: (bottom + top) / 2, width: right - left, height: top - bottom };
 }
 
 function program(gl, vertex, fragment) {

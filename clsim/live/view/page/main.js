@@ -18,7 +18,7 @@ const rate = new Rate($("rate").parentElement, $("rate"), $("rate-tip"), seek);
 $("no-webgl").hidden = cloud.gl !== null;
 
 const saved = JSON.parse(localStorage.getItem("clsim") || "{}");
-const settings = { windowUs: 30_000, depthUs: 300_000, full: 2, decay: false, colours: "blue-orange", theme: null, ...saved };
+const settings = { windowUs: 30_000, depthUs: 300_000, full: 3, decay: false, colours: "blue-orange", theme: null, ...saved };
 let hello = null, status = {}, tables = {}, look = null, socket = null;
 let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, total = 0, lastSeekS = 0, ended = false;
 

@@ -1,0 +1,184 @@
+"""``clsim view``, ``clsim convert`` and ``--view`` as they are typed."""
+
+import os
+import pty
+import re
+import subprocess
+import sys
+import threading
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import clsim as library
+from clsim.cli import watch
+from clsim.errors import InputError
+from clsim.events.files import open_sink
+from tests.live.view_events import random_events
+
+EVENTS = random_events(2000, 20, 10)
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "events.aedat4"
+    sink = open_sink(path, 20, 10)
+    sink.write(EVENTS)
+    sink.close()
+    return path
+
+
+def test_convert(clsim: Callable[..., object], recording: Path, tmp_path: Path) -> None:
+    outcome = clsim("convert", recording, tmp_path / "events.txt")
+    assert outcome.status == 0 and outcome.stdout == "" and "2,000 events" in outcome.stderr
+    assert np.array_equal(np.concatenate(list(library.open(tmp_path / "events.txt"))), EVENTS)
+
+
+def test_convert_a_broken_file(clsim: Callable[..., object], tmp_path: Path) -> None:
+    (tmp_path / "a.aedat4").write_bytes(b"no such thing")
+    outcome = clsim("convert", tmp_path / "a.aedat4", tmp_path / "b.txt")
+    assert outcome.status == 2 and "a.aedat4" in outcome.stderr and len(outcome.stderr.splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["a.aedat4"]
+
+
+def test_view_to_a_picture(clsim: Callable[..., object], recording: Path, tmp_path: Path) -> None:
+    arguments = ("--colors", "grey", "--theme", "light", "--scale", "3", "--at", "500ms", "--decay")
+    outcome = clsim("view", recording, "--to", tmp_path / "still.png", *arguments)
+    assert outcome.status == 0
+    with Image.open(tmp_path / "still.png") as picture:
+        assert picture.size == (60, 30)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--to", "film.avi"], ".mp4"),
+        (["--to", "film.gif", "--fps", "0"], "--fps"),
+        (["--to", "film.gif", "--accumulate", "soon"], "--accumulate"),
+        (["--to", "film.gif", "--scale", "0"], "--scale"),
+        (["--to", "film.gif", "--resolution", "5"], "--resolution"),
+        (["--port", "http"], "--port"),
+        (["--port", "99999"], "--port"),
+        (["--view", "hologram"], "hologram"),
+        (["--view", "terminal"], "terminal"),
+    ],
+)
+def test_wrong_options(clsim: Callable[..., object], recording: Path, arguments: list[str], sentence: str) -> None:
+    outcome = clsim("view", recording, *arguments)
+    assert outcome.status == 2 and sentence in outcome.stderr and len(outcome.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        (["still", "--view"], ["still", "--view", "web"]),
+        (["--view", "still"], ["--view", "web", "still"]),
+        (["--view", "terminal", "still"], ["--view", "terminal", "still"]),
+        (["--view", "--loop", "still"], ["--view", "web", "--loop", "still"]),
+        (["--view=none", "still"], ["--view=none", "still"]),
+        (["still", "--", "--view"], ["still", "--", "--view"]),
+    ],
+)
+def test_a_bare_view_means_the_page(typed: list[str], meant: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    heard: list[list[str]] = []
+    monkeypatch.setattr(watch.TyperCommand, "parse_args", lambda self, ctx, args: heard.append(list(args)) or [])
+    watch.BareViewCommand("live").parse_args(None, typed)
+    assert heard == [meant]
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        (None, {}),
+        ("8080", {"host": "127.0.0.1", "port": 8080}),
+        ("0.0.0.0:80", {"host": "0.0.0.0", "port": 80}),
+        ("[::1]:0", {"host": "::1", "port": 0}),
+    ],
+)
+def test_ports(text: str | None, meant: dict[str, object]) -> None:
+    assert watch.host_and_port(text) == meant
+
+
+@pytest.mark.parametrize("text", ["", ":", "x", "1.5", "host:", "65536", "-1"])
+def test_wrong_ports(text: str) -> None:
+    with pytest.raises(InputError, match="--port"):
+        watch.host_and_port(text)
+
+
+def test_the_page_of_a_recording_is_served_until_ctrl_c(recording: Path) -> None:
+    pytest.importorskip("aiohttp", reason="the page is an extra")
+    process = subprocess.Popen(
+        [sys.executable, "-m", "clsim", "view", str(recording), "--port", "0"], stderr=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stderr is not None
+        url = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
+        assert url is not None
+        with urllib.request.urlopen(url[0], timeout=10) as answer:
+            assert b"clsim" in answer.read()
+        process.send_signal(2)
+        assert process.wait(10) == 130
+    finally:
+        process.kill()
+        process.wait()
+
+
+def in_terminal(*arguments: object) -> tuple[int, str]:
+    """Run a command in a terminal of its own; return its exit status and all it printed."""
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ.update(TERM="xterm-256color", COLORTERM="truecolor", COLUMNS="60", LINES="20")
+        os.environ.pop("NO_COLOR", None)
+        os.execv(sys.executable, [sys.executable, "-m", "clsim", *map(str, arguments)])
+    killer = threading.Timer(60, os.kill, (pid, 9))
+    killer.start()
+    printed = b""
+    try:
+        while data := os.read(terminal, 1 << 16):
+            printed += data
+    except OSError:  # the other end is closed
+        pass
+    _, status = os.waitpid(pid, 0)
+    killer.cancel()
+    os.close(terminal)
+    return os.waitstatus_to_exitcode(status), printed.decode()
+
+
+def test_a_recording_plays_in_a_terminal(recording: Path) -> None:
+    status, printed = in_terminal("view", recording, "--view", "terminal", "--speed", "4")
+    assert status == 0
+    assert "▀" in printed and "38;2;" in printed and "events.aedat4" in printed
+    assert printed.count("\x1b[?2026h") > 1 and printed.rstrip().endswith("\x1b[?25h")
+
+
+def test_a_live_run_shows_itself_in_a_terminal() -> None:
+    run = ("live", "two-boxes", "--resolution", "64x48", "--spp", "2", "--duration", "60ms")
+    status, printed = in_terminal(*run)
+    assert status == 0 and "\x1b[?2026h" in printed and "frames/s" in printed and "\x1b[?25h" in printed
+
+
+@pytest.mark.parametrize(
+    ("tty", "outputs", "as_json", "view"),
+    [
+        (True, (), False, "terminal"),
+        (False, (), False, "none"),
+        (True, ("events.txt",), False, "none"),
+        (True, (), True, "none"),
+    ],
+)
+def test_what_is_shown_unless_told(
+    monkeypatch: pytest.MonkeyPatch, tty: bool, outputs: tuple[str, ...], as_json: bool, view: str
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: tty)
+    assert watch.default_view(outputs, as_json=as_json) == view
+
+
+def test_the_terminal_and_events_on_standard_output_exclude_each_other(clsim: Callable[..., object]) -> None:
+    outcome = clsim("live", "still", "--view", "terminal", "--out", "-")
+    assert outcome.status == 2 and "--view terminal and --out -" in outcome.stderr

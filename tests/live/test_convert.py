@@ -1,0 +1,149 @@
+import json
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.events import EventBatch, SinkError
+from clsim.events.files import open_sink
+from clsim.events.sockets import open_socket_sink
+from clsim.live import convert as convert_module
+from clsim.live.convert import convert_events
+from clsim.live.open import sensor_size
+from tests.live.view_events import random_events
+
+WIDTH, HEIGHT = 40, 30
+EVENTS = random_events(20_000, WIDTH, HEIGHT)
+EVENTS.sort(order=["t", "y", "x"])
+
+
+def record(path: Path) -> Path:
+    sink = open_sink(path, WIDTH, HEIGHT)
+    sink.write(EVENTS)
+    sink.close()
+    return path
+
+
+def read(path: Path) -> EventBatch:
+    with clsim.open(path) as source:
+        return np.concatenate(list(source))
+
+
+@pytest.mark.parametrize("target", ["b.txt", "b.csv", "b.aedat4", "b.raw", "b.npz", "b.h5"])
+@pytest.mark.parametrize("source", ["a.aedat4", "a.txt"])
+def test_every_event_arrives(tmp_path: Path, source: str, target: str) -> None:
+    heard: list[tuple[int, int]] = []
+    name = record(tmp_path / source)
+    count = convert_events(str(name), str(tmp_path / target), (WIDTH, HEIGHT), lambda *told: heard.append(told))
+    assert count == len(EVENTS) and heard[-1] == (count, EVENTS["t"][-1])
+    assert np.array_equal(read(tmp_path / target), EVENTS)
+
+
+def test_the_sidecar_comes_along_and_tells_the_size(tmp_path: Path) -> None:
+    record(tmp_path / "a.txt")
+    about = {"camera": {"width": 99, "height": 77, "fov_deg": 60}, "options": {"spp": 4}, "clsim_version": "old"}
+    (tmp_path / "a.txt.json").write_text(json.dumps(about))
+    convert_events(str(tmp_path / "a.txt"), str(tmp_path / "b.aedat4"))
+    told = json.loads((tmp_path / "b.aedat4.json").read_text())
+    assert told == about | {"converted_from": str(tmp_path / "a.txt"), "events": len(EVENTS)}
+    with clsim.open(tmp_path / "b.aedat4") as source:
+        assert (source.width, source.height) == (99, 77)
+
+
+def test_the_size_is_found_out_where_nothing_tells_it(tmp_path: Path) -> None:
+    name = str(record(tmp_path / "a.txt"))
+    with clsim.open(name) as source:
+        assert sensor_size(name, source, None) == (EVENTS["x"].max() + 1, EVENTS["y"].max() + 1)
+        assert sensor_size(name, source, (640, 480)) == (640, 480)
+    Path(f"{name}.json").write_text('{"camera": {"width": -3, "height": "many"}}')
+    with clsim.open(name) as source:
+        assert sensor_size(name, source, None) == (EVENTS["x"].max() + 1, EVENTS["y"].max() + 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "target", "sentence"),
+    [
+        (None, "b.txt", "a.txt"),
+        ("no events\n", "b.txt", "a.txt"),
+        ("1 2 3 1\n", "b.what", "b.what.*ending"),
+        ("1 2 3 1\n", "no/b.txt", "no/b.txt.*cannot be written"),
+        ("1 2 3 1\n", "a.txt", "another name"),
+        ("", "b.txt", "no events"),
+    ],
+)
+def test_what_fails_at_open_leaves_nothing_behind(tmp_path: Path, text: str | None, target: str, sentence: str) -> None:
+    if text is not None:
+        (tmp_path / "a.txt").write_text(text)
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match=sentence):
+        convert_events(str(tmp_path / "a.txt"), str(tmp_path / target))
+    assert sorted(tmp_path.iterdir()) == before
+    if text is not None:
+        assert (tmp_path / "a.txt").read_text() == text
+
+
+def test_a_source_that_is_damaged_later_leaves_nothing_behind(tmp_path: Path) -> None:
+    name = record(tmp_path / "a.txt")
+    with name.open("a") as file:
+        file.write("9999999 1 zwei 1\n" + "9999999 1 2 1\n" * 3)
+    # The size is given: without it, the search for it would already find the damage.
+    with pytest.raises(InputError, match=r"a\.txt"):
+        convert_events(str(name), str(tmp_path / "b.txt"), (WIDTH, HEIGHT))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_a_target_that_fails_later_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class FullDisk:
+        def write(self, batch: EventBatch) -> None:
+            raise SinkError("b.txt: no space left")
+
+        def close(self) -> None:
+            raise SinkError("b.txt: still none")
+
+    def open_full(name: str, width: int, height: int) -> FullDisk:
+        Path(name).touch()
+        return FullDisk()
+
+    monkeypatch.setattr(convert_module, "open_output", open_full)
+    name = record(tmp_path / "a.aedat4")
+    with pytest.raises(SinkError, match="no space left"):
+        convert_events(str(name), str(tmp_path / "b.txt"))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.aedat4"]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupted: bool) -> None:
+    server = open_socket_sink(f"unix://{tmp_path}/events.sock", WIDTH, HEIGHT)
+    sent = threading.Event()
+
+    def serve() -> None:
+        server.wait_for_clients(1, 10)
+        for start in range(0, len(EVENTS), 500):
+            server.write(EVENTS[start : start + 500])
+        if not interrupted:
+            time.sleep(0.05)
+            server.close()
+        sent.set()
+
+    def progress(events: int, _: int) -> None:
+        if interrupted and events == len(EVENTS):
+            raise KeyboardInterrupt
+
+    thread = threading.Thread(target=serve)
+    thread.start()
+    target = tmp_path / "b.aedat4"
+    try:
+        if interrupted:
+            with pytest.raises(KeyboardInterrupt):
+                convert_events(f"unix://{tmp_path}/events.sock", str(target), None, progress)
+        else:
+            convert_events(f"unix://{tmp_path}/events.sock", str(target), None, progress)
+    finally:
+        thread.join(10)
+        server.close()
+    assert sent.is_set() and np.array_equal(read(target), EVENTS)
+    assert json.loads(Path(f"{target}.json").read_text())["events"] == len(EVENTS)

@@ -1,0 +1,206 @@
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.events import EventBatch
+from clsim.events.files import open_sink, open_source
+from tests.live.view_events import random_events
+
+pytest.importorskip("aiohttp", reason="the page is an extra")
+
+from clsim.live.view import player as player_module
+from clsim.live.view.player import Overview, Player
+from clsim.live.view.pump import Pump, paced
+
+WIDTH, HEIGHT = 20, 10
+EVENTS = random_events(5000, WIDTH, HEIGHT, begin_us=3_000_000, end_us=5_000_000)
+
+
+class Browser:
+    """Takes the place of the hub's only watcher, so that tests see what would be sent."""
+
+    def __init__(self, player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.events: list[EventBatch] = []
+        self.seeks: list[int] = []
+        self.texts: dict[str, dict[str, Any]] = {}
+        hub = player._server.hub
+        monkeypatch.setattr(hub, "offer", lambda batch, now_us: self.events.append(batch.copy()))
+        monkeypatch.setattr(hub, "seek", self.seek)
+        monkeypatch.setattr(hub, "tell", lambda kind, text: self.texts.update({kind: json.loads(text)}))
+        self.player = player
+
+    def seek(self, now_us: int) -> None:
+        self.seeks.append(now_us)
+        self.events.clear()
+
+    def send(self, command: str, value: Any = None) -> None:
+        self.player._command({"command": command, "value": value})
+
+    @property
+    def seen(self) -> EventBatch:
+        return np.concatenate(list(self.events)) if self.events else EVENTS[:0]
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    path = tmp_path / "events.aedat4"
+    sink = open_sink(path, WIDTH, HEIGHT)
+    for start in range(0, len(EVENTS), 300):
+        sink.write(EVENTS[start : start + 300])
+    sink.close()
+    return path
+
+
+@pytest.fixture
+def browser(recording: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Browser]:
+    player = Player(lambda: open_source(recording), "a test", WIDTH, HEIGHT, port=0)
+    yield Browser(player, monkeypatch)
+    player.close()
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen within 10 s"
+        time.sleep(0.005)
+
+
+def test_nothing_plays_before_somebody_watches_and_then_everything_does(browser: Browser) -> None:
+    time.sleep(0.1)
+    assert not len(browser.seen)
+    browser.send("loop", False)
+    browser.send("speed", 10)
+    browser.send("joined")
+    wait_until(lambda: not browser.player._status()["playing"])
+    assert np.array_equal(browser.seen, EVENTS)
+    assert browser.player._status()["position_us"] == EVENTS["t"][-1]
+
+
+@pytest.mark.parametrize("targets", [(4_500_000,), (4_800_000, 3_700_000), (3_200_000, 3_100_000), (0,), (99_000_000,)])
+def test_a_seek_shows_the_second_before_it(browser: Browser, targets: tuple[int, ...]) -> None:
+    browser.send("play", False)
+    browser.send("joined")
+    for count, target in enumerate(targets, start=1):
+        browser.send("seek", target)
+        wait_until(lambda count=count: len(browser.seeks) == count)
+    reached = min(max(targets[-1], int(EVENTS["t"][0])), int(EVENTS["t"][-1]))
+    wait_until(lambda: browser.player._seek_us is None)
+    time.sleep(0.05)
+    assert browser.seeks[-1] == reached
+    begin_us = max(targets[-1], int(EVENTS["t"][0])) - player_module.PREROLL_US
+    wanted = EVENTS[(EVENTS["t"] >= begin_us) & (EVENTS["t"] < max(targets[-1], 0))]
+    assert np.array_equal(browser.seen, wanted)
+    assert not browser.player._status()["playing"]
+
+
+def test_play_goes_on_from_a_seek(browser: Browser) -> None:
+    browser.send("play", False)
+    browser.send("joined")
+    browser.send("seek", 4_000_000)
+    wait_until(lambda: bool(browser.seeks))
+    browser.send("loop", False)
+    browser.send("speed", 10)
+    browser.send("play", True)
+    wait_until(lambda: not browser.player._status()["playing"])
+    assert np.array_equal(browser.seen, EVENTS[EVENTS["t"] >= 3_000_000])
+    assert np.unique(browser.seen["t"]).size == np.unique(EVENTS["t"]).size
+
+
+def test_a_loop_begins_anew(browser: Browser) -> None:
+    browser.send("speed", 10)
+    browser.send("joined")
+    wait_until(lambda: len(browser.seeks) >= 2)
+    assert set(browser.seeks) == {int(EVENTS["t"][0])}
+
+
+def test_the_speed_is_kept_within_reason(browser: Browser) -> None:
+    for value, expected in ((0.1, 0.1), (1e9, 10.0), (-4, 0.001)):
+        browser.send("speed", value)
+        assert browser.player._status()["speed"] == expected
+
+
+def test_the_overview_counts_the_whole_file(browser: Browser) -> None:
+    wait_until(lambda: browser.player._overview.complete)
+    browser.send("joined")
+    overview = browser.texts["overview"]
+    assert overview["begin_us"] == EVENTS["t"][0] and overview["end_us"] == EVENTS["t"][-1] and overview["complete"]
+    assert sum(overview["on"]) == EVENTS["on"].sum() and sum(overview["off"]) == (~EVENTS["on"]).sum()
+
+
+@pytest.mark.parametrize("step", [7, 1000, 5000])
+def test_bins_of_an_overview_are_a_histogram(step: int) -> None:
+    overview = Overview()
+    for start in range(0, len(EVENTS), step):
+        overview.add(EVENTS[start : start + step])
+    told = overview.as_dict()
+    assert len(told["on"]) <= player_module.OVERVIEW_BINS
+    edges = told["begin_us"] + told["bin_us"] * np.arange(len(told["on"]) + 1)
+    for name, events in (("on", EVENTS[EVENTS["on"]]), ("off", EVENTS[~EVENTS["on"]])):
+        assert told[name] == np.histogram(events["t"], edges)[0].tolist()
+
+
+def test_a_damaged_recording_is_told(recording: Path) -> None:
+    data = bytearray(recording.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 400] = b"\xff" * 400
+    recording.write_bytes(data)
+    player = Player(lambda: open_source(recording), "a test", WIDTH, HEIGHT, port=0)
+    try:
+        with pytest.raises(InputError, match=r"events\.aedat4"):
+            player.wait(10)
+        assert "events.aedat4" in player._status()["error"]
+    finally:
+        player.close()
+
+
+def test_an_empty_recording_is_told(tmp_path: Path) -> None:
+    (tmp_path / "empty.txt").write_text("# nothing\n")
+    player = Player(lambda: open_source(tmp_path / "empty.txt"), "a test", WIDTH, HEIGHT, port=0)
+    try:
+        with pytest.raises(InputError, match="no events"):
+            player.wait(10)
+    finally:
+        player.close()
+
+
+class ListSink:
+    def __init__(self) -> None:
+        self.batches: list[EventBatch] = []
+        self.closed = 0
+
+    def write(self, batch: EventBatch) -> None:
+        self.batches.append(batch.copy())
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+def test_pacing_loses_and_reorders_nothing_and_takes_its_time() -> None:
+    sink = ListSink()
+    events = EVENTS[EVENTS["t"] < 3_200_000]
+    began_s = time.monotonic()
+    pump = Pump(paced([events[:100], events[100:]], speed=2.0), sink)
+    while not pump.wait(0.1):
+        pass
+    assert np.array_equal(np.concatenate(sink.batches), events) and sink.closed == 1
+    assert pump.events == len(events) and pump.now_us == events["t"][-1]
+    assert time.monotonic() - began_s >= int(events["t"][-1] - events["t"][0]) * 1e-6 / 2
+
+
+def test_a_pump_raises_what_the_source_raises_and_closes_the_sink() -> None:
+    def broken() -> Iterator[EventBatch]:
+        yield EVENTS[:10]
+        raise InputError("events.txt: line 11 is torn")
+
+    sink = ListSink()
+    pump = Pump(broken(), sink)
+    with pytest.raises(InputError, match="line 11"):
+        while not pump.wait(0.1):
+            pass
+    assert len(sink.batches) == 1 and sink.closed == 1
