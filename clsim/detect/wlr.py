@@ -18,6 +18,8 @@ _TILE = {16: 5, 8: 3, 4: 3, 1: 3}
 """Side of the register tile by vector width: CPUs with 512-bit registers have twice as many of them."""
 _RUN = 8
 """Vectors of a row whose extremes one work-item finds on a CPU."""
+_STRIP = 4
+"""Vectors of a row that go down the columns together on a CPU."""
 _BIG = {"float32": 3e38, "float64": 1e300}
 """Larger than any value (BIG in common.clh)."""
 
@@ -55,9 +57,10 @@ class Regression:
         reach = config.window // 2 // config.stride * config.stride
         macros: dict[str, object] = {"REACH": reach, "STEP": config.stride, "TAPS": 2 * (reach // config.stride) + 1}
         names = ("minmax_columns", "minmax_rows")
-        run = _RUN if workplace.device.is_cpu else 1
-        self._columns, self._rows = workplace.kernels("minmax", names, {**macros, "RUN": run})
-        self._rows_size = (-(-layout.span // (run * layout.lanes)), layout.height * 2 * layout.features)
+        run, strip = (_RUN, _STRIP) if workplace.device.is_cpu else (1, 1)
+        self._columns, self._rows = workplace.kernels("minmax", names, {**macros, "RUN": run, "STRIP": strip})
+        self._columns_size = (-(-layout.span // (strip * layout.lanes)), layout.features)
+        self._rows_size = (-(-layout.span // (run * layout.lanes)), layout.height)
         macros["TILE"] = _TILE[workplace.device.lanes]
         prefix = ""
         if config.kernel == "epanechnikov":
@@ -90,8 +93,8 @@ class Regression:
         if layout.features == 0:
             return
         self._workplace.launch(
-            self._columns, (layout.span // layout.lanes, layout.features), self._packed,
-            np.int64(slot * self.packed_size), layout.pitch, layout.height, self._column_extremes,
+            self._columns, self._columns_size, self._packed,
+            np.int64(slot * self.packed_size), layout.pitch, layout.span, layout.height, self._column_extremes,
         )  # fmt: skip
         self._workplace.launch(
             self._rows, self._rows_size, self._column_extremes, layout.pitch, layout.span,
