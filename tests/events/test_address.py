@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import socket
+
 import pytest
 
 from clsim.errors import InputError
-from clsim.events.address import Address, parse_address
+from clsim.events.address import Address, parse_address, resolve
 from clsim.events.socket_sources import open_socket_source
 from clsim.events.sockets import open_socket_sink
 
@@ -28,6 +30,12 @@ def test_addresses_taken_apart() -> None:
     )
     assert parts("unix:///run/a b.sock") == ("unix", "", 0, "/run/a b.sock", {})
     assert parts("-") == ("-", "", 0, "", {})
+
+
+def test_ipv4_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [(socket.AF_INET6, 1, 6, "", ("::1", 7, 0, 0)), (socket.AF_INET, 1, 6, "", ("127.0.0.1", 7))]
+    monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: found)
+    assert resolve(parse_address("tcp://localhost:7")) == (socket.AF_INET, ("127.0.0.1", 7))
 
 
 @pytest.mark.parametrize(

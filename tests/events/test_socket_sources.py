@@ -137,7 +137,7 @@ def connect_when_up(url: str) -> SocketSource:
 
 
 def test_other_streams_and_empty_packets_are_passed_over() -> None:
-    with serving(HEADER, struct.pack("<ii", 7, 5), b"frame", packet(EVENTS[:0]), packet(EVENTS)) as url:
+    with serving(HEADER, struct.pack("<ii", 7, 5), b"frame", damaged_packet(put(28, "<I", 0)), packet(EVENTS)) as url:
         (got,) = open_socket_source(url)
     np.testing.assert_array_equal(got, EVENTS)
 
@@ -248,7 +248,7 @@ def test_silence_ends_the_iteration_when_asked() -> None:
         left.set()
 
 
-@pytest.mark.parametrize("rest", [b"", packet(EVENTS)[:50]])
+@pytest.mark.parametrize("rest", [b"", packet(EVENTS)[:50]], ids=["between", "within"])
 def test_close_by_another_thread_ends_the_iteration(rest: bytes) -> None:
     left = threading.Event()
     with serving(HEADER, packet(EVENTS), rest, linger=left) as url:
