@@ -8,7 +8,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.motion import Matrix, compose
-from clsim.scene.world import Mesh
+from clsim.scene.world import Mesh, Vec3
 
 MAX_BAKED_TRIANGLES = 20_000_000
 
@@ -61,3 +61,43 @@ def placed_rigidly(meshes: list[Mesh], index: int, matrix: Matrix) -> tuple[int,
         raise InputError(f"stretched copies of meshes have more than {MAX_BAKED_TRIANGLES} triangles in all")
     meshes.append(transformed(meshes[index], linear))
     return len(meshes) - 1, compose(matrix[:3, 3], np.eye(3))
+
+
+def flipped_v(affine: Matrix) -> tuple[Vec3, Vec3]:
+    """Return a 3×3 transform of texture coordinates with v down as the 2×3 one for coordinates with v up."""
+    flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
+    (a, b, c), (d, e, f) = (flip @ affine @ flip)[:2].tolist()
+    return (a, b, c), (d, e, f)
+
+
+def smooth_normals(mesh: Mesh) -> Mesh:
+    """Return the mesh with normals at its vertices: those of the faces around, weighted by their angles there.
+
+    Source: Thürmer and Wüthrich, "Computing vertex normals from polygonal facets", JGT 1998.
+    """
+    corners = mesh.vertices.astype(np.float64)[mesh.triangles]
+    face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    face /= np.maximum(np.linalg.norm(face, axis=1, keepdims=True), 1e-30)
+    normals = np.zeros((len(mesh.vertices), 3))
+    for k in range(3):
+        a, b = corners[:, (k + 1) % 3] - corners[:, k], corners[:, (k + 2) % 3] - corners[:, k]
+        lengths = np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1)
+        cosine = np.einsum("ij,ij->i", a, b) / np.maximum(lengths, 1e-30)
+        np.add.at(normals, mesh.triangles[:, k], face * np.arccos(np.clip(cosine, -1.0, 1.0))[:, None])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
+    return replace(mesh, normals=np.ascontiguousarray(normals, np.float32))
+
+
+def joined(meshes: list[Mesh]) -> Mesh:
+    """Return several meshes as one; normals stay where all have them, and missing texture coordinates are 0."""
+    first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    uvs = [np.zeros((len(mesh.vertices), 2), np.float32) if mesh.uvs is None else mesh.uvs for mesh in meshes]
+    normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        triangles=np.concatenate([m.triangles + np.int32(start) for m, start in zip(meshes, first, strict=False)]),
+        material_ids=np.concatenate([mesh.material_ids for mesh in meshes]),
+        normals=np.concatenate(normals) if len(normals) == len(meshes) else None,
+        uvs=np.concatenate(uvs) if any(mesh.uvs is not None for mesh in meshes) else None,
+    )

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.scene.motion import Matrix, slerp
+from clsim.scene.rigid import without_scale
 from clsim.scene.world import F32, I32
 
 F64 = npt.NDArray[np.float64]
@@ -248,14 +249,6 @@ class MeshDeformation:
             upright = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
             normals = np.ascontiguousarray(upright, np.float32)
         return np.ascontiguousarray(vertices, np.float32), normals
-
-
-def without_scale(matrix: Matrix) -> Matrix:
-    """Return the nearest pose without scale, shear or mirror (polar decomposition of the 3×3 part)."""
-    u, _, vt = np.linalg.svd(matrix[:3, :3])
-    pose: Matrix = matrix.copy()
-    pose[:3, :3] = u @ np.diag((1.0, 1.0, float(np.sign(np.linalg.det(u @ vt))))) @ vt
-    return pose
 
 
 def _cofactors(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
+from clsim.scene.geometry import flipped_v
 from clsim.scene.gltf_accessors import EXTENSIONS, GltfFile
 from clsim.scene.images import U8, PixelBudget, decode_rgba
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
@@ -189,6 +190,4 @@ def _uv_matrix(transform: schema.TextureTransform | None) -> tuple[Vec3, Vec3]:
     c, s = math.cos(transform.rotation), math.sin(transform.rotation)
     (sx, sy), (x, y) = transform.scale, transform.offset
     down = np.array([[c * sx, s * sy, x], [-s * sx, c * sy, y], [0.0, 0.0, 1.0]])
-    flip = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]])
-    (a, b, e), (d, f, g) = (flip @ down @ flip)[:2].tolist()
-    return (a, b, e), (d, f, g)
+    return flipped_v(down)

@@ -19,11 +19,12 @@ from clsim.scene import gltf_schema as schema
 from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, lamp, orbiting_camera
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
-from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree, without_scale
+from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
 from clsim.scene.gltf_materials import MaterialReader
 from clsim.scene.gltf_meshes import Geometry, read_geometry
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
+from clsim.scene.rigid import without_scale
 from clsim.scene.world import Camera, Instance, Mesh, PunctualLight, Vec3, World
 
 LUMENS_PER_WATT = 683.0

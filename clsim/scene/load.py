@@ -14,11 +14,11 @@ from clsim.scene.drift import drifting
 from clsim.scene.validate import validate
 from clsim.scene.world import World
 
-MESH_SUFFIXES = (".gltf", ".glb", ".obj", ".ply")
+SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml")
 
 
 def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, strict: bool = False) -> World:
-    """Load a bundled scene by name, or a file: TOML, glTF, OBJ or PLY.
+    """Load a bundled scene by name, or a file: TOML, glTF, OBJ, PLY or Mitsuba's XML.
 
     ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
     set in motion; a TOML's stays where it is.
@@ -64,7 +64,7 @@ def _load(scene: str | Path) -> World:
         name, _, animation = path.name.rpartition("#")
         path = path.with_name(name or "#")
     suffix = path.suffix.lower()
-    if suffix not in (".toml", *MESH_SUFFIXES):
+    if suffix not in SUFFIXES:
         return _load_bundled(str(scene))
     if not path.is_file():
         raise InputError(f"{path}: no such file, expected a scene")
@@ -82,6 +82,10 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
         from clsim.scene.gltf_scene import load_gltf
 
         return load_gltf(path, animation)
+    if suffix == ".xml":
+        from clsim.scene.mitsuba_scene import load_mitsuba
+
+        return load_mitsuba(path)
     from clsim.scene.trimesh_scene import load_bare
 
     return load_bare(path)
@@ -96,7 +100,7 @@ def _load_bundled(name: str) -> World:
         hint = f"did you mean {close[0]}? " if close else ""
         raise InputError(
             f"there is no scene {name!r}: {hint}expected one of {', '.join(names)}, "
-            f"or a file ending in .toml, {', '.join(MESH_SUFFIXES)}"
+            f"or a file ending in {', '.join(SUFFIXES)}"
         )
     with as_file(files("clsim.scenes") / f"{name}.toml") as path:
         return load_toml(path)

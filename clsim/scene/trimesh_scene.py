@@ -13,11 +13,10 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.scene.files import inside_folder
 from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
-from clsim.scene.geometry import placed_rigidly
+from clsim.scene.geometry import joined
 from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
-from clsim.scene.motion import Static
 from clsim.scene.parts import Parts
-from clsim.scene.world import ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
+from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
 
 MAX_FILE_BYTES = 1 << 30
 F64 = npt.NDArray[np.float64]
@@ -49,11 +48,35 @@ def load_bare(path: Path) -> World:
 
 
 def load_parts(path: Path) -> Parts:
-    """Load the meshes of a file, their colours and places; units are kept.
+    """Load the meshes of a file and their materials; units are kept.
 
     Raises:
         InputError: one sentence that names the file and what is wrong with it.
     """
+    notes: list[str] = []
+    reader = _Materials(path, notes)
+    meshes: list[Mesh] = []
+    instances: list[Instance] = []
+    for name, geometry in _geometries(path, notes, materials=True).items():
+        instances.append(Instance(len(meshes), IDENTITY, name))
+        meshes.append(_mesh(path, name, geometry, len(reader.materials)))
+        reader.materials.append(reader.read(name, geometry))
+    return Parts(meshes, reader.materials, reader.textures, instances, warnings=notes)
+
+
+def load_triangles(path: Path) -> Mesh:
+    """Load a file as one mesh, all of material 0; its materials are not read.
+
+    Raises:
+        InputError: as `load_parts`.
+    """
+    geometries = _geometries(path, [], materials=False)
+    meshes = [_mesh(path, name, geometry, 0) for name, geometry in geometries.items()]
+    return meshes[0] if len(meshes) == 1 else joined(meshes)
+
+
+def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, Any]:
+    """Return trimesh's meshes of a file by name."""
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 30} GiB, expected a smaller mesh file")
@@ -61,7 +84,6 @@ def load_parts(path: Path) -> Parts:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     suffix = path.suffix.lower()
-    notes: list[str] = []
     declared: dict[str, int] = {}
     if suffix == ".ply":
         from clsim.scene.ply import check_ply
@@ -69,45 +91,30 @@ def load_parts(path: Path) -> Parts:
         declared = check_ply(path, data)
     elif suffix != ".obj":
         raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
-    scene = _read(path, data, suffix)
-    reader = _Materials(path, notes)
-    meshes: list[Mesh] = []
-    indices: dict[str, int] = {}
-    for name, geometry in scene.geometry.items():
+    found = {}
+    for name, geometry in _read(path, data, suffix, materials=materials).geometry.items():
         if not hasattr(geometry, "faces"):
             notes.append(f"{path.name}: {name} has points or lines only and is left out")
             continue
         if len(geometry.vertices) < declared.get("vertex", 0) or len(geometry.faces) < declared.get("face", 0):
             raise InputError(f"{path}: ends before its {declared['vertex']} vertices and all faces: it is truncated")
-        indices[name] = len(meshes)
-        meshes.append(_mesh(path, name, geometry, len(reader.materials)))
-        reader.materials.append(reader.read(name, geometry))
-    placements = []
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
-        if name in indices:
-            placements.append((indices[name], np.asarray(matrix, np.float64), str(name)))
-    # trimesh draws the names of some nodes at random, and with them their order.
-    placements.sort(key=lambda placement: (placement[0], placement[1].tobytes()))
-    instances = []
-    for index, matrix, name in placements:
-        placed, pose = placed_rigidly(meshes, index, matrix)
-        instances.append(Instance(placed, Static(pose), name))
-    if not instances:
+        found[str(name)] = geometry
+    if not found:
         raise InputError(f"{path}: has no triangles, expected a mesh")
-    return Parts(meshes, reader.materials, reader.textures, instances, warnings=notes)
+    return found
 
 
-def _read(path: Path, data: bytes, suffix: str) -> Any:
+def _read(path: Path, data: bytes, suffix: str, *, materials: bool) -> Any:
     import trimesh
 
     resolver = _FolderResolver(path.parent)
     files: Any = resolver  # trimesh needs no more of a resolver than get and []
+    options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" and not materials else {}
     try:
         with warnings.catch_warnings():
             # Older numpy only warns about text that is no number, and stops there: the rest of the file would be lost.
             warnings.filterwarnings("error", message="string or file could not be read")
-            scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=files, process=False)
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=files, process=False, **options)
     except Exception as error:  # trimesh raises whatever its parsers stumble over
         if resolver.refused:
             raise InputError(f"{path}: {resolver.refused[0]}") from None

@@ -1,0 +1,314 @@
+"""Mitsuba scenes (XML of versions 0.6 to 3): from the file to the world.
+
+Mitsuba's cameras look along +z with x to the left; its lights shine along +z. Its environment maps lie as clsim's do.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.geometry import is_similarity, placed_rigidly
+from clsim.scene.images import PixelBudget, read_linear
+from clsim.scene.mitsuba_materials import MaterialReader
+from clsim.scene.mitsuba_shapes import read_shape
+from clsim.scene.mitsuba_xml import Animation, Color, Plugin, file_of, read_scene
+from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose, look_at
+from clsim.scene.rigid import quaternion_of, without_scale
+from clsim.scene.world import (
+    Camera,
+    EnvironmentMap,
+    Instance,
+    Lens,
+    Mesh,
+    PunctualLight,
+    SphereLight,
+    Vec3,
+    World,
+)
+
+TURN_ROUND = np.diag((-1.0, 1.0, -1.0, 1.0))
+"""Half a turn about y: from Mitsuba's +z ahead to clsim's −z."""
+IGNORED = ("integrator", "sampler", "film", "rfilter", "bsdf", "texture", "medium", "spectrum")
+FULL_FRAME_MM = (36.0, 24.0)
+
+
+def load_mitsuba(path: Path) -> World:
+    """Load a Mitsuba scene.
+
+    Raises:
+        InputError: one sentence with the file, the line, and what is wrong there.
+    """
+    scene, legacy = read_scene(path)
+    reader = _Reader(path, legacy)
+    for plugin in scene.children:
+        reader.add(plugin)
+    return reader.world()
+
+
+class _Reader:
+    """Collects the scene's contents, object by object."""
+
+    def __init__(self, path: Path, legacy: bool) -> None:
+        self.path, self.folder = path, path.parent
+        self.warnings: list[str] = []
+        self.materials = MaterialReader(legacy, self.folder, self._warn)
+        self.meshes: list[Mesh] = []
+        self.instances: list[Instance] = []
+        self.punctual_lights: list[PunctualLight] = []
+        self.sphere_lights: list[SphereLight] = []
+        self.cameras: list[Camera] = []
+        self.environment: Vec3 = (0.0, 0.0, 0.0)
+        self.environment_map: EnvironmentMap | None = None
+        self.groups: dict[int, list[tuple[int, Matrix]]] = {}
+
+    def world(self) -> World:
+        """Return what was collected, with a camera and light of clsim's own where there is none."""
+        lit = bool(self.environment_map or any(self.environment) or self.punctual_lights or self.sphere_lights) or any(
+            any(material.emission) for material in self.materials.materials
+        )
+        cameras, lights = self.cameras, self.sphere_lights
+        if not (cameras and lit):
+            center, size = bounds(self.path, self.meshes, self.instances)
+            cameras = cameras or [orbiting_camera(center, size)]
+            lights = lights if lit else [lamp(center, size)]
+        motions = [cameras[0].motion, *(instance.motion for instance in self.instances)]
+        return World(
+            name=self.path.stem,
+            camera=cameras[0],
+            meshes=tuple(self.meshes),
+            instances=tuple(self.instances),
+            materials=tuple(self.materials.materials),
+            textures=tuple(self.materials.textures),
+            sphere_lights=tuple(lights),
+            punctual_lights=tuple(self.punctual_lights),
+            environment=self.environment if lit else ENVIRONMENT,
+            environment_map=self.environment_map,
+            duration_s=max(motion.duration_s for motion in motions) or 1.0,
+            warnings=tuple(self.warnings),
+        )
+
+    def _warn(self, sentence: str) -> None:
+        text = f"{self.path.name}: {sentence}"
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def add(self, plugin: Plugin) -> None:
+        """Add an object of the scene."""
+        if plugin.kind == "shape":
+            self._add_shape(plugin)
+        elif plugin.kind in ("emitter", "luminaire"):
+            self._add_emitter(plugin)
+        elif plugin.kind in ("sensor", "camera"):
+            self._add_sensor(plugin)
+        elif plugin.kind not in IGNORED:
+            self._warn(f"<{plugin.kind}> is left out")
+
+    def _add_shape(self, shape: Plugin) -> None:
+        if shape.type == "shapegroup":
+            return
+        if shape.type == "instance":
+            self._add_instances(shape)
+            return
+        motion = _motion(shape)
+        emitter = next(iter(shape.of_kind("emitter", "luminaire")), None)
+        if emitter is not None and self._add_sphere_light(shape, emitter, motion):
+            return
+        linear = np.eye(3)
+        if isinstance(motion, Static) and not is_similarity(motion.matrix[:3, :3]):
+            linear, motion = motion.matrix[:3, :3], Static(compose(motion.matrix[:3, 3], np.eye(3)))
+        mesh = self._mesh(shape, linear, emitter)
+        if mesh is not None:
+            self.instances.append(Instance(len(self.meshes), motion, shape.get("filename", "") or shape.type))
+            self.meshes.append(mesh)
+
+    def _mesh(self, shape: Plugin, linear: Matrix, emitter: Plugin | None = None) -> Mesh | None:
+        mesh = read_shape(shape, self.folder, linear)
+        if mesh is None:
+            self._warn(f"shapes of type {shape.type} are left out")
+            return None
+        emission: Vec3 = (0.0, 0.0, 0.0)
+        texture = -1
+        if emitter is not None:
+            if emitter.type != "area":
+                self._warn(f"emitters of type {emitter.type} are left out")
+            elif (image := emitter.child("radiance")) is not None:
+                emission, texture = (1.0, 1.0, 1.0), self.materials.texture(image)
+            else:
+                emission = _radiance(emitter, "radiance")
+        bsdf = next(iter(shape.of_kind("bsdf")), None)
+        material = self.materials.index(bsdf, emission, texture)
+        return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
+
+    def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion) -> bool:
+        """Add a sphere that glows evenly as the light it is; tell whether it could be done."""
+        if shape.type != "sphere" or emitter.type != "area" or emitter.child("radiance") is not None:
+            return False
+        matrix = motion.pose(0.0)
+        if not is_similarity(matrix[:3, :3]) or shape.get("flip_normals", False):
+            return False
+        scale = float(np.linalg.norm(matrix[:3, 0]))
+        center = compose(shape.get("center", np.zeros(3)), np.eye(3))
+        self.sphere_lights.append(
+            SphereLight(
+                shape.get("radius", 1.0) * scale, _radiance(emitter, "radiance"), Nested(motion, Static(center))
+            )
+        )
+        return True
+
+    def _add_instances(self, shape: Plugin) -> None:
+        groups = [child for child in shape.children if child.type == "shapegroup"]
+        if not groups:
+            raise InputError(f"{shape.place}: the instance refers to no shapegroup")
+        key = id(groups[0].children)  # a reference shares the children of what it refers to
+        if key not in self.groups:
+            parts = []
+            for child in groups[0].of_kind("shape"):
+                mesh = None if child.type in ("instance", "shapegroup") else self._mesh(child, np.eye(3))
+                if mesh is not None:
+                    parts.append((len(self.meshes), _motion(child).pose(0.0)))
+                    self.meshes.append(mesh)
+            self.groups[key] = parts
+        motion = _motion(shape)
+        for index, matrix in self.groups[key]:
+            if isinstance(motion, Static):
+                placed, pose = placed_rigidly(self.meshes, index, motion.matrix @ matrix)
+                self.instances.append(Instance(placed, Static(pose), "instance"))
+            else:
+                placed, pose = placed_rigidly(self.meshes, index, matrix)
+                self.instances.append(Instance(placed, Nested(motion, Static(pose)), "instance"))
+
+    def _add_emitter(self, emitter: Plugin) -> None:
+        motion = _motion(emitter)
+        kind = emitter.type
+        if kind == "constant":
+            self.environment = _radiance(emitter, "radiance")
+        elif kind == "envmap":
+            path = file_of(emitter.place, emitter.get("filename", ""), self.folder)
+            scale = np.float32(emitter.get("scale", 1.0))
+            pixels = read_linear(path, PixelBudget()) * scale
+            self.environment_map = EnvironmentMap(pixels, without_scale(motion.pose(0.0))[:3, :3])
+        elif kind == "point":
+            position = emitter.values.get("position")
+            if position is not None:
+                motion = Static(compose(position, np.eye(3)))
+            self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), _rigid(motion)))
+        elif kind == "spot":
+            if emitter.child("texture") is not None:
+                self._warn("textures of spot lights are left out")
+            outer = emitter.get("cutoff_angle", 20.0)
+            inner = emitter.get("beam_width", outer * 3 / 4)
+            turned = Nested(_rigid(motion), Static(TURN_ROUND))
+            light = PunctualLight("spot", _radiance(emitter, "intensity"), turned, min(inner, outer), outer)
+            self.punctual_lights.append(light)
+        elif kind == "directional":
+            turned_motion: Motion = Nested(_rigid(motion), Static(TURN_ROUND))
+            direction = emitter.values.get("direction")
+            if direction is not None and np.linalg.norm(direction) > 0:
+                turned_motion = Static(look_at((0.0, 0.0, 0.0), direction))
+            self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), turned_motion))
+        else:
+            self._warn(f"emitters of type {kind} are left out")
+
+    def _add_sensor(self, sensor: Plugin) -> None:
+        if sensor.type not in ("perspective", "thinlens", "perspective_rdist"):
+            self._warn(f"sensors of type {sensor.type} are left out")
+            return
+        if self.cameras:
+            self._warn("the first of several sensors is used")
+            return
+        film = next(iter(sensor.of_kind("film")), None)
+        width, height = 768, 576
+        if film is not None:
+            width, height = int(film.get("width", 768.0)), int(film.get("height", 576.0))
+            if "crop_width" in film.values or "crop_height" in film.values:
+                self._warn("the film's crop window is left out")
+        if min(width, height) < 1:
+            raise InputError(f"{sensor.place}: the film is {width}×{height}, expected at least one pixel")
+        motion = _motion(sensor)
+        if float(np.linalg.det(motion.pose(0.0)[:3, :3])) < 0:
+            self._warn("the camera's transform mirrors the image; it is shown unmirrored")
+        thin = sensor.type == "thinlens"
+        lens = Lens(
+            aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
+            focus_distance_m=sensor.get("focus_distance", 1.0) if thin else 1.0,
+            # Mitsuba shifts the film, clsim the optical centre upon it.
+            principal_point=(
+                -sensor.get("principal_point_offset_x", 0.0),
+                -sensor.get("principal_point_offset_y", 0.0) * height / width,
+            ),
+        )
+        self.cameras.append(
+            Camera(
+                width,
+                height,
+                _fov_deg(sensor, width, height),
+                Nested(_rigid(motion), Static(TURN_ROUND)) if motion.duration_s else Static(_turned(motion.pose(0.0))),
+                max(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0), 0.0),
+                lens,
+            )
+        )
+
+
+def _turned(matrix: Matrix) -> Matrix:
+    pose: Matrix = without_scale(matrix) @ TURN_ROUND
+    return pose
+
+
+def _rigid(motion: Motion) -> Motion:
+    return Static(without_scale(motion.matrix)) if isinstance(motion, Static) else motion
+
+
+def _motion(plugin: Plugin) -> Motion:
+    """Return the motion of ``to_world``; keyframes are joined as poses, without their stretch."""
+    value = plugin.values.get("to_world")
+    if value is None:
+        return Static(np.eye(4))
+    if isinstance(value, Animation):
+        poses = [without_scale(matrix) for matrix in value.matrices]
+        positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
+        return Keyframes(value.times_s, tuple(positions), tuple(quaternion_of(p[:3, :3]) for p in poses))
+    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
+        raise InputError(f"{plugin.place}: to_world is {value!r}, expected a transform")
+    return Static(value)
+
+
+def _radiance(plugin: Plugin, name: str) -> Vec3:
+    value = plugin.values.get(name, plugin.values.get("value", 1.0))
+    if plugin.child(name) is not None:
+        raise InputError(f"{plugin.place}: {plugin.type}.{name} is a texture, expected a colour")
+    if isinstance(value, float):
+        value = Color((value, value, value))
+    if not isinstance(value, Color):
+        raise InputError(f"{plugin.place}: {plugin.type}.{name} is {value!r}, expected a colour")
+    scale = plugin.get("scale", 1.0)
+    r, g, b = (max(channel * scale, 0.0) for channel in value.rgb)
+    return r, g, b
+
+
+def _fov_deg(sensor: Plugin, width: int, height: int) -> float:
+    """Return the horizontal field of view; Mitsuba's may be given along another side or as a focal length."""
+    axis = sensor.get("fov_axis", "x").lower()
+    fov = sensor.get("fov", 0.0)
+    if "fov" not in sensor.values:
+        text = sensor.get("focal_length", "50mm").lower().removesuffix("mm")
+        try:
+            focal_mm = float(text)
+        except ValueError:
+            raise InputError(f"{sensor.place}: focal_length is {text!r}, expected millimetres such as 50mm") from None
+        if not focal_mm > 0:
+            raise InputError(f"{sensor.place}: focal_length is {focal_mm:g} mm, expected more than 0")
+        fov, axis = 2 * math.degrees(math.atan(math.hypot(*FULL_FRAME_MM) / 2 / focal_mm)), "diagonal"
+    if not 0 < fov < 180:
+        raise InputError(f"{sensor.place}: fov is {fov:g}, expected more than 0 and less than 180")
+    if axis in ("smaller", "larger"):
+        axis = "x" if (axis == "larger") == (width >= height) else "y"
+    sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
+    if axis not in sides:
+        raise InputError(f"{sensor.place}: fov_axis is {axis!r}, expected x, y, diagonal, smaller or larger")
+    return 2 * math.degrees(math.atan(math.tan(math.radians(fov / 2)) * width / sides[axis]))

@@ -1,0 +1,374 @@
+"""Mitsuba's XML, versions 0.6 to 3: elements with their properties, names in the spelling of version 3.
+
+A document type, and with it every entity, is refused; size, depth and the number of elements are bounded.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+from xml.parsers import expat
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.files import inside_folder
+from clsim.scene.images import decode_srgb
+from clsim.scene.motion import Matrix, look_at
+from clsim.scene.spectra import blackbody_rgb, rgb_of_spectrum
+from clsim.scene.world import Vec3
+
+MAX_BYTES = 64 << 20
+MAX_DEPTH = 64
+MAX_ELEMENTS = 1_000_000
+MAX_INCLUDES = 100
+MAX_TEXT = 1 << 16
+PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector")
+
+
+@dataclass
+class Element:
+    """An XML element and where it stands."""
+
+    tag: str
+    attributes: dict[str, str]
+    place: str
+    children: list[Element] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Color:
+    """A colour, as opposed to three numbers."""
+
+    rgb: Vec3
+
+
+@dataclass(frozen=True)
+class Animation:
+    """Transforms at times."""
+
+    times_s: tuple[float, ...]
+    matrices: tuple[Matrix, ...]
+
+
+@dataclass
+class Plugin:
+    """An object of the scene: a shape, a bsdf, a texture…
+
+    Attributes:
+        kind: the element's tag.
+        type: the plugin's name.
+        name: the parameter that it stands for in its parent, if any.
+        values: its properties; transforms as 4×4 matrices or `Animation`.
+        children: objects inside it, references resolved.
+        place: file and line.
+        folder: where its files lie.
+    """
+
+    kind: str
+    type: str
+    name: str
+    values: dict[str, Any]
+    children: list[Plugin]
+    place: str
+    folder: Path
+
+    def get(self, name: str, default: Any) -> Any:
+        """Return a property; raises InputError where its type is not that of the default."""
+        value = self.values.get(name, default)
+        if isinstance(default, bool):
+            right = isinstance(value, bool)
+        elif isinstance(default, float):
+            right = isinstance(value, float)
+        elif isinstance(default, str):
+            right = isinstance(value, str)
+        else:
+            right = default is None or isinstance(value, type(default))
+        if not right:
+            raise InputError(f"{self.place}: {self.type}.{name} is {value!r}, expected a {type(default).__name__}")
+        return value
+
+    def child(self, name: str) -> Plugin | None:
+        """Return the object that stands for a parameter."""
+        return next((child for child in self.children if child.name == name), None)
+
+    def of_kind(self, *kinds: str) -> list[Plugin]:
+        """Return the objects inside of some kinds."""
+        return [child for child in self.children if child.kind in kinds]
+
+
+def read_scene(path: Path) -> tuple[Plugin, bool]:
+    """Read a scene; return it and whether its version is before 2 (defaults differ).
+
+    Raises:
+        InputError: with file and line.
+    """
+    root = _parse(path)
+    if root.tag != "scene":
+        raise InputError(f"{root.place}: is <{root.tag}>, expected <scene>")
+    match = re.match(r"\d+", root.attributes.get("version", ""))
+    if match is None:
+        raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")
+    reader = _Reader(path.parent)
+    return reader.plugin(root, path.parent, {}), int(match[0]) < 2
+
+
+def _parse(path: Path) -> Element:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a scene's XML")
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    parser = expat.ParserCreate()
+    top: list[Element] = []
+    stack: list[Element] = []
+    count = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
+        place = f"{path}:{parser.CurrentLineNumber}"
+        if len(stack) >= MAX_DEPTH or count > MAX_ELEMENTS:
+            raise InputError(f"{place}: is nested deeper than {MAX_DEPTH} or has more than {MAX_ELEMENTS} elements")
+        element = Element(tag, attributes, place)
+        (stack[-1].children if stack else top).append(element)
+        stack.append(element)
+
+    def end(_: str) -> None:
+        stack.pop()
+
+    def refuse(*_: object) -> None:
+        raise InputError(f"{path}:{parser.CurrentLineNumber}: has a document type, which could hide entities")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = start, end, refuse
+    try:
+        parser.Parse(data, True)
+    except expat.ExpatError as error:
+        raise InputError(f"{path}:{error.lineno}: is not well-formed XML ({expat.ErrorString(error.code)})") from None
+    except (LookupError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not XML text that can be read ({error})") from None
+    return top[0]
+
+
+class _Reader:
+    """Turns elements into plugins: parameters filled in, files included, references resolved."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.named: dict[str, Plugin] = {}
+        self.includes = 0
+
+    def plugin(self, element: Element, folder: Path, defaults: dict[str, str]) -> Plugin:
+        """Return the plugin of an element whose type is given or whose tag is ``scene``."""
+        attributes = _filled(element, defaults)
+        found = Plugin(
+            element.tag,
+            attributes.get("type", element.tag),
+            _snake(attributes.get("name", "")),
+            {},
+            [],
+            element.place,
+            folder,
+        )
+        self._fill(found, element, folder, defaults)
+        if "id" in attributes:
+            self.named[attributes["id"]] = found
+        return found
+
+    def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: dict[str, str]) -> None:
+        for child in element.children:
+            if child.tag == "default":
+                attributes = _filled(child, defaults)
+                defaults.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+                continue
+            attributes = _filled(child, defaults)
+            name = _snake(attributes.get("name", ""))
+            if child.tag == "include":
+                self._include(plugin, child, attributes, folder, defaults)
+            elif child.tag == "ref":
+                plugin.children.append(self._reference(child, attributes, name))
+            elif child.tag == "alias":
+                self.named[attributes.get("as", "")] = self._reference(child, attributes, "")
+            elif child.tag in PROPERTIES:
+                plugin.values[name] = _value(child, attributes)
+            elif child.tag == "transform":
+                plugin.values[name] = _transform(child, defaults)
+            elif child.tag == "animation":
+                plugin.values[name] = _animation(child, defaults)
+            elif "type" in attributes:
+                plugin.children.append(self.plugin(child, folder, defaults))
+            elif child.tag != "path":
+                raise InputError(f"{child.place}: <{child.tag}> is neither a property nor an object with a type")
+
+    def _reference(self, element: Element, attributes: dict[str, str], name: str) -> Plugin:
+        target = self.named.get(attributes.get("id", ""))
+        if target is None:
+            raise InputError(f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined before")
+        return Plugin(target.kind, target.type, name, target.values, target.children, target.place, target.folder)
+
+    def _include(
+        self, plugin: Plugin, element: Element, attributes: dict[str, str], folder: Path, defaults: dict[str, str]
+    ) -> None:
+        self.includes += 1
+        if self.includes > MAX_INCLUDES:
+            raise InputError(f"{element.place}: is the {MAX_INCLUDES + 1}th include: do files include each other?")
+        path = file_of(element.place, attributes.get("filename", ""), self.root)
+        included = _parse(path)
+        if included.tag == "scene":
+            self._fill(plugin, included, folder, defaults)
+        else:
+            plugin.children.append(self.plugin(included, folder, defaults))
+
+
+def file_of(place: str, name: str, folder: Path) -> Path:
+    """Return the path of a file that a scene names; raises InputError unless it lies in the folder."""
+    try:
+        path = folder / inside_folder(name, folder)
+    except InputError as error:
+        raise InputError(f"{place}: {error}") from None
+    if not path.is_file():
+        raise InputError(f"{place}: the file {name!r} is missing")
+    return path
+
+
+def _filled(element: Element, defaults: dict[str, str]) -> dict[str, str]:
+    """Return the attributes with their $parameters filled in."""
+    filled = {}
+    for key, text in element.attributes.items():
+        if "$" in text:
+            for name in sorted(defaults, key=len, reverse=True):
+                text = text.replace(f"${name}", defaults[name])
+                if len(text) > MAX_TEXT:
+                    raise InputError(f"{element.place}: {key} is longer than {MAX_TEXT} characters with its defaults")
+            if re.search(r"\$[A-Za-z_]", text):
+                raise InputError(f"{element.place}: {key} is {text!r}, of which no <default> gives the value")
+        filled[key] = text
+    return filled
+
+
+def _snake(name: str) -> str:
+    """Return a parameter's name as version 3 spells it: intIOR, toWorld become int_ior, to_world."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
+
+
+def _numbers(place: str, text: str, counts: tuple[int, ...]) -> list[float]:
+    try:
+        numbers = [float(word) for word in re.split(r"[\s,]+", text.strip())]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in counts or not all(np.isfinite(numbers)):
+        raise InputError(f"{place}: got {text[:60]!r}, expected {' or '.join(map(str, counts))} numbers")
+    return numbers
+
+
+def _value(element: Element, attributes: dict[str, str]) -> Any:
+    place, tag, text = element.place, element.tag, attributes.get("value", "")
+    if tag == "string":
+        return text
+    if tag == "boolean":
+        if text.lower() not in ("true", "false"):
+            raise InputError(f"{place}: got {text!r}, expected true or false")
+        return text.lower() == "true"
+    if tag in ("float", "integer"):
+        return _numbers(place, text, (1,))[0]
+    if tag in ("point", "vector"):
+        if "value" in attributes:
+            return np.array(_numbers(place, text, (3,)))
+        return np.array([_numbers(place, attributes.get(axis, "0"), (1,))[0] for axis in "xyz"])
+    if tag == "blackbody":
+        temperature = _numbers(place, attributes.get("temperature", text).rstrip("kK"), (1,))[0]
+        scale = _numbers(place, attributes.get("scale", "1"), (1,))[0]
+        if not 100 <= temperature <= 100_000:
+            raise InputError(f"{place}: temperature is {temperature:g} K, expected 100 to 100000")
+        r, g, b = blackbody_rgb(temperature)
+        return Color((r * scale, g * scale, b * scale))
+    return Color(_color(place, tag, text))
+
+
+def _color(place: str, tag: str, text: str) -> Vec3:
+    if text.startswith("#"):
+        if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
+            raise InputError(f"{place}: got {text[:60]!r}, expected # and six hexadecimal digits")
+        r, g, b = decode_srgb([int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]).tolist()
+        return r, g, b
+    if tag == "spectrum" and ":" in text:
+        pairs = [pair.split(":") for pair in re.split(r"[\s,]+", text.strip())]
+        if any(len(pair) != 2 for pair in pairs):
+            raise InputError(f"{place}: got {text[:60]!r}, expected wavelength:value pairs")
+        wavelengths = [_numbers(place, pair[0], (1,))[0] for pair in pairs]
+        return rgb_of_spectrum(wavelengths, [_numbers(place, pair[1], (1,))[0] for pair in pairs])
+    numbers = _numbers(place, text, (1, 3))
+    if tag == "srgb":
+        numbers = decode_srgb(numbers).tolist()
+    r, g, b = numbers if len(numbers) == 3 else numbers * 3
+    return r, g, b
+
+
+def _transform(element: Element, defaults: dict[str, str]) -> Matrix:
+    """Return the product of a transform's steps, the last one applied last."""
+    matrix = np.eye(4)
+    for step in element.children:
+        matrix = _step(step, _filled(step, defaults)) @ matrix
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{element.place}: the transform has a number that is not finite")
+    return matrix
+
+
+def _step(element: Element, attributes: dict[str, str]) -> Matrix:
+    place, matrix = element.place, np.eye(4)
+
+    def vector(missing: float) -> list[float]:
+        if "value" in attributes:
+            numbers = _numbers(place, attributes["value"], (1, 3))
+            return numbers if len(numbers) == 3 else numbers * 3
+        return [_numbers(place, attributes.get(axis, str(missing)), (1,))[0] for axis in "xyz"]
+
+    if element.tag == "matrix":
+        numbers = np.array(_numbers(place, attributes.get("value", ""), (9, 16)))
+        size = 4 if len(numbers) == 16 else 3
+        matrix[:size, :size] = numbers.reshape(size, size)
+    elif element.tag == "translate":
+        matrix[:3, 3] = vector(0.0)
+    elif element.tag == "scale":
+        matrix[:3, :3] = np.diag(vector(1.0))
+    elif element.tag == "rotate":
+        axis = np.array(vector(0.0))
+        angle = np.radians(_numbers(place, attributes.get("angle", ""), (1,))[0])
+        if not np.linalg.norm(axis) > 0:
+            raise InputError(f"{place}: rotates about no axis")
+        matrix[:3, :3] = rotation_about(axis, float(angle))
+    elif element.tag in ("lookat", "look_at", "lookAt"):
+        origin, target = (_numbers(place, attributes.get(key, ""), (3,)) for key in ("origin", "target"))
+        up = _numbers(place, attributes.get("up", "0, 1, 0"), (3,))
+        if np.allclose(origin, target):
+            raise InputError(f"{place}: looks at its own origin")
+        # Mitsuba looks along +z with x to the left
+        matrix = look_at(origin, target, up) @ np.diag((-1.0, 1.0, -1.0, 1.0))
+    else:
+        raise InputError(f"{place}: <{element.tag}> is no transform, expected matrix, translate, rotate, scale, lookat")
+    return matrix
+
+
+def rotation_about(axis: Matrix, angle: float) -> Matrix:
+    """Return the 3×3 rotation about an axis by Rodrigues' formula [rad]."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Matrix = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation
+
+
+def _animation(element: Element, defaults: dict[str, str]) -> Animation:
+    keys: list[tuple[float, Matrix]] = []
+    for child in element.children:
+        time = _numbers(child.place, _filled(child, defaults).get("time", ""), (1,))[0]
+        keys.append((time, _transform(child, defaults)))
+    times = tuple(time for time, _ in keys)
+    if not keys or times[0] < 0 or any(b <= a for a, b in pairwise(times)):
+        raise InputError(f"{element.place}: expected transforms at increasing times from 0 or later")
+    return Animation(times, tuple(matrix for _, matrix in keys))

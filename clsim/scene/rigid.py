@@ -1,0 +1,32 @@
+"""Rotations within matrices."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clsim.scene.motion import Matrix, Quaternion
+
+
+def without_scale(matrix: Matrix) -> Matrix:
+    """Return the nearest pose without scale, shear or mirror (polar decomposition of the 3×3 part)."""
+    u, _, vt = np.linalg.svd(matrix[:3, :3])
+    pose: Matrix = matrix.copy()
+    pose[:3, :3] = u @ np.diag((1.0, 1.0, float(np.sign(np.linalg.det(u @ vt))))) @ vt
+    return pose
+
+
+def quaternion_of(rotation: Matrix) -> Quaternion:
+    """Return the quaternion x, y, z, w of a 3×3 rotation, by its largest component (Shepperd, JGC 1978)."""
+    m, trace = rotation, float(np.trace(rotation))
+    diagonal = np.array([m[0, 0], m[1, 1], m[2, 2], trace])
+    k = int(np.argmax(diagonal))
+    if k == 3:
+        q = np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], 1 + trace])
+    else:
+        i, j = (k + 1) % 3, (k + 2) % 3
+        q = np.zeros(4)
+        q[k] = 1 - trace + 2 * m[k, k]
+        q[i], q[j] = m[i, k] + m[k, i], m[j, k] + m[k, j]
+        q[3] = m[j, i] - m[i, j]
+    x, y, z, w = (q / np.linalg.norm(q)).tolist()
+    return x, y, z, w

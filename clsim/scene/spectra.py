@@ -1,0 +1,98 @@
+"""From spectra to linear Rec. 709, and what metals and glasses are made of."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.scene.world import Vec3
+
+F64 = npt.NDArray[np.float64]
+XYZ_TO_RGB = np.array(
+    [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875991, 0.041556], [0.055648, -0.204043, 1.057311]]
+)
+
+METALS: dict[str, tuple[Vec3, Vec3]] = {
+    "a-C": ((2.9441, 2.2271, 1.9682), (0.8875, 0.7993, 0.8153)),
+    "Ag": ((0.1553, 0.1167, 0.1384), (4.8284, 3.1222, 2.1469)),
+    "Al": ((1.6575, 0.8804, 0.5212), (9.2238, 6.2695, 4.8370)),
+    "Au": ((0.1430, 0.3753, 1.4420), (3.9830, 2.3856, 1.6034)),
+    "Be": ((4.1850, 3.1850, 2.7841), (3.8355, 3.0101, 2.8690)),
+    "Cr": ((4.3697, 2.9165, 1.6549), (5.2066, 4.2313, 3.7547)),
+    "Cu": ((0.2010, 0.9237, 1.1022), (3.9133, 2.4530, 2.1421)),
+    "CuZn": ((0.4440, 0.5270, 1.0940), (3.6950, 2.7650, 1.8290)),
+    "Hg": ((2.3989, 1.4400, 0.9096), (6.3276, 4.3719, 3.4218)),
+    "Ir": ((3.0863, 2.0822, 1.6179), (5.5922, 4.0671, 3.2673)),
+    "K": ((0.0640, 0.0464, 0.0382), (2.1042, 1.3489, 0.9131)),
+    "Li": ((0.2658, 0.1956, 0.2210), (3.5402, 2.3111, 1.6686)),
+    "Mo": ((4.4840, 3.5251, 2.7763), (4.1114, 3.4208, 3.1507)),
+    "Na_palik": ((0.0603, 0.0561, 0.0620), (3.1793, 2.1125, 1.5790)),
+    "Nb": ((3.4201, 2.7901, 2.3956), (3.4414, 2.7377, 2.5798)),
+    "Rh": ((2.5858, 1.8602, 1.5543), (6.7823, 4.7030, 3.9761)),
+    "Ta": ((2.0627, 2.3929, 2.6279), (2.4084, 1.7415, 1.9470)),
+    "TiC": ((3.7005, 2.8374, 2.5823), (3.2656, 2.3516, 2.1728)),
+    "TiN": ((1.6485, 1.1505, 1.3798), (3.3683, 1.9435, 1.1021)),
+    "VN": ((2.8656, 2.1192, 1.9401), (3.0322, 2.0561, 1.6163)),
+    "W": ((4.3708, 3.3003, 2.9984), (3.5006, 2.6049, 2.2732)),
+}
+"""Refractive index and extinction coefficient in R, G, B of metals by their usual names in scene files."""
+
+GLASSES: dict[str, float] = {
+    "vacuum": 1.0,
+    "helium": 1.000036,
+    "hydrogen": 1.000132,
+    "air": 1.000277,
+    "carbon dioxide": 1.00045,
+    "water ice": 1.31,
+    "water": 1.333,
+    "acetone": 1.36,
+    "ethanol": 1.361,
+    "carbon tetrachloride": 1.461,
+    "glycerol": 1.4729,
+    "benzene": 1.501,
+    "silicone oil": 1.52045,
+    "bromine": 1.661,
+    "fused quartz": 1.458,
+    "pyrex": 1.47,
+    "acrylic glass": 1.49,
+    "polypropylene": 1.49,
+    "bk7": 1.5046,
+    "sodium chloride": 1.544,
+    "amber": 1.55,
+    "pet": 1.575,
+    "diamond": 2.419,
+}
+"""Refractive indices by the names that Mitsuba gives them."""
+
+
+def matching_functions(wavelengths_nm: npt.ArrayLike) -> F64:
+    """Return the CIE 1931 colour matching functions ``[n, 3]`` (fit of Wyman, Sloan and Shirley, JCGT 2013)."""
+    w = np.asarray(wavelengths_nm, np.float64)
+
+    def lobe(peak: float, below: float, above: float) -> F64:
+        value: F64 = np.exp(-0.5 * ((w - peak) * np.where(w < peak, below, above)) ** 2)
+        return value
+
+    x = 0.362 * lobe(442.0, 0.0624, 0.0374) + 1.056 * lobe(599.8, 0.0264, 0.0323) - 0.065 * lobe(501.1, 0.0490, 0.0382)
+    y = 0.821 * lobe(568.8, 0.0213, 0.0247) + 0.286 * lobe(530.9, 0.0613, 0.0322)
+    z = 1.217 * lobe(437.0, 0.0845, 0.0278) + 0.681 * lobe(459.0, 0.0385, 0.0725)
+    return np.stack([x, y, z], axis=-1)
+
+
+def rgb_of_spectrum(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike) -> Vec3:
+    """Return the colour of a spectrum given at wavelengths, such that a constant 1 has luminance 1; never negative."""
+    grid = np.arange(360.0, 831.0, 1.0)
+    sampled = np.interp(grid, np.asarray(wavelengths_nm, np.float64), np.asarray(values, np.float64))
+    curves = matching_functions(grid)
+    xyz = (curves * sampled[:, None]).sum(axis=0) / curves[:, 1].sum()
+    r, g, b = np.maximum(XYZ_TO_RGB @ xyz, 0.0).tolist()
+    return r, g, b
+
+
+def blackbody_rgb(temperature_k: float) -> Vec3:
+    """Return the colour of a black body (Planck's law) of luminance 1."""
+    grid = np.arange(360.0, 831.0, 5.0)
+    radiance = grid**-5 / np.expm1(np.minimum(1.438776877e7 / (grid * temperature_k), 700.0))
+    r, g, b = rgb_of_spectrum(grid, radiance / radiance.max())
+    luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b
+    return r / luminance, g / luminance, b / luminance
