@@ -9,6 +9,7 @@ from clsim.detect import detector as detector_module
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import choose_device
+from clsim.detect.recorded import recorded_detector
 from clsim.detect.reference import ReferenceDetector
 from clsim.errors import InputError
 from clsim.frames import Frame
@@ -120,12 +121,15 @@ def test_every_option_means_the_same_as_in_the_reference(variant):
     assert assert_same(config, frames, alpha_error=1e-6, margin=1e-6, time_error_us=1) > 30
 
 
-@pytest.mark.parametrize("size", [(1, 1), (1, 9), (9, 1), (3, 4), (2, 40)], ids=str)
-@pytest.mark.parametrize("precision", ["float32", "float64"])
-def test_small_frames(size, precision):
+@pytest.mark.parametrize(
+    ("size", "precision"),
+    [((1, 1), "float64"), ((1, 9), "float64"), ((9, 1), "float64"), ((2, 40), "float64"), ((3, 4), "float32")],
+    ids=str,
+)
+def test_frames_smaller_than_the_window(size, precision):
     frames = random_frames(4, height=size[0], width=size[1])
     exact = precision == "float64"
-    config = config_of(precision=precision, window=13)
+    config = config_of(precision=precision)
     error, margin = (1e-9, 1e-9) if exact else (1e-2, 1e-2)
     # With fewer pixels than unknowns the slopes, and so the predictions, are set by the ridge.
     assert_same(config, frames, alpha_error=error, margin=margin, time_error_us=1 if exact else 2000, decided=0)
@@ -162,7 +166,7 @@ def test_degenerate_features(planes, precision):
 
 @pytest.mark.parametrize(
     ("lanes", "options"),
-    [(1, {}), (4, {}), (8, {}), (16, {}), (8, {"history": 2, "stride": 2}), (8, {"precision": "float64"})],
+    [(1, {}), (8, {}), (16, {}), (8, {"history": 2, "stride": 2}), (8, {"precision": "float64"})],
     ids=str,
 )
 def test_listed_pixels_are_solved_bit_for_bit_as_all_pixels(lanes, options, monkeypatch):
@@ -318,3 +322,18 @@ def test_new_frame_sizes_use_the_same_programs():
         run(Detector(config, width, height, frames[0].names), frames)
         misses.append(_build.cache_info().misses)
     assert misses[0] == misses[1]
+
+
+@pytest.mark.parametrize("gate", ["delta-r-exact", "published"])
+def test_gates_that_keep_old_windows_work_on_recorded_frames_alone(gate):
+    frames = random_frames(15, count=3)
+    size = (frames[0].width, frames[0].height, frames[0].names)
+    config = config_of(gate=gate)
+    with pytest.raises(InputError, match="needs old windows"):
+        Detector(config, *size)
+    recorded = recorded_detector(config, *size)
+    reference = ReferenceDetector(config, *size)
+    np.testing.assert_array_equal(run(recorded, frames), run(reference, frames))
+    assert recorded.stats.events > 0
+    recorded.close()
+    assert isinstance(recorded_detector(config_of(), *size), Detector)
