@@ -170,11 +170,12 @@ def test_status_is_told(sink: ViewSink) -> None:
 def test_garbage_from_a_browser_is_ignored(sink: ViewSink) -> None:
     async def run() -> None:
         async with aiohttp.ClientSession() as session, session.ws_connect(f"{sink.url}stream") as stream:
+            await stream.receive()
             for text in ("{", "[]", "3", '{"seen": "x"}', '{"command": null}', '{"nothing": 1}', "null"):
                 await stream.send_str(text)
             await stream.send_bytes(b"\xff\x00")
             await stream.send_str('{"frames": false}')
-            while not sink.clients or next(iter(sink._server.hub.watchers)).wants_frames:
+            while next(iter(sink._server.hub.watchers)).wants_frames:
                 await asyncio.sleep(0.005)
 
     asyncio.run(asyncio.wait_for(run(), 10))
@@ -225,6 +226,23 @@ def test_a_watcher_is_sent_no_more_than_it_confirms() -> None:
     assert sent == list(range(hub_module.UNSEEN_PACKETS))
     watcher.seen = 10
     assert watcher.next_packet() == bytes([hub_module.UNSEEN_PACKETS])
+
+
+def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 100)
+    watcher, hub = Watcher(), Hub(asyncio.new_event_loop())
+    hub.watchers.add(watcher)
+    for k in range(50):
+        watcher.put(bytes([k]), 10)
+    assert watcher.waiting_events == 100 and watcher.dropped_events == 400 == hub.dropped_events
+    assert watcher.next_packet() == bytes([40])
+    for _ in range(3 * hub_module.QUEUE_PACKETS):
+        watcher.put(b"", 0)
+    assert len(watcher._packets) == hub_module.QUEUE_PACKETS
+    lost = watcher.dropped_events
+    hub.leave(watcher)
+    assert hub.dropped_events == lost == 490  # still counted when the browser has gone
+    hub._loop.close()
 
 
 def test_a_seek_drops_what_waits_and_comes_before_what_follows() -> None:

@@ -134,9 +134,13 @@ class PageServer:
 
         socket = web.WebSocketResponse(heartbeat=20.0, compress=False, max_msg_size=1 << 16)
         await socket.prepare(request)
-        await socket.send_str(json.dumps({"type": "hello"} | self._hello))
         watcher = Watcher()
-        self.hub.watchers.add(watcher)
+        self.hub.watchers.add(watcher)  # before it hears of us: from then on it misses nothing
+        try:
+            await socket.send_str(json.dumps({"type": "hello"} | self._hello))
+        except ConnectionError:
+            self.hub.leave(watcher)
+            return socket
         self._tell_status()
         self._on_command({"command": "joined"})
         sender = asyncio.create_task(_send(socket, watcher))
