@@ -20,7 +20,7 @@ from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
 from clsim.frames.frame import FloatArray
 
 SPARSE_SHARE = 0.5
-"""Below this share of pixels to solve, a list of them is faster than solving all (measured, pixels chosen at random)."""
+"""Below this share of pixels to solve, a list of them is faster than solving all (measured, random pixels)."""
 _STATE_LEVEL = 1
 """Plane of the state that is called S_LEVEL in common.clh."""
 
