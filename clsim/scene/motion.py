@@ -6,6 +6,7 @@ All motions hold their first pose before they start and their last one after the
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Protocol
@@ -289,7 +290,7 @@ def _check_times(times_s: tuple[float, ...], *lengths: int) -> None:
 
 def _segment(times_s: tuple[float, ...], time_s: float) -> tuple[int, int, float]:
     """Return the keyframes before and after the time and the weight of the second."""
-    j = int(np.searchsorted(times_s, time_s, side="right"))
+    j = bisect_right(times_s, time_s)
     if j == 0:
         return 0, 0, 0.0
     if j == len(times_s):

@@ -66,13 +66,35 @@ class Placed(Table):
     position: Vector | None = None
     keyframes: Annotated[tuple[KeyframeTable, ...], Field(min_length=1)] | None = None
     orbit: OrbitTable | None = None
+    interpolation: Literal["linear", "cubic"] = Field("linear", description="how keyframes and trajectories are joined")
+
+
+class LensTable(Table):
+    """What makes a camera more than a pinhole; coefficients as OpenCV defines them."""
+
+    aperture_radius_m: NonNegative = Field(default=0.0, description="of a thin lens; 0 is a pinhole")
+    focus_distance_m: Positive = 1.0
+    model: Literal["perspective", "fisheye"] = "perspective"
+    distortion: Annotated[tuple[Number, ...], Field(max_length=5)] = Field(
+        default=(), description="perspective: k1, k2, p1, p2, k3; fisheye: k1 to k4"
+    )
+    principal_point: tuple[Number, Number] = Field(
+        default=(0.0, 0.0), description="offset of the optical centre, right and down, in image widths"
+    )
 
 
 class CameraTable(Placed):
-    """A pinhole camera that looks along −z."""
+    """A camera that looks along −z."""
 
     resolution: tuple[Pixels, Pixels] = Field((346, 260), description="width, height")
     fov_deg: Annotated[float, Strict(), Field(gt=0, lt=180)] = Field(50.0, description="horizontal field of view")
+    focal_length_mm: Positive | None = Field(None, description="instead of fov_deg")
+    sensor_width_mm: Positive = Field(36.0, description="what the focal length belongs to")
+    lens: LensTable = LensTable()
+    trajectory: str | None = Field(None, description="a file of poses in the TUM format, instead of keyframes")
+    trajectory_axes: Literal["opencv", "opengl"] = Field(
+        "opencv", description="opencv: +z ahead and y down, as in the benchmark; opengl: −z ahead and y up"
+    )
     shutter_s: NonNegative = Field(0.0, description="length of the exposure, 0 is an instant")
     look_at: Vector | None = Field(None, description="also the target of keyframes that name none")
     rotation_deg: Vector | None = Field(None, description="instead of look_at")
@@ -84,6 +106,18 @@ class SphereLightTable(Placed):
     name: str = ""
     radius_m: Positive
     radiance: Radiance
+
+
+class LightTable(Placed):
+    """A light without size; it shines along −z."""
+
+    name: str = ""
+    kind: Literal["point", "spot", "directional"]
+    intensity: Radiance = Field(description="W/sr; of a directional light W/m²")
+    look_at: Vector | None = Field(None, description="point that it shines at")
+    rotation_deg: Vector | None = Field(None, description="instead of look_at")
+    inner_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = Field(0.0, description="half angle of a spot's core")
+    outer_deg: Annotated[float, Strict(), Field(gt=0, le=90)] = Field(45.0, description="half angle of its cone")
 
 
 class ObjectTable(Placed):
@@ -151,20 +185,53 @@ class CheckerTable(Table):
     squares_per_m: Positive = Field(1.0, description="per unit of u and v on meshes from files")
 
 
+class ImageTable(Table):
+    """An image as a texture."""
+
+    file: str = Field(description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder and inside it")
+    wrap: Literal["repeat", "clamp", "mirror"] = "repeat"
+    nearest: Flag = Field(False, description="no smoothing between pixels")
+    repeats: tuple[Number, Number] = Field(
+        (1.0, 1.0), description="per unit of u and v: per metre on boxes, quads and spheres"
+    )
+
+
 class MaterialTable(Table):
     """A surface; colours are linear Rec. 709."""
 
-    kind: Literal["diffuse"] = "diffuse"
-    color: Reflectance | None = Field(None, description="diffuse reflectance 0…1, default 0.5")
+    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"] = "diffuse"
+    color: Reflectance | None = Field(None, description="reflectance or base colour 0…1, default 0.5; metal, glass 1")
+    texture: ImageTable | None = Field(None, description="times the colour, whose default is then 1")
     checker: CheckerTable | None = None
     emission: Radiance = Field((0.0, 0.0, 0.0), description="radiance; anything above 0 makes an area light")
+    emission_texture: ImageTable | None = None
     two_sided: Flag = Field(True, description="whether the back looks as the front does")
+    roughness: Share = Field(0.0, description="perceptual: the square root of GGX's alpha; 0 is smooth")
+    roughness_texture: ImageTable | None = Field(None, description="G is roughness, B metalness, as in glTF")
+    metallic: Share = 0.0
+    ior: Annotated[float, Strict(), Field(ge=1, le=10)] = 1.5
+    metal: str | None = Field(None, description="what a conductor is made of, such as Au; without, its colour counts")
+    eta: Radiance | None = Field(None, description="refractive index of a conductor, with k instead of metal")
+    k: Radiance | None = Field(None, description="extinction coefficient of a conductor")
+    specular_color: Reflectance = (1.0, 1.0, 1.0)
+    transmission: Share = 0.0
+    clearcoat: Share = 0.0
+    clearcoat_roughness: Share = 0.0
+    normal_texture: ImageTable | None = None
+    normal_scale: Number = 1.0
+    alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
+    alpha_cutoff: Share = 0.5
+    opacity: Share = 1.0
+    opacity_texture: ImageTable | None = Field(None, description="its alpha channel counts")
 
 
 class EnvironmentTable(Table):
     """The light from everywhere."""
 
     radiance: Radiance = (0.0, 0.0, 0.0)
+    map: str | None = Field(default=None, description="latitude-longitude image: OpenEXR, HDR, PNG or JPEG")
+    map_scale: NonNegative = 1.0
+    map_rotation_deg: Number = Field(default=0.0, description="turns the map about +y")
 
 
 class SensorTable(Table):
@@ -188,6 +255,7 @@ class SceneTable(Table):
     materials: dict[str, MaterialTable] = {}
     objects: tuple[AnyObject, ...] = ()
     sphere_lights: tuple[SphereLightTable, ...] = ()
+    lights: tuple[LightTable, ...] = ()
 
 
 def parse(data: dict[str, Any], source: Path) -> SceneTable:
@@ -213,15 +281,18 @@ def key_table() -> str:
     sections: list[tuple[str, type[Table]]] = [
         ("top level", SceneTable),
         ("[camera]", CameraTable),
+        ("lens = {…}", LensTable),
         ("[environment]", EnvironmentTable),
         ("[sensor]", SensorTable),
         ("[materials.NAME]", MaterialTable),
+        ("texture = {…}", ImageTable),
         ("checker = {…}", CheckerTable),
         ('[[objects]] shape = "box"', BoxTable),
         ('[[objects]] shape = "quad"', QuadTable),
         ('[[objects]] shape = "sphere"', SphereTable),
         ('[[objects]] file = "…"', FileTable),
         ("[[sphere_lights]]", SphereLightTable),
+        ("[[lights]]", LightTable),
         ("keyframes = [{…}, …]", KeyframeTable),
         ("orbit = {…}", OrbitTable),
     ]
@@ -246,10 +317,13 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     materials = materials if isinstance(materials, dict) else {}
     names = list(materials)
     for name in names:
-        if _has(materials[name], "color", "checker"):
-            yield f"materials.{name}: has color and checker, expected one of them"
+        for first, second in (("color", "checker"), ("texture", "checker"), ("metal", "eta"), ("metal", "k")):
+            if _has(materials[name], first, second):
+                yield f"materials.{name}: has {first} and {second}, expected one of them"
+        if isinstance(materials[name], dict) and ("eta" in materials[name]) != ("k" in materials[name]):
+            yield f"materials.{name}: has one of eta and k, expected both or none"
     placed = [("camera", data.get("camera"))]
-    for group in ("objects", "sphere_lights"):
+    for group in ("objects", "sphere_lights", "lights"):
         tables = data.get(group)
         placed += [(f"{group}[{i}]", table) for i, table in enumerate(tables)] if isinstance(tables, list) else []
     for path, table in placed:
@@ -258,11 +332,15 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
         material = table.get("material")
         if isinstance(material, str) and path.startswith("objects") and material not in names:
             yield f"{path}.material: got {material!r}, expected one of the materials {_listed(names)}"
-        ways = [key for key in ("position", "keyframes", "orbit") if key in table]
+        ways = [key for key in ("position", "keyframes", "orbit", "trajectory") if key in table]
         if len(ways) > 1:
             yield f"{path}: has {' and '.join(ways)}, expected one of them"
         if path == "camera" and not ways:
-            yield f"{path}: expected one of position, keyframes and orbit"
+            yield f"{path}: expected one of position, keyframes, orbit and trajectory"
+        if _has(table, "fov_deg", "focal_length_mm"):
+            yield f"{path}: has fov_deg and focal_length_mm, expected one of them"
+        if _has(table, "trajectory", "look_at") or _has(table, "trajectory", "rotation_deg"):
+            yield f"{path}: has trajectory and a direction to look in, expected one of them"
         if _has(table, "look_at", "rotation_deg"):
             yield f"{path}: has look_at and rotation_deg, expected one of them"
         if "rotation_deg" in table and "keyframes" in table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,9 +17,9 @@ from clsim.errors import InputError
 from clsim.scene import shapes
 from clsim.scene.files import inside_folder
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
+from clsim.scene.images import PixelBudget, read_linear, read_texture
 from clsim.scene.motion import (
     Attached,
-    Keyframes,
     LookAtKeyframes,
     Motion,
     Nested,
@@ -30,10 +31,15 @@ from clsim.scene.motion import (
     rotation_matrix,
 )
 from clsim.scene.parts import Parts, with_textures_from
+from clsim.scene.spectra import METALS
+from clsim.scene.trajectory import CubicKeyframes, Interpolation, read_tum, through
 from clsim.scene.world import (
     Camera,
     CheckerTexture,
+    EnvironmentMap,
+    ImageTexture,
     Instance,
+    Lens,
     Material,
     Mesh,
     PunctualLight,
@@ -79,7 +85,10 @@ def load_toml(path: Path) -> World:
 
     scene = schema.parse(read_toml(path), path)
     problems: list[str] = []
-    builder = _Builder(scene, path)
+    builder = _Builder(path)
+    for name, material in scene.materials.items():
+        with _collecting(problems, f"{path}: materials.{name}"):
+            builder.add_material(name, material)
     for i, table in enumerate(scene.objects):
         with _collecting(problems, f"{path}: objects[{i}]"):
             builder.add_object(i, table)
@@ -87,12 +96,20 @@ def load_toml(path: Path) -> World:
     for i, light in enumerate(scene.sphere_lights):
         with _collecting(problems, f"{path}: sphere_lights[{i}]"):
             lights.append(SphereLight(light.radius_m, light.radiance, _motion(light)))
+    for i, punctual in enumerate(scene.lights):
+        with _collecting(problems, f"{path}: lights[{i}]"):
+            builder.add_light(punctual)
+    environment_map: EnvironmentMap | None = None
+    with _collecting(problems, f"{path}: environment.map"):
+        environment_map = builder.environment_map(scene.environment)
     camera: Camera | None = None
     with _collecting(problems, f"{path}: camera"):
-        camera = _camera(scene.camera)
+        camera = _camera(scene.camera, path.parent)
     if problems or camera is None:
         raise InputError("\n".join(problems))
     motions = [camera.motion, *(i.motion for i in builder.instances), *(light.motion for light in lights)]
+    motions += [light.motion for light in builder.punctual_lights]
+    deformed = [mesh.deformation.duration_s for mesh in builder.meshes if mesh.deformation is not None]
     return World(
         name=path.stem,
         camera=camera,
@@ -103,9 +120,10 @@ def load_toml(path: Path) -> World:
         sphere_lights=tuple(lights),
         punctual_lights=tuple(builder.punctual_lights),
         environment=scene.environment.radiance,
+        environment_map=environment_map,
         sensor=Sensor(**scene.sensor.model_dump()),
         fps=scene.fps,
-        duration_s=scene.duration_s or max(motion.duration_s for motion in motions) or 1.0,
+        duration_s=scene.duration_s or max(*(motion.duration_s for motion in motions), *deformed, 0.0) or 1.0,
         warnings=tuple(builder.warnings),
         notes=tuple(builder.notes),
     )
@@ -114,7 +132,7 @@ def load_toml(path: Path) -> World:
 class _Builder:
     """Collects meshes, materials and instances as objects are added."""
 
-    def __init__(self, scene: schema.SceneTable, path: Path) -> None:
+    def __init__(self, path: Path) -> None:
         self.folder = path.parent
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
@@ -123,20 +141,75 @@ class _Builder:
         self.punctual_lights: list[PunctualLight] = []
         self.warnings: list[str] = []
         self.notes: list[str] = []
+        self.budget = PixelBudget()
         self.material_ids: dict[str | None, int] = {None: 0}
-        for name, table in scene.materials.items():
-            self.material_ids[name] = len(self.materials)
-            self.materials.append(self._material(table))
+
+    def add_material(self, name: str, table: schema.MaterialTable) -> None:
+        self.material_ids[name] = len(self.materials)
+        self.materials.append(Material())  # stands in where the real one has a problem
+        self.materials[-1] = self._material(table)
 
     def _material(self, table: schema.MaterialTable) -> Material:
-        texture, color = -1, table.color or (0.5, 0.5, 0.5)
+        bright = table.texture is not None or table.kind in ("conductor", "dielectric", "thin-dielectric")
+        default: Vec3 = (1.0, 1.0, 1.0) if bright else (0.5, 0.5, 0.5)
+        texture, color = -1, table.color or default
         if table.checker is not None:
             checker = table.checker
             texture, color = len(self.textures), (1.0, 1.0, 1.0)
             self.textures.append(CheckerTexture(checker.color_a, checker.color_b, checker.squares_per_m))
+        if table.texture is not None:
+            texture = self._image(table.texture, srgb=True)
+        eta, k = table.eta, table.k
+        if table.metal is not None:
+            if table.metal not in METALS:
+                raise InputError(f"metal is {table.metal!r}, expected one of {', '.join(METALS)}")
+            eta, k = METALS[table.metal]
         return Material(
-            kind=table.kind, color=color, texture=texture, emission=table.emission, two_sided=table.two_sided
+            kind=table.kind,
+            color=color,
+            texture=texture,
+            emission=table.emission,
+            emission_texture=self._image(table.emission_texture, srgb=True),
+            two_sided=table.two_sided,
+            alpha=table.roughness**2,
+            roughness_texture=self._image(table.roughness_texture, srgb=False),
+            metallic=table.metallic,
+            ior=table.ior,
+            eta=eta,
+            k=k,
+            specular_color=table.specular_color,
+            transmission=table.transmission,
+            clearcoat=table.clearcoat,
+            clearcoat_alpha=table.clearcoat_roughness**2,
+            normal_texture=self._image(table.normal_texture, srgb=False),
+            normal_scale=table.normal_scale,
+            alpha_mode=table.alpha_mode,
+            alpha_cutoff=table.alpha_cutoff,
+            opacity=table.opacity,
+            opacity_texture=self._image(table.opacity_texture, srgb=True),
         )
+
+    def _image(self, table: schema.ImageTable | None, *, srgb: bool) -> int:
+        if table is None:
+            return -1
+        pixels = read_texture(self.folder / inside_folder(table.file, self.folder), self.budget)
+        (u, v), wrap = table.repeats, table.wrap
+        matrix = ((u, 0.0, 0.0), (0.0, v, 0.0))
+        image = ImageTexture(pixels, srgb=srgb, wrap_u=wrap, wrap_v=wrap, nearest=table.nearest, uv_matrix=matrix)
+        self.textures.append(image)
+        return len(self.textures) - 1
+
+    def add_light(self, table: schema.LightTable) -> None:
+        motion = _motion(table, table.rotation_deg, table.look_at)
+        inner = min(table.inner_deg, table.outer_deg)
+        self.punctual_lights.append(PunctualLight(table.kind, table.intensity, motion, inner, table.outer_deg))
+
+    def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
+        if table.map is None:
+            return None
+        pixels = read_linear(self.folder / inside_folder(table.map, self.folder), self.budget)
+        turn = rotation_matrix(euler_quaternion((0.0, table.map_rotation_deg, 0.0)))
+        return EnvironmentMap(pixels * np.float32(table.map_scale), turn)
 
     def add_object(self, index: int, table: schema.ObjectTable) -> None:
         from clsim.scene import schema
@@ -198,14 +271,14 @@ def _scale(table: schema.ObjectTable) -> Vec3:
 
 
 def _motion(
-    table: schema.ObjectTable | schema.SphereLightTable | schema.CameraTable,
+    table: schema.Placed,
     rotation_deg: Vec3 | None = None,
     target: Vec3 | None = None,
 ) -> Motion:
     """Return how something moves; ``target`` is looked at where the keyframes or the orbit name nothing else."""
     rotation = euler_quaternion(rotation_deg) if rotation_deg is not None else NO_TURN
     if table.keyframes is not None:
-        return _keyframed(table.keyframes, target)
+        return _keyframed(table.keyframes, target, table.interpolation)
     if table.orbit is not None:
         orbit = table.orbit
         return Orbit(
@@ -225,14 +298,18 @@ def _motion(
     return Static(compose(position, rotation_matrix(rotation)))
 
 
-def _keyframed(keyframes: tuple[schema.KeyframeTable, ...], target: Vec3 | None) -> Motion:
+def _keyframed(
+    keyframes: tuple[schema.KeyframeTable, ...], target: Vec3 | None, interpolation: Interpolation
+) -> Motion:
     times = tuple(key.time_s for key in keyframes)
     positions = tuple(key.position for key in keyframes)
     turned = any(key.rotation_deg is not None or key.quaternion is not None for key in keyframes)
     targets = tuple(t for key in keyframes if (t := key.look_at or target) is not None)
     if len(targets) == len(keyframes) and not turned:
+        if interpolation == "cubic" and len(times) > 1:
+            return CubicKeyframes(times, positions, None, targets)
         return LookAtKeyframes(times, positions, targets)
-    return Keyframes(times, positions, tuple(_rotation(key) for key in keyframes))
+    return through(times, positions, tuple(_rotation(key) for key in keyframes), interpolation)
 
 
 def _rotation(key: schema.KeyframeTable) -> Quaternion:
@@ -241,12 +318,19 @@ def _rotation(key: schema.KeyframeTable) -> Quaternion:
     return NO_TURN if key.rotation_deg is None else euler_quaternion(key.rotation_deg)
 
 
-def _camera(table: schema.CameraTable) -> Camera:
+def _camera(table: schema.CameraTable, folder: Path) -> Camera:
     target = table.look_at
     if table.orbit is not None and target is None and table.rotation_deg is None:
         target = table.orbit.center
-    motion = _motion(table, table.rotation_deg, target)
-    return Camera(*table.resolution, table.fov_deg, motion, table.shutter_s)
+    if table.trajectory is not None:
+        file = folder / inside_folder(table.trajectory, folder)
+        motion = read_tum(file, axes=table.trajectory_axes, interpolation=table.interpolation)
+    else:
+        motion = _motion(table, table.rotation_deg, target)
+    fov_deg = table.fov_deg
+    if table.focal_length_mm is not None:
+        fov_deg = 2 * math.degrees(math.atan(table.sensor_width_mm / 2 / table.focal_length_mm))
+    return Camera(*table.resolution, fov_deg, motion, table.shutter_s, Lens(**table.lens.model_dump()))
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
 from clsim.scene.motion import Motion
-from clsim.scene.world import Camera, Mesh, World
+from clsim.scene.world import Camera, Material, Mesh, World
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
@@ -47,14 +47,26 @@ def _problems(world: World) -> Iterator[str]:
             yield f"material {k}: color is {material.color}, expected numbers from 0 to 1"
         if not _within(material.emission):
             yield f"material {k}: emission is {material.emission}, expected finite numbers from 0"
-        if not -1 <= material.texture < len(world.textures):
-            yield f"material {k}: uses texture {material.texture}, expected one of the {len(world.textures)} textures"
+        yield from _material_problems(f"material {k}", material, len(world.textures))
     for k, light in enumerate(world.sphere_lights):
         if not (_within((light.radius_m,)) and light.radius_m > 0):
             yield f"sphere light {k}: radius is {light.radius_m} m, expected a positive number"
         if not _within(light.radiance):
             yield f"sphere light {k}: radiance is {light.radiance}, expected finite numbers from 0"
         yield from _motion_problems(f"sphere light {k}", light.motion)
+    for k, punctual in enumerate(world.punctual_lights):
+        name = f"{punctual.kind} light {k}"
+        if not _within(punctual.intensity):
+            yield f"{name}: intensity is {punctual.intensity}, expected finite numbers from 0"
+        if not 0 <= punctual.inner_deg <= punctual.outer_deg <= 90:
+            yield f"{name}: angles are {punctual.inner_deg} and {punctual.outer_deg}, expected 0 ≤ inner ≤ outer ≤ 90"
+        yield from _motion_problems(name, punctual.motion)
+    if world.environment_map is not None:
+        radiance = world.environment_map.radiance
+        if radiance.ndim != 3 or radiance.shape[2] != 3 or not radiance.size:
+            yield f"environment map: has shape {radiance.shape}, expected height, width and 3"
+        elif not np.isfinite(radiance).all() or radiance.min() < 0:
+            yield "environment map: has a radiance that is negative or not finite"
     if not _within(world.environment):
         yield f"environment: radiance is {world.environment}, expected finite numbers from 0"
     sensor = world.sensor
@@ -64,6 +76,20 @@ def _problems(world: World) -> Iterator[str]:
     for key in ("fps", "duration_s"):
         if not 0 < getattr(world, key) < math.inf:
             yield f"{key} is {getattr(world, key)}, expected a positive number"
+
+
+def _material_problems(name: str, material: Material, textures: int) -> Iterator[str]:
+    for key in ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture"):
+        if not -1 <= getattr(material, key) < textures:
+            yield f"{name}: {key} is {getattr(material, key)}, expected one of the {textures} textures"
+    for key in ("alpha", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "opacity"):
+        if not _within((getattr(material, key),), 1.0):
+            yield f"{name}: {key} is {getattr(material, key)}, expected a number from 0 to 1"
+    if not 0 < material.ior < math.inf:
+        yield f"{name}: ior is {material.ior}, expected a positive number"
+    for key in ("eta", "k", "specular_color"):
+        if not _within(getattr(material, key) or ()):
+            yield f"{name}: {key} is {getattr(material, key)}, expected finite numbers from 0"
 
 
 def _camera_problems(camera: Camera) -> Iterator[str]:

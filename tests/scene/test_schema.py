@@ -38,7 +38,7 @@ def complaint(tmp_path, text):
         (CAMERA + "resolution = [0, 10]\n", ["camera.resolution[0]", "greater than or equal to 1", "0"]),
         (CAMERA + "resolution = [64]\n", ["camera.resolution[1]"]),
         ("[camera]\nposition = [0.0, inf, 0.0]\n", ["camera.position[1]", "finite", "inf"]),
-        ("[camera]\nresolution = [8, 8]\n", ["camera: expected one of position, keyframes and orbit"]),
+        ("[camera]\nresolution = [8, 8]\n", ["camera: expected one of position, keyframes, orbit and trajectory"]),
         (CAMERA + "look_at = [0.0, 0.0, 3.0]\n", ["camera: position and look_at meet"]),
         (CAMERA + "look_at = [0.0, 0.0, 0.0]\nrotation_deg = [0.0, 0.0, 0.0]\n", ["camera: has look_at and rotation"]),
         (CAMERA + "keyframes = [{time_s = 0.0, position = [0, 0, 0]}]\n", ["camera: has position and keyframes"]),

@@ -51,7 +51,7 @@ def test_a_good_world_passes():
         (replace(GOOD, instances=(Instance(7, IDENTITY, "ghost"),)), ["object ghost", "mesh 7"]),
         (replace(GOOD, materials=(Material(color=(2, 0, 0)), *GOOD.materials[1:])), ["material 0", "color"]),
         (replace(GOOD, materials=(Material(emission=(-1, 0, 0)), *GOOD.materials[1:])), ["material 0", "emission"]),
-        (replace(GOOD, materials=(Material(texture=5), *GOOD.materials[1:])), ["material 0", "texture 5"]),
+        (replace(GOOD, materials=(Material(texture=5), *GOOD.materials[1:])), ["material 0", "texture is 5"]),
         (replace(GOOD, sphere_lights=(SphereLight(0.0, (1, 1, 1), IDENTITY),)), ["sphere light 0", "radius"]),
         (replace(GOOD, sphere_lights=(SphereLight(1.0, (np.inf, 1, 1), IDENTITY),)), ["sphere light 0", "radiance"]),
         (replace(GOOD, environment=(0, np.nan, 0)), ["environment", "nan"]),

@@ -1,0 +1,145 @@
+"""Motion from trajectory files, and through keyframes along splines."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.motion import Keyframes, Matrix, Motion, Quaternion, Static, Vec3, compose, look_at, rotation_matrix
+
+MAX_BYTES = 256 << 20
+Interpolation = Literal["linear", "cubic"]
+Axes = Literal["opencv", "opengl"]
+
+
+@dataclass(frozen=True)
+class CubicKeyframes:
+    """Positions along a natural cubic spline, rotations along one of continuous angular acceleration.
+
+    Attributes:
+        times_s: strictly increasing times [s], two at least.
+        positions: one per time [m].
+        rotations: unit quaternions x, y, z, w, one per time; None where there are targets.
+        targets: what is looked at, one per time, along a spline as well; None where there are rotations.
+    """
+
+    times_s: tuple[float, ...]
+    positions: tuple[Vec3, ...]
+    rotations: tuple[Quaternion, ...] | None = None
+    targets: tuple[Vec3, ...] | None = None
+    _splines: tuple[Any, Any] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Fit the splines."""
+        from scipy.interpolate import CubicSpline
+        from scipy.spatial.transform import Rotation, RotationSpline
+
+        place = CubicSpline(self.times_s, self.positions, bc_type="natural")
+        if self.targets is not None:
+            turn = CubicSpline(self.times_s, self.targets, bc_type="natural")
+        elif self.rotations is not None:
+            turn = RotationSpline(self.times_s, Rotation.from_quat(self.rotations))
+        else:
+            raise ValueError("cubic keyframes need rotations or targets")
+        object.__setattr__(self, "_splines", (place, turn))
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last keyframe [s]."""
+        return self.times_s[-1]
+
+    def pose(self, time_s: float) -> Matrix:
+        """Return the pose at that time."""
+        place, turn = self._splines
+        clipped = min(max(time_s, self.times_s[0]), self.times_s[-1])
+        position = place(clipped)
+        if self.targets is None:
+            return compose(position, turn(clipped).as_matrix())
+        target = turn(clipped)
+        if np.linalg.norm(position - target) < 1e-9:
+            raise InputError(f"the spline meets its look_at at {clipped:g} s, expected a path that keeps away from it")
+        return look_at(position, target)
+
+
+def through(
+    times_s: tuple[float, ...],
+    positions: tuple[Vec3, ...],
+    rotations: tuple[Quaternion, ...],
+    interpolation: Interpolation,
+) -> Motion:
+    """Return the motion through keyframes.
+
+    Raises:
+        InputError: if they do not belong together.
+    """
+    straight = Keyframes(times_s, positions, rotations)  # checks them
+    if interpolation == "linear" or len(times_s) < 2:
+        return straight
+    return CubicKeyframes(times_s, positions, rotations)
+
+
+def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation = "linear") -> Motion:
+    """Read a camera's trajectory in the format of the TUM RGB-D benchmark: ``t tx ty tz qx qy qz qw`` a line.
+
+    Time starts at the first line. Source: Sturm et al., IROS 2012.
+
+    Args:
+        path: the file; empty lines and those that start with # are skipped.
+        axes: the camera's: ``opencv`` looks along +z with y down, as in the benchmark; ``opengl`` along −z with y up.
+        interpolation: how to join the poses.
+
+    Raises:
+        InputError: naming file and line.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a trajectory")
+        text = path.read_text("utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+    times: list[float] = []
+    positions: list[Vec3] = []
+    rotations: list[Quaternion] = []
+    start = 0.0
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        time_s, position, rotation = _line(f"{path}:{number}", words)
+        start = start if times else time_s
+        if times and not time_s - start > times[-1]:
+            raise InputError(f"{path}:{number}: time {words[0]} does not come after the line before")
+        times.append(time_s - start)
+        positions.append(position)
+        rotations.append(_turned(rotation) if axes == "opencv" else rotation)
+    if not times:
+        raise InputError(f"{path}: has no poses, expected lines of t tx ty tz qx qy qz qw")
+    if len(times) == 1:
+        return Static(compose(positions[0], rotation_matrix(rotations[0])))
+    return through(tuple(times), tuple(positions), tuple(rotations), interpolation)
+
+
+def _line(place: str, words: list[str]) -> tuple[float, Vec3, Quaternion]:
+    try:
+        t, x, y, z, qx, qy, qz, qw = (float(word) for word in words)
+    except ValueError:
+        raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw") from None
+    if not all(math.isfinite(value) for value in (t, x, y, z, qx, qy, qz, qw)):
+        raise InputError(f"{place}: has a number that is not finite")
+    length = math.hypot(qx, qy, qz, qw)
+    if abs(length - 1) > 0.01:
+        raise InputError(f"{place}: its quaternion has length {length:g}, expected 1")
+    return t, (x, y, z), (qx / length, qy / length, qz / length, qw / length)
+
+
+def _turned(rotation: Quaternion) -> Quaternion:
+    """Return the rotation after half a turn about its own x: from z ahead and y down to −z ahead and y up."""
+    x, y, z, w = rotation
+    return w, z, -y, -x
