@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from clsim.frames import Frame
 from clsim.frames.frame import RADIANCE, FloatArray
 from clsim.live.view.accumulate import EventWindow, colour_indices, signed_image
 from clsim.live.view.colormaps import ZERO, lut
-from clsim.live.view.tonemap import ToneMap
+from clsim.live.view.tonemap import FRAME_PERIOD_S, ToneMap, brightness_image
 
 PICTURE_US = 33_000
 _MOST_POINTS = 50_000
@@ -34,7 +35,8 @@ class RerunSink:
         self._table = lut()
         self._window = EventWindow()
         self._end_us: int | None = None
-        self._tone_map, self._shown_us = ToneMap(), -PICTURE_US
+        self._tone_maps = {"noisy": ToneMap(), "denoised": ToneMap()}
+        self._next_frame_s = 0.0
         self._recording: Any = rerun.RecordingStream("clsim")
         if save_to is not None:
             self._recording.save(save_to)
@@ -55,17 +57,18 @@ class RerunSink:
             self._end_us += PICTURE_US
 
     def wants_frame(self) -> bool:
-        """Take every frame; rate is bounded in event time."""
-        return True
+        """Tell whether the last frame is long enough ago."""
+        return time.monotonic() >= self._next_frame_s
 
     def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
-        """Log the frame, at most once in 33 ms of its own time."""
-        if 0 <= frame.time_us - self._shown_us < PICTURE_US:
-            return
-        self._shown_us = frame.time_us
-        radiance = np.stack([frame.plane(name) for name in RADIANCE], axis=2)
+        """Log the frame's radiance and the detector's brightness (its logarithm, ``[H, W]``), mapped to 8 bits."""
+        self._next_frame_s = time.monotonic() + FRAME_PERIOD_S
+        images = {"noisy": np.stack([frame.plane(name) for name in RADIANCE], axis=2)}
+        if level is not None:
+            images["denoised"] = brightness_image(level)
         self._recording.set_time("event time", duration=frame.time_us * 1e-6)
-        self._recording.log("frame", self._rerun.Image(self._tone_map(radiance)))
+        for name, linear in images.items():
+            self._recording.log(f"frame/{name}", self._rerun.Image(self._tone_maps[name](linear)))
 
     def close(self) -> None:
         """Hand over what is left."""

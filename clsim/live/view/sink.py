@@ -14,9 +14,8 @@ from clsim.frames import Frame
 from clsim.frames.frame import RADIANCE, FloatArray
 from clsim.live.view.packets import DENOISED, NOISY, image_packet
 from clsim.live.view.server import PageServer
-from clsim.live.view.tonemap import ToneMap
+from clsim.live.view.tonemap import FRAME_PERIOD_S, ToneMap, brightness_image
 
-FRAME_PERIOD_S = 1 / 15
 _LARGEST_FRAME_PX = 640
 
 
@@ -107,6 +106,6 @@ class _FrameWorker:
                 (time_us, radiance, level), self._newest = self._newest, None
             images = {NOISY: radiance}
             if level is not None:
-                images[DENOISED] = np.exp(np.minimum(level, 80.0))[..., np.newaxis]
+                images[DENOISED] = brightness_image(level)
             for kind, linear in images.items():
                 self._server.hub.show(kind, image_packet(kind, self._maps[kind](linear), time_us))

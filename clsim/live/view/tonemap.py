@@ -7,6 +7,8 @@ import numpy.typing as npt
 
 from clsim.frames.frame import FloatArray
 
+FRAME_PERIOD_S = 1 / 15
+"""Time between two frames that are shown: looking must not cost what rendering needs [s]."""
 _STEPS = 4096
 _PERCENTILE = 95.0
 _WHITE_AT = 0.8
@@ -40,3 +42,9 @@ class ToneMap:
         scaled = np.nan_to_num(linear * self._exposure, nan=0.0, posinf=1.0, neginf=0.0)
         image: npt.NDArray[np.uint8] = self._table[(np.clip(scaled, 0.0, 1.0) * (_STEPS - 1)).astype(np.intp)]
         return image
+
+
+def brightness_image(level: FloatArray) -> FloatArray:
+    """Return the luminance ``[H, W, 1]``, up to a factor, of brightness in natural-log units ``[H, W]``."""
+    luminance: FloatArray = np.exp(np.minimum(level, 80.0))[..., np.newaxis]
+    return luminance

@@ -20,7 +20,7 @@ $("no-webgl").hidden = cloud.gl !== null;
 const saved = JSON.parse(localStorage.getItem("clsim") || "{}");
 const settings = { windowUs: 30_000, depthUs: 300_000, full: 3, decay: false, colours: "blue-orange", theme: null, ...saved };
 let hello = null, status = {}, tables = {}, look = null, socket = null;
-let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, total = 0, lastSeekS = 0, ended = false;
+let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, total = 0, ended = false;
 
 const now = () => heldUs ?? store.nowUs;
 const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
@@ -263,11 +263,19 @@ function toggleTheme() {
   change({ theme: document.documentElement.dataset.theme === "dark" ? "light" : "dark" });
 }
 
+// The server reads from a file: it is not asked at every move of the mouse, but always for the last place.
+let seekUs = null, seekTimer = null;
 function seek(timeUs) {
-  const s = performance.now() / 1000;
-  if (s - lastSeekS < 0.08) return; // the server reads from a file: not at every move of the mouse
-  lastSeekS = s;
-  send({ command: "seek", value: Math.round(timeUs) });
+  seekUs = Math.round(timeUs);
+  if (seekTimer !== null) return;
+  const ask = () => {
+    seekTimer = null;
+    if (seekUs === null) return;
+    send({ command: "seek", value: seekUs });
+    seekUs = null;
+    seekTimer = setTimeout(ask, 80);
+  };
+  ask();
 }
 
 // A stream is stepped through what the browser still holds of it, a recording through the file.
