@@ -1,80 +1,110 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""How surfaces scatter light: materials and their Warp functions.
+"""How surfaces scatter light: one pair of Warp functions for all scattering models that a scene has.
 
-A scattering model gives three functions: ``scatter`` draws a direction, ``scatter_value`` is f·cos θ for a given one,
-``scatter_pdf`` its density per steradian.
+Each model is a file ``bsdf_*``: ``value`` gives f·cos θ and the density of its own sampling for two directions,
+``sample`` draws a direction. Here directions are those of the world.
 """
 
 from typing import Any
 
 import warp as wp
 
+from clsim.render.bsdf_conductor import conductor_fresnel, conductor_sample, conductor_value
+from clsim.render.bsdf_dielectric import dielectric_sample, dielectric_value, thin_sample
+from clsim.render.bsdf_diffuse import diffuse_sample, diffuse_value
+from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.bsdf_plastic import plastic_sample, plastic_value
+from clsim.render.bsdf_principled import principled_sample, principled_value
 from clsim.render.features import Features
-from clsim.render.geometry import Surface
-from clsim.render.sampling import cosine_hemisphere
+from clsim.render.materials import (
+    CONDUCTOR,
+    DIELECTRIC,
+    DIFFUSE,
+    PLASTIC,
+    PRINCIPLED,
+    THIN_DIELECTRIC,
+    Bsdf,
+    Materials,
+)
+from clsim.render.sampling import tangent_frame
 
 
-@wp.struct
-class Materials:
-    """All materials and checker textures, one entry each."""
+def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``value``, ``sample`` and ``albedo``.
 
-    color: wp.array(dtype=wp.vec3)
-    emission: wp.array(dtype=wp.vec3)
-    two_sided: wp.array(dtype=int)
-    texture: wp.array(dtype=int)
-    checker_a: wp.array(dtype=wp.vec3)
-    checker_b: wp.array(dtype=wp.vec3)
-    checker_scale: wp.array(dtype=float)
-
-
-@wp.func
-def checker(materials: Materials, texture: int, uv: wp.vec2) -> wp.vec3:
-    """Return the colour of a checkerboard; the square at the origin of uv has the first colour."""
-    scale = materials.checker_scale[texture]
-    square = int(wp.floor(uv[0] * scale)) + int(wp.floor(uv[1] * scale))
-    return wp.where((square & 1) == 0, materials.checker_a[texture], materials.checker_b[texture])
-
-
-def make_materials(features: Features) -> tuple[Any, Any]:
-    """Return the Warp functions ``reflectance(materials, surface)`` and ``emitted(materials, surface)``."""
+    ``value(materials, bsdf, normal, wo, wi)`` and ``sample(materials, bsdf, normal, wo, choice, u)`` take unit
+    directions away from the surface, ``wo`` on the side of the shading normal.
+    """
+    kinds = features.kinds
+    glossy = kinds != ("diffuse",)
 
     @wp.func
-    def reflectance(materials: Materials, point: Surface) -> wp.vec3:
-        color = materials.color[point.material]
-        if wp.static(features.textures):
-            texture = materials.texture[point.material]
-            if texture >= 0:
-                color = wp.cw_mul(color, checker(materials, texture, point.uv))
+    def value(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> Scattering:
+        result = Scattering()
+        if wp.static("diffuse" in kinds):
+            if b.kind == DIFFUSE:
+                result = diffuse_value(b, normal, wi)
+        if wp.static(glossy):
+            if b.kind != DIFFUSE and not b.mirror:
+                frame = wp.transpose(tangent_frame(normal))
+                out_local = frame * wo
+                in_local = frame * wi
+                if wp.static("conductor" in kinds):
+                    if b.kind == CONDUCTOR:
+                        result = conductor_value(b, out_local, in_local)
+                if wp.static("dielectric" in kinds):
+                    if b.kind == DIELECTRIC:
+                        result = dielectric_value(b, out_local, in_local)
+                if wp.static("plastic" in kinds):
+                    if b.kind == PLASTIC:
+                        result = plastic_value(materials.transmittance, b, out_local, in_local)
+                if wp.static("principled" in kinds):
+                    if b.kind == PRINCIPLED:
+                        result = principled_value(b, out_local, in_local)
+        return result
+
+    @wp.func
+    def sample(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
+        s = Scattered()
+        if wp.static("diffuse" in kinds):
+            if b.kind == DIFFUSE:
+                s = diffuse_sample(b, normal, u)
+        if wp.static(glossy):
+            if b.kind != DIFFUSE:
+                frame = tangent_frame(normal)
+                out_local = wp.transpose(frame) * wo
+                if wp.static("conductor" in kinds):
+                    if b.kind == CONDUCTOR:
+                        s = conductor_sample(b, out_local, u)
+                if wp.static("dielectric" in kinds):
+                    if b.kind == DIELECTRIC:
+                        s = dielectric_sample(b, out_local, choice, u)
+                if wp.static("thin-dielectric" in kinds):
+                    if b.kind == THIN_DIELECTRIC:
+                        s = thin_sample(b, out_local, choice)
+                if wp.static("plastic" in kinds):
+                    if b.kind == PLASTIC:
+                        s = plastic_sample(materials.transmittance, b, out_local, choice, u)
+                if wp.static("principled" in kinds):
+                    if b.kind == PRINCIPLED:
+                        s = principled_sample(b, out_local, choice, u)
+                s.direction = wp.normalize(frame * s.direction)
+        return s
+
+    @wp.func
+    def albedo(b: Bsdf) -> wp.vec3:
+        """The colour that denoisers expect: diffuse reflectance or base colour, F0 of metals, white for glass."""
+        color = b.color
+        if wp.static("conductor" in kinds):
+            if b.kind == CONDUCTOR:
+                color = conductor_fresnel(b, 1.0)
+        if wp.static("dielectric" in kinds or "thin-dielectric" in kinds):
+            if b.kind == DIELECTRIC or b.kind == THIN_DIELECTRIC:
+                color = wp.vec3(1.0, 1.0, 1.0)
         if wp.static(features.one_sided):
-            if not point.front and materials.two_sided[point.material] == 0:
+            if b.dark:
                 color = wp.vec3()
         return color
 
-    @wp.func
-    def emitted(materials: Materials, point: Surface) -> wp.vec3:
-        radiance = materials.emission[point.material]
-        if wp.static(features.one_sided):
-            if not point.front and materials.two_sided[point.material] == 0:
-                radiance = wp.vec3()
-        return radiance
-
-    return reflectance, emitted
-
-
-@wp.func
-def scatter(normal: wp.vec3, u: wp.vec2) -> wp.vec3:
-    """Draw a direction of the diffuse model."""
-    return cosine_hemisphere(normal, u)
-
-
-@wp.func
-def scatter_pdf(normal: wp.vec3, direction: wp.vec3) -> float:
-    """Return the density of ``scatter`` [sr⁻¹]."""
-    return wp.max(wp.dot(normal, direction), 0.0) / wp.pi
-
-
-@wp.func
-def scatter_value(color: wp.vec3, normal: wp.vec3, direction: wp.vec3) -> wp.vec3:
-    """Return f·cos θ of the diffuse model [sr⁻¹]."""
-    return color * (wp.max(wp.dot(normal, direction), 0.0) / wp.pi)
+    return value, sample, albedo

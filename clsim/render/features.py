@@ -7,9 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from clsim.scene import CheckerTexture, Material, Mesh, World
+from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
 
 Strategy = Literal["mis", "light", "scatter"]
+Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
+KINDS: tuple[Kind, ...] = ("diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled")
+"""The scattering models; kernels know them by their place here."""
 
 
 @dataclass(frozen=True)
@@ -19,7 +22,13 @@ class Features:
     Attributes:
         two_level: something moves, so rays pass through a tree over instances; else one mesh holds everything.
         smooth_normals: some mesh has shading normals.
-        textures: some used material has a texture.
+        kinds: the scattering models of the used materials, in the order of ``KINDS``.
+        textures: some used material has a texture of any sort.
+        checkers, images: some of these textures are checkerboards, or images.
+        roughness_textures, emission_textures, normal_maps: some of them are of that use.
+        alpha: some used material is cut out or translucent.
+        transmission: some used material passes light to its other side.
+        follow_specular: features are of the first surface that is not a mirror or clear glass.
         one_sided: some used material's back is black.
         triangle_lights: some triangle emits.
         sphere_lights: the number of sphere lights is not zero.
@@ -37,7 +46,16 @@ class Features:
 
     two_level: bool
     smooth_normals: bool
+    kinds: tuple[Kind, ...]
     textures: bool
+    checkers: bool
+    images: bool
+    roughness_textures: bool
+    emission_textures: bool
+    normal_maps: bool
+    alpha: bool
+    transmission: bool
+    follow_specular: bool
     one_sided: bool
     triangle_lights: bool
     sphere_lights: bool
@@ -56,7 +74,14 @@ class Features:
         rows = (
             (self.two_level, "moving objects (two-level tree)"),
             (self.smooth_normals, "smooth shading normals"),
-            (self.textures, "textures"),
+            *((kind in self.kinds, f"{kind} materials") for kind in KINDS),
+            (self.checkers, "checkerboard textures"),
+            (self.images, "image textures"),
+            (self.roughness_textures, "textures of roughness"),
+            (self.emission_textures, "textures of emission"),
+            (self.normal_maps, "normal maps"),
+            (self.alpha, "cut-out and translucent surfaces"),
+            (self.follow_specular, "features seen through mirrors and clear glass"),
             (self.one_sided, "one-sided materials"),
             (self.triangle_lights, "triangle area lights"),
             (self.sphere_lights, "sphere lights"),
@@ -85,24 +110,52 @@ def _used_materials(world: World) -> list[Material]:
     return [world.materials[i] for i in sorted(used)]
 
 
-def checker_of(world: World, material: Material) -> int:
-    """Return the index of the material's texture if it is a checkerboard, else -1."""
-    is_checker = material.texture >= 0 and isinstance(world.textures[material.texture], CheckerTexture)
-    return material.texture if is_checker else -1
+def textures_of(material: Material) -> dict[str, int]:
+    """Return the textures that the tracer reads for a material, by use."""
+    uses = {
+        "color": material.texture,
+        "emission": material.emission_texture if max(material.emission) > 0 else -1,
+        "roughness": material.roughness_texture if has_roughness(material) else -1,
+        "normal": material.normal_texture,
+        "opacity": material.opacity_texture if material.alpha_mode != "opaque" else -1,
+    }
+    return {use: index for use, index in uses.items() if index >= 0}
+
+
+def has_roughness(material: Material) -> bool:
+    """Whether a texture of roughness means anything for the material; plastic's coat is tabulated for one roughness."""
+    return material.kind in ("conductor", "dielectric", "principled")
+
+
+def passes_light(material: Material) -> bool:
+    """Whether light crosses the surface other than through its cut-outs."""
+    passes = material.kind == "principled" and material.transmission > 0
+    return passes or material.kind in ("dielectric", "thin-dielectric")
+
+
+def may_be_mirror(material: Material) -> bool:
+    """Whether the material has points with no lobe but perfectly smooth ones."""
+    if material.kind == "principled":
+        single = material.metallic >= 1 or material.transmission >= 1
+        return single and (material.alpha < 1e-3 or material.roughness_texture >= 0)
+    if material.kind in ("conductor", "dielectric"):
+        return material.alpha < 1e-3 or material.roughness_texture >= 0
+    return material.kind == "thin-dielectric"
+
+
+def used_textures(world: World) -> list[int]:
+    """Return the indices of the textures that the tracer reads."""
+    return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
 
 
 def unsupported(world: World) -> tuple[str, ...]:
     """Return what the world asks for and the tracer does not do, one sentence each."""
     meshes, materials = _used_meshes(world), _used_materials(world)
     rows = (
-        (any(m.kind != "diffuse" for m in materials), "materials other than diffuse are rendered as diffuse"),
         (
-            any(m.texture >= 0 and checker_of(world, m) < 0 for m in materials),
-            "image textures are rendered as their material's constant color",
+            any(m.roughness_texture >= 0 and m.kind == "plastic" for m in materials),
+            "textures of plastic's roughness are left out",
         ),
-        (any(m.emission_texture >= 0 for m in materials), "textures of emission are left out"),
-        (any(m.normal_texture >= 0 for m in materials), "normal maps are left out"),
-        (any(m.alpha_mode != "opaque" for m in materials), "cut-out and translucent materials are rendered as opaque"),
         (any(mesh.deformation is not None for mesh in meshes), "deforming meshes keep their rest shape"),
     )
     return tuple(text for lacks, text in rows if lacks)
@@ -114,13 +167,25 @@ def moves(world: World) -> bool:
     return any(mover.motion.duration_s > 0 for mover in movers)
 
 
-def features_of(world: World, variances: bool, strategy: Strategy) -> Features:
+def features_of(world: World, variances: bool, strategy: Strategy, follow_specular: bool = True) -> Features:
     """Return the features that the world needs."""
     meshes, materials = _used_meshes(world), _used_materials(world)
+    kinds = {material.kind for material in materials} or {"diffuse"}
+    uses = {use for material in materials for use in textures_of(material)}
+    textures = [world.textures[index] for index in used_textures(world)]
     return Features(
         two_level=any(instance.motion.duration_s > 0 for instance in world.instances),
         smooth_normals=any(mesh.normals is not None for mesh in meshes),
-        textures=any(checker_of(world, material) >= 0 for material in materials),
+        kinds=tuple(kind for kind in KINDS if kind in kinds),
+        textures=bool(textures),
+        checkers=any(isinstance(texture, CheckerTexture) for texture in textures),
+        images=any(isinstance(texture, ImageTexture) for texture in textures),
+        roughness_textures="roughness" in uses,
+        emission_textures="emission" in uses,
+        normal_maps="normal" in uses,
+        alpha=any(material.alpha_mode != "opaque" for material in materials),
+        transmission=any(passes_light(material) for material in materials),
+        follow_specular=follow_specular and any(may_be_mirror(material) for material in materials),
         one_sided=any(not material.two_sided for material in materials),
         triangle_lights=any(max(material.emission) > 0 for material in materials),
         sphere_lights=bool(world.sphere_lights),

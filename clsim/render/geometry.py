@@ -63,12 +63,17 @@ class Hit:
 
 @wp.struct
 class Surface:
-    """A point on a triangle as shading needs it; the normals face the side that the ray came from."""
+    """A point on a triangle as shading needs it; the normals face the side that the ray came from.
+
+    ``tangent`` and ``bitangent`` are the derivatives of the position by u and v, and 0 where uv have no area.
+    """
 
     position: wp.vec3
     normal: wp.vec3
     shading_normal: wp.vec3
     uv: wp.vec2
+    tangent: wp.vec3
+    bitangent: wp.vec3
     material: int
     front: bool
     area: float
@@ -308,6 +313,13 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
                     point.shading_normal = wp.normalize(blend)
         if wp.static(features.textures):
             point.uv = geometry.uvs[i0] * weight0 + geometry.uvs[i1] * weight1 + geometry.uvs[i2] * weight2
+        if wp.static(features.normal_maps):
+            uv1 = geometry.uvs[i1] - geometry.uvs[i0]
+            uv2 = geometry.uvs[i2] - geometry.uvs[i0]
+            determinant = uv1[0] * uv2[1] - uv1[1] * uv2[0]
+            if wp.abs(determinant) > 1.0e-30:
+                point.tangent = ((p1 - p0) * uv2[1] - (p2 - p0) * uv1[1]) / determinant
+                point.bitangent = ((p2 - p0) * uv1[0] - (p1 - p0) * uv2[0]) / determinant
         point.material = geometry.material_ids[triangle]
         return point
 

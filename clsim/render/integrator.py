@@ -12,12 +12,15 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.bsdf import Materials, make_materials, scatter, scatter_pdf, scatter_value
+from clsim.render.alpha import make_alpha
+from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import View, make_camera
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
-from clsim.render.geometry import Geometry, Tree, face, make_intersection, make_sphere_at, offset_origin
-from clsim.render.lights import Lights, make_lights
+from clsim.render.geometry import Geometry, Hit, Surface, Tree, face, make_intersection, make_sphere_at, offset_origin
+from clsim.render.lights import Lights, make_lights, make_side
+from clsim.render.materials import Materials, make_materials
+from clsim.render.normal_maps import make_normal_maps
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 
@@ -55,8 +58,23 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """
     closest, occluded, surface = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    reflectance, emitted = make_materials(features)
-    sample_light, triangle_pdf, sphere_pdf, environment = make_lights(features, surface, emitted)
+    resolve, emitted, opacity = make_materials(features)
+    scatter_value, scatter, albedo_of = make_bsdf(features)
+    mapped_normal = make_normal_maps(features)
+    pierce, transmittance = make_alpha(closest, surface, opacity)
+    side = make_side(features)
+    glossy = features.kinds != ("diffuse",)
+    refracts = "dielectric" in features.kinds
+
+    @wp.func
+    def shining(materials: Materials, point: Any) -> wp.vec3:
+        """Return what a lamp sends out on average over the rays that its cut-outs stop or let through."""
+        radiance = emitted(materials, point)
+        if wp.static(features.alpha):
+            radiance = radiance * opacity(materials, point)
+        return radiance
+
+    sample_light, triangle_pdf, sphere_pdf, environment = make_lights(features, surface, shining)
     add, store = make_film(features.variances)
     camera_ray = make_camera(features)
     by_light = features.strategy != "scatter"
@@ -64,10 +82,34 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     has_lights = features.triangle_lights or features.sphere_lights or features.punctual_lights or features.environment
 
     @wp.func
-    def weight(depth: int, scattered: float, drawn: float) -> float:
-        """MIS weight of light that scattering found, given both densities; the camera's own ray has no rival."""
+    def closest_opaque(
+        scene: Scene, origin: wp.vec3, direction: wp.vec3, time: float, key: wp.uint64, depth: int
+    ) -> Hit:
+        if wp.static(features.alpha):
+            word = sampling.stream_word(key, depth * _DIMENSIONS + sampling.LOBE)
+            return pierce(scene.geometry, scene.materials, origin, direction, time, word)
+        return closest(scene.geometry, origin, direction, time)
+
+    @wp.func
+    def visibility(scene: Scene, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> float:
+        if wp.static(features.alpha):
+            return transmittance(scene.geometry, scene.materials, origin, direction, far, time)
+        return wp.where(occluded(scene.geometry, origin, direction, far, time), 0.0, 1.0)
+
+    @wp.func
+    def agree(point: Surface, toward: wp.vec3) -> bool:
+        """Whether a direction is on the same side of the triangle and of the shading normal: light must not leak."""
+        flat = wp.dot(toward, point.normal)
+        good = flat > 0.0
+        if wp.static(features.transmission):
+            good = flat * wp.dot(toward, point.shading_normal) > 0.0
+        return good
+
+    @wp.func
+    def weight(alone: bool, scattered: float, drawn: float) -> float:
+        """MIS weight of light that scattering found, given both densities; rays of camera and mirrors have no rival."""
         w = float(1.0)
-        if depth > 0:
+        if not alone:
             if wp.static(not by_scatter):
                 w = 0.0
             elif wp.static(by_light):
@@ -81,73 +123,100 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         direction = toward
         throughput = wp.vec3(1.0, 1.0, 1.0)
         pdf = float(1.0)
+        alone = bool(True)
+        # What the planes show: the first surface, or the first that is no mirror.
+        looking = bool(True)
+        tint = wp.vec3(1.0, 1.0, 1.0)
+        passed_m = float(0.0)
+        # The product of squared relative indices, by which radiance, but not power, was divided on the way.
+        eta2 = float(1.0)
         # Where the ray was scattered, for the densities with which the lights would have been drawn there.
         last_position = start
         last_normal = toward
         for depth in range(settings.max_depth):
-            hit = closest(scene.geometry, origin, direction, time)
+            hit = closest_opaque(scene, origin, direction, time, key, depth)
             if hit.triangle < 0:
                 if wp.static(features.sphere_lights):
                     if hit.sphere >= 0:
                         drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last_position, time)
                         radiance = scene.lights.sphere_radiance[hit.sphere]
-                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(depth, pdf, drawn)
-                        if depth == 0:
+                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
+                        if looking:
                             sphere = sphere_at(scene.geometry, hit.sphere, time)
                             centre = wp.vec3(sphere[0], sphere[1], sphere[2])
                             sample.hit = True
-                            sample.depth = hit.t
+                            sample.depth = passed_m + hit.t
+                            sample.albedo = wp.vec3()
                             sample.normal = wp.normalize(origin + direction * hit.t - centre)
                         break
                 if wp.static(features.environment):
                     sky = environment(scene.lights, last_normal, direction)
-                    sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(depth, pdf, sky.pdf)
+                    sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(alone, pdf, sky.pdf)
                 break
 
             point = face(surface(scene.geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time), direction)
-            color = reflectance(scene.materials, point)
-            if depth == 0:
+            if wp.static(features.normal_maps):
+                point.shading_normal = mapped_normal(scene.materials, point, -direction)
+            bsdf = resolve(scene.materials, point)
+            followed = bool(False)
+            if looking:
+                passed_m += hit.t
                 sample.hit = True
-                sample.depth = hit.t
+                sample.depth = passed_m
                 sample.normal = point.shading_normal
-                sample.albedo = color
+                sample.albedo = wp.cw_mul(tint, albedo_of(bsdf))
+                looking = False
+                if wp.static(features.follow_specular):
+                    followed = bsdf.mirror
+                    looking = followed
             if wp.static(features.triangle_lights):
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:
                     distance = wp.length(point.position - last_position)
                     drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, distance)
-                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(depth, pdf, drawn)
-            if depth + 1 >= settings.max_depth:
+                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
+            if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
 
             dimension = (depth + 1) * _DIMENSIONS
             choice = sampling.uniform2(key, dimension + sampling.CHOICE)
             if wp.static(by_light and has_lights):
-                u = sampling.uniform2(key, dimension + sampling.LIGHT)
-                light = sample_light(scene.lights, scene.geometry, scene.materials, point, choice[0], u, time)
-                if light.pdf > 0.0:
-                    value = wp.cw_mul(
-                        wp.cw_mul(throughput, light.radiance),
-                        scatter_value(color, point.shading_normal, light.direction),
-                    )
-                    if value[0] + value[1] + value[2] > 0.0 and not occluded(
-                        scene.geometry, light.origin, light.direction, light.distance, time
-                    ):
-                        w = float(1.0)
-                        if wp.static(by_scatter):
-                            if not light.delta:
-                                w = sampling.power_heuristic(
-                                    light.pdf, scatter_pdf(point.shading_normal, light.direction)
-                                )
-                        sample.radiance += value * (w / light.pdf)
+                if not bsdf.mirror:
+                    u = sampling.uniform2(key, dimension + sampling.LIGHT)
+                    light = sample_light(scene.lights, scene.geometry, scene.materials, point, choice[0], u, time)
+                    if light.pdf > 0.0 and agree(point, light.direction):
+                        scattering = scatter_value(
+                            scene.materials, bsdf, point.shading_normal, -direction, light.direction
+                        )
+                        value = wp.cw_mul(wp.cw_mul(throughput, light.radiance), scattering.value)
+                        if value[0] + value[1] + value[2] > 0.0:
+                            visible = visibility(scene, light.origin, light.direction, light.distance, time)
+                            if visible > 0.0:
+                                w = visible
+                                if wp.static(by_scatter):
+                                    if not light.delta:
+                                        w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
+                                sample.radiance += value * (w / light.pdf)
 
-            direction = scatter(point.shading_normal, sampling.uniform2(key, dimension + sampling.SCATTER))
-            pdf = scatter_pdf(point.shading_normal, direction)
-            # f·cos / pdf of the diffuse model is the reflectance.
-            throughput = wp.cw_mul(throughput, color)
-            if pdf <= 0.0 or wp.dot(direction, point.normal) <= 0.0:
+            lobe = float(0.0)
+            if wp.static(glossy):
+                lobe = sampling.uniform2(key, dimension + sampling.LOBE)[0]
+            u = sampling.uniform2(key, dimension + sampling.SCATTER)
+            scattered = scatter(scene.materials, bsdf, point.shading_normal, -direction, lobe, u)
+            if (scattered.pdf <= 0.0 and not scattered.delta) or not agree(point, scattered.direction):
                 break
-            survival = wp.min(wp.max(throughput[0], wp.max(throughput[1], throughput[2])), 0.95)
+            direction = scattered.direction
+            pdf = scattered.pdf
+            alone = scattered.delta
+            throughput = wp.cw_mul(throughput, scattered.weight)
+            if wp.static(refracts):
+                eta2 = eta2 * scattered.eta2
+            if wp.static(features.follow_specular):
+                if followed:
+                    tint = wp.cw_mul(tint, scattered.weight)
+                    if wp.static(refracts):
+                        tint = tint * scattered.eta2
+            survival = wp.min(wp.max(throughput[0], wp.max(throughput[1], throughput[2])) * eta2, 0.95)
             if survival <= 0.0:
                 break
             if depth + 1 >= settings.roulette_start:
@@ -156,7 +225,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 throughput = throughput / survival
             last_position = point.position
             last_normal = point.shading_normal
-            origin = offset_origin(point.position, point.normal, scene.geometry.scale_m)
+            origin = offset_origin(point.position, side(point.normal, direction), scene.geometry.scale_m)
         return sample
 
     @wp.kernel(

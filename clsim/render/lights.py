@@ -71,6 +71,23 @@ def sphere_cone(sphere: wp.vec4, position: wp.vec3) -> float:
     return size
 
 
+def make_side(features: Features) -> Any:
+    """Return the Warp function ``side(normal, toward)``: the normal on the side to which a direction leads.
+
+    Where nothing passes light it is the normal itself, so that directions behind the surface are told by it.
+    """
+
+    @wp.func
+    def side(normal: wp.vec3, toward: wp.vec3) -> wp.vec3:
+        leaving = normal
+        if wp.static(features.transmission):
+            if wp.dot(normal, toward) < 0.0:
+                leaving = -normal
+        return leaving
+
+    return side
+
+
 def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, Any, Any, Any]:
     """Return the Warp functions ``sample_light`` and, for what scattering finds, the densities with which it draws.
 
@@ -78,6 +95,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
     """
     sphere_at = make_sphere_at(features)
     towards_punctual = make_punctual(features)
+    side = make_side(features)
 
     @wp.func
     def triangle_pdf(
@@ -123,15 +141,16 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                 triangle = lights.triangle[light]
                 lamp = surface(geometry, instance, triangle, weights[0], weights[1], time)
                 away = lamp.position - point.position
+                leaving = side(point.normal, away)
                 distance2 = wp.dot(away, away)
-                if distance2 > 1.0e-30 and wp.dot(away, point.normal) > 0.0:
+                if distance2 > 1.0e-30 and wp.dot(away, leaving) > 0.0:
                     toward = away / wp.sqrt(distance2)
                     if wp.dot(lamp.normal, toward) > 0.0:
                         lamp.front = False
                         lamp.normal = -lamp.normal
                     sample.pdf = triangle_pdf(lights, instance, triangle, lamp, toward, wp.sqrt(distance2))
                     sample.radiance = emitted(materials, lamp)
-                    sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
+                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
                     # The shadow ray ends as far before the lamp as it starts off the surface.
                     shadow = offset_origin(lamp.position, lamp.normal, geometry.scale_m) - sample.origin
                     sample.distance = wp.length(shadow)
@@ -144,11 +163,12 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                 if size > 0.0:
                     centre = wp.vec3(sphere[0], sphere[1], sphere[2])
                     toward = cone(wp.normalize(centre - point.position), size, u)
-                    if wp.dot(toward, point.normal) > 0.0:
+                    leaving = side(point.normal, toward)
+                    if wp.dot(toward, leaving) > 0.0:
                         sample.pdf = lights.probability[light] / (2.0 * wp.pi * size)
                         sample.radiance = lights.sphere_radiance[index]
                         sample.direction = toward
-                        sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
+                        sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
                         t = hit_sphere(sphere, sample.origin, toward)
                         if t < 0.0:  # grazes the edge by rounding
                             t = wp.dot(centre - sample.origin, toward)
@@ -156,12 +176,13 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         if wp.static(features.punctual_lights):
             if light >= lights.first_punctual and light < lights.first_environment:
                 found = towards_punctual(lights.punctual, light - lights.first_punctual, point.position, time)
-                if wp.dot(found.direction, point.normal) > 0.0:
+                leaving = side(point.normal, found.direction)
+                if wp.dot(found.direction, leaving) > 0.0:
                     sample.delta = True
                     sample.pdf = lights.probability[light]
                     sample.radiance = found.irradiance
                     sample.direction = found.direction
-                    sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
+                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
                     sample.distance = found.distance
         if wp.static(features.environment):
             if light == lights.first_environment:
@@ -170,11 +191,12 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     drawn.pdf = drawn.pdf * lights.environment_probability
                 else:
                     drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))
-                if wp.dot(drawn.direction, point.normal) > 0.0:
+                leaving = side(point.normal, drawn.direction)
+                if wp.dot(drawn.direction, leaving) > 0.0:
                     sample.pdf = drawn.pdf
                     sample.radiance = drawn.radiance
                     sample.direction = drawn.direction
-                    sample.origin = offset_origin(point.position, point.normal, geometry.scale_m)
+                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
                     sample.distance = FAR
         return sample
 

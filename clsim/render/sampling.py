@@ -14,7 +14,7 @@ import warp as wp
 
 DIMENSION_BITS = 9
 DIMENSIONS_PER_BOUNCE = 4
-"""Pairs of uniform numbers set aside for each bounce: light, scattering, roulette and lobe, one spare."""
+"""Pairs of uniform numbers set aside for each bounce: light, scattering, light and roulette, lobe and opacity."""
 MAX_BOUNCES = 2**DIMENSION_BITS // DIMENSIONS_PER_BOUNCE - 1
 
 CAMERA = wp.constant(0)
@@ -23,6 +23,7 @@ TIME = wp.constant(2)
 LIGHT = wp.constant(0)
 SCATTER = wp.constant(1)
 CHOICE = wp.constant(2)
+LOBE = wp.constant(3)
 
 _GAMMA = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 _MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
@@ -63,6 +64,12 @@ def uniform2(key: wp.uint64, dimension: int) -> wp.vec2:
     high = float(wp.int32(word >> wp.uint64(40)))
     low = float(wp.int32((word >> wp.uint64(16)) & wp.uint64(0xFFFFFF)))
     return wp.vec2(high * (1.0 / 16777216.0), low * (1.0 / 16777216.0))
+
+
+@wp.func
+def uniform_of(word: wp.uint64, index: int) -> float:
+    """Return a uniform number in [0, 1), one of as many as wanted for one word of the stream."""
+    return float(wp.int32(absorb(word, index) >> wp.uint64(40))) * (1.0 / 16777216.0)
 
 
 @wp.func

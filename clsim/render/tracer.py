@@ -61,6 +61,13 @@ class RenderOptions:
     """Whether frames have the planes of variances."""
     strategy: Strategy = "mis"
     """How light is found; other than "mis" only to check it."""
+    follow_specular: bool = True
+    """Whether the planes of albedo, normal and depth show what mirrors and clear glass show instead of themselves.
+
+    Depth is then the length of the way, albedo is multiplied by what the chain of mirrors lets through, and normals
+    are those of the surface found, not mirrored. Where glass both reflects and refracts, each sample takes one way, so
+    that the planes hold the mean of two surfaces and a variance. A way that ends nowhere shows the last mirror.
+    """
     tree: Tree | None = None
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
@@ -87,7 +94,7 @@ class RenderOptions:
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
     """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported"."""
-    facts = features_of(world, options.variances, options.strategy).describe()
+    facts = features_of(world, options.variances, options.strategy, options.follow_specular).describe()
     return facts | {"not supported": list(unsupported(world))}
 
 
@@ -119,7 +126,7 @@ class PathTracer:
         self._options = options
         self._device = wp.get_device(options.device)
         self.warnings = unsupported(world)
-        features = features_of(world, options.variances, options.strategy)
+        features = features_of(world, options.variances, options.strategy, options.follow_specular)
         tree = options.tree or ("bvh8" if self._device.is_cpu else "warp")
         if tree == "bvh8" and not self._device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')

@@ -11,19 +11,18 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render import lights_punctual
-from clsim.render.bsdf import Materials
 from clsim.render.bvh8 import Bvh8
 from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
-from clsim.render.features import Features, checker_of
+from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Tree, mat34
 from clsim.render.integrator import Scene
 from clsim.render.lights import Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.shutter import key_times
-from clsim.scene import CheckerTexture, Instance, Mesh, Static, World
+from clsim.render.upload_materials import upload_materials
+from clsim.scene import Instance, Mesh, Static, World
 
 _F64 = npt.NDArray[np.float64]
-_BLACK = (0.0, 0.0, 0.0)
 _NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32))
 """A triangle without area, for a world without meshes."""
 
@@ -103,7 +102,7 @@ class SceneData:
         placement = _place(world)
         self._instances = placement.instances
         self.scene = Scene()
-        self.scene.materials = self._materials(world)
+        self.scene.materials = upload_materials(world, device)
         geometry = self._geometry(placement, world)
         self.scene.geometry = geometry
         self.scene.lights = self._lights(world, placement)
@@ -137,19 +136,6 @@ class SceneData:
         return (
             wp.array(data, dtype=dtype, device=self._device) if data.size else wp.zeros(1, dtype, device=self._device)
         )
-
-    def _materials(self, world: World) -> Any:
-        materials = Materials()
-        materials.color = self._array([m.color for m in world.materials], wp.vec3)
-        materials.emission = self._array([m.emission for m in world.materials], wp.vec3)
-        materials.two_sided = self._array([int(m.two_sided) for m in world.materials], wp.int32)
-        materials.texture = self._array([checker_of(world, m) for m in world.materials], wp.int32)
-        # An entry for each texture, so that indices stay those of the world; those of images are never read.
-        checkers = [t if isinstance(t, CheckerTexture) else CheckerTexture(_BLACK, _BLACK) for t in world.textures]
-        materials.checker_a = self._array([t.color_a for t in checkers], wp.vec3)
-        materials.checker_b = self._array([t.color_b for t in checkers], wp.vec3)
-        materials.checker_scale = self._array([t.scale for t in checkers], wp.float32)
-        return materials
 
     def _geometry(self, placement: _Placement, world: World) -> Any:
         meshes = placement.meshes

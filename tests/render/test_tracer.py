@@ -15,7 +15,7 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, page_aligned
 from clsim.render import PathTracer, RenderCancelled, RenderOptions, check_device, describe_build, list_render_devices
-from clsim.render.features import Features
+from clsim.render.features import KINDS, Features
 from clsim.render.integrator import build_kernel
 from clsim.scene import (
     CheckerTexture,
@@ -273,12 +273,15 @@ def test_the_number_of_frames():
 
 def test_the_build_is_described():
     plain = describe_build(hw.world(hw.ball(1.0)), RenderOptions())
-    assert plain["built in"] == [] and plain["not supported"] == []
+    assert plain["built in"] == ["diffuse materials"] and plain["not supported"] == []
     scene = moving_world()
     rich = replace(
         scene,
         textures=(CheckerTexture((1, 1, 1), (0, 0, 0)), ImageTexture(np.zeros((1, 1, 4), np.uint8))),
-        materials=(replace(hw.GREY, texture=0), replace(LAMP, texture=1, kind="plastic")),
+        materials=(
+            Material(kind="principled", texture=0, roughness_texture=1, normal_texture=1, metallic=1.0),
+            replace(LAMP, texture=1, kind="plastic", emission_texture=1, roughness_texture=1, alpha_mode="mask"),
+        ),
         environment=(1.0, 1.0, 1.0),
         sphere_lights=(SphereLight(1.0, (1, 1, 1), hw.IDENTITY),),
         punctual_lights=(PunctualLight("point", (1, 1, 1), hw.IDENTITY),),
@@ -287,9 +290,11 @@ def test_the_build_is_described():
     )
     facts = describe_build(rich, RenderOptions(variances=True))
     assert {"moving objects (two-level tree)", "motion blur", "depth of field (thin lens)"} <= set(facts["built in"])
-    assert facts["left out"] == ["environment map", "fisheye projection", "lens distortion"]
+    others = ("diffuse", "conductor", "dielectric", "thin-dielectric")
+    lenses = ["environment map", "fisheye projection", "lens distortion"]
+    assert facts["left out"] == [*(f"{kind} materials" for kind in others), *lenses]
     mapped = replace(rich, environment_map=EnvironmentMap(np.ones((1, 1, 3), np.float32), np.eye(3)))
-    assert describe_build(mapped, RenderOptions())["left out"][0] == "constant environment"
+    assert "constant environment" in describe_build(mapped, RenderOptions())["left out"]
     tracer = PathTracer(rich, RenderOptions())
     assert list(tracer.warnings) == facts["not supported"] != []
     tracer.close()
@@ -307,7 +312,7 @@ def test_the_kernel_compiles_for_cuda_without_a_gpu(tmp_path):
     archs = wp.get_cuda_supported_archs()
     if not archs:
         pytest.skip("this build of Warp has no CUDA compiler")
-    odd = {"strategy": "mis", "projection": "perspective"}
+    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
     kernel = build_kernel(Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}))
     arch = 80 if 80 in archs else archs[0]
     wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=tmp_path, use_ptx=True)

@@ -1,0 +1,79 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: RUF046, UP018
+"""Rays through cut-out and translucent surfaces, as Warp functions.
+
+Rays that carry radiance are stopped by a surface with the probability of its opacity, by numbers of the sample's own
+stream, so that pictures of one seed stay the same. Shadow rays are weakened by each surface, which takes no number.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.geometry import Geometry, Hit, offset_origin
+from clsim.render.materials import OPAQUE, Materials
+from clsim.render.sampling import uniform_of
+
+_MOST_LAYERS = wp.constant(256)
+"""After as many surfaces on one ray the next one is opaque, so that every ray ends."""
+
+
+def make_alpha(closest: Any, surface: Any, opacity: Any) -> tuple[Any, Any]:
+    """Return the Warp functions ``pierce`` and ``transmittance``.
+
+    The first gives the nearest hit that stops a ray, the second what is left of a shadow ray, 0 to 1.
+    """
+
+    @wp.func
+    def share(geometry: Geometry, materials: Materials, hit: Hit, time: float) -> float:
+        """Return the opacity where a ray hit a triangle."""
+        opaque = float(1.0)
+        if materials.rows[geometry.material_ids[hit.triangle]].alpha_mode != OPAQUE:
+            opaque = opacity(materials, surface(geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time))
+        return opaque
+
+    @wp.func
+    def beyond(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> wp.vec3:
+        """Return the origin of a ray that goes on behind the surface."""
+        point = surface(geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time)
+        behind = wp.where(wp.dot(point.normal, direction) < 0.0, -point.normal, point.normal)
+        return offset_origin(point.position, behind, geometry.scale_m)
+
+    @wp.func
+    def pierce(
+        geometry: Geometry, materials: Materials, origin: wp.vec3, direction: wp.vec3, time: float, word: wp.uint64
+    ) -> Hit:
+        hit = closest(geometry, origin, direction, time)
+        layer = int(0)
+        while hit.triangle >= 0 and layer < _MOST_LAYERS:
+            opaque = share(geometry, materials, hit, time)
+            if opaque >= 1.0 or uniform_of(word, layer) < opaque:
+                break
+            start = beyond(geometry, hit, direction, time)
+            hit = closest(geometry, start, direction, time)
+            hit.t += wp.dot(start - origin, direction)
+            layer += 1
+        return hit
+
+    @wp.func
+    def transmittance(
+        geometry: Geometry, materials: Materials, origin: wp.vec3, direction: wp.vec3, far: float, time: float
+    ) -> float:
+        left = float(1.0)
+        start = origin
+        passed = float(0.0)
+        for _ in range(_MOST_LAYERS):
+            hit = closest(geometry, start, direction, time)
+            if passed + hit.t >= far:
+                break
+            if hit.triangle < 0:
+                left = 0.0
+                break
+            left = left * (1.0 - share(geometry, materials, hit, time))
+            if left <= 0.0:
+                break
+            start = beyond(geometry, hit, direction, time)
+            passed = wp.dot(start - origin, direction)
+        return left
+
+    return pierce, transmittance

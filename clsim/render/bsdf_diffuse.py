@@ -1,0 +1,24 @@
+"""Lambert's diffuse surfaces, as Warp functions; directions are those of the world."""
+
+import warp as wp
+
+from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.materials import Bsdf
+from clsim.render.sampling import cosine_hemisphere
+
+
+@wp.func
+def diffuse_value(b: Bsdf, normal: wp.vec3, wi: wp.vec3) -> Scattering:
+    """Return f·cos θ and density."""
+    cosine = wp.max(wp.dot(normal, wi), 0.0) / wp.pi
+    return Scattering(b.color * cosine, cosine)
+
+
+@wp.func
+def diffuse_sample(b: Bsdf, normal: wp.vec3, u: wp.vec2) -> Scattered:
+    """Draw a direction by the cosine, so that the weight is the reflectance."""
+    s = Scattered()
+    s.direction = cosine_hemisphere(normal, u)
+    s.pdf = wp.max(wp.dot(normal, s.direction), 0.0) / wp.pi
+    s.weight = b.color
+    return s

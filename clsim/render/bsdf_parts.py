@@ -1,0 +1,27 @@
+"""What the functions of all scattering models exchange."""
+
+import warp as wp
+
+
+@wp.struct
+class Scattering:
+    """f·cos θ [sr⁻¹] and the density of the model's own sampling [sr⁻¹] for one pair of directions, mirrors apart."""
+
+    value: wp.vec3
+    pdf: float
+
+
+@wp.struct
+class Scattered:
+    """A direction that a model drew: weight f·cos θ / density, and 0 where there is none.
+
+    ``delta`` says that it was drawn by a perfect mirror, so that no light could have been sampled there and ``pdf`` is
+    not used. Light that crosses an interface changes its radiance by 1 / ``eta2``, the square of the relative index,
+    which the weight contains (Veach 1997, section 5.2).
+    """
+
+    direction: wp.vec3
+    weight: wp.vec3
+    pdf: float
+    delta: bool
+    eta2: float

@@ -1,0 +1,174 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102
+"""Materials: what they are at a point of a surface, textures included, as Warp functions."""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.features import KINDS, Features
+from clsim.render.geometry import Surface
+from clsim.render.microfacet import SMOOTH
+from clsim.render.textures import Textures, make_textures
+
+DIFFUSE, CONDUCTOR, DIELECTRIC, THIN_DIELECTRIC, PLASTIC, PRINCIPLED = (wp.constant(i) for i in range(len(KINDS)))
+
+OPAQUE = wp.constant(0)
+MASK = wp.constant(1)
+BLEND = wp.constant(2)
+
+
+@wp.struct
+class MaterialRow:
+    """A ``clsim.scene.Material`` in numbers.
+
+    ``dark_back`` says that the back scatters nothing, ``one_sided`` that it emits nothing; ``complex_index`` that
+    ``eta`` and ``k`` hold; ``table`` is plastic's first entry in ``Materials.transmittance`` and ``inner`` its mean
+    reflectance from inside.
+    """
+
+    kind: int
+    color: wp.vec3
+    emission: wp.vec3
+    specular: wp.vec3
+    eta: wp.vec3
+    k: wp.vec3
+    complex_index: int
+    alpha: float
+    ior: float
+    metallic: float
+    transmission: float
+    clearcoat: float
+    clearcoat_alpha: float
+    nonlinear: int
+    table: int
+    inner: float
+    one_sided: int
+    dark_back: int
+    alpha_mode: int
+    alpha_cutoff: float
+    opacity: float
+    normal_scale: float
+    texture: int
+    emission_texture: int
+    roughness_texture: int
+    normal_texture: int
+    opacity_texture: int
+
+
+@wp.struct
+class Materials:
+    """All materials and textures; ``transmittance`` holds the tables of rough plastics (``plastic_tables``)."""
+
+    rows: wp.array(dtype=MaterialRow)
+    textures: Textures
+    transmittance: wp.array(dtype=float)
+
+
+@wp.struct
+class Bsdf:
+    """How light scatters at one point: a material with its textures looked up.
+
+    ``eta`` is the index across the surface over that of the ray's side; ``mirror`` says that every lobe is perfectly
+    smooth, ``dark`` that nothing is scattered at all; ``albedo`` is what the plane of that name shows.
+    """
+
+    kind: int
+    color: wp.vec3
+    specular: wp.vec3
+    metal_eta: wp.vec3
+    metal_k: wp.vec3
+    complex_index: int
+    alpha: float
+    eta: float
+    metallic: float
+    transmission: float
+    clearcoat: float
+    clearcoat_alpha: float
+    nonlinear: int
+    table: int
+    inner: float
+    mirror: bool
+    dark: bool
+
+
+def make_materials(features: Features) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface)."""
+    lookup = make_textures(features)
+    only = KINDS.index(features.kinds[0]) if len(features.kinds) == 1 else -1
+    glossy = features.kinds != ("diffuse",)
+
+    @wp.func
+    def resolve(materials: Materials, point: Surface) -> Bsdf:
+        row = materials.rows[point.material]
+        b = Bsdf()
+        b.kind = row.kind
+        if wp.static(only >= 0):
+            b.kind = wp.static(only)
+        b.color = row.color
+        b.mirror = False
+        b.dark = False
+        if wp.static(features.textures):
+            if row.texture >= 0:
+                rgba = lookup(materials.textures, row.texture, point.uv)
+                b.color = wp.cw_mul(b.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
+        if wp.static(features.one_sided):
+            b.dark = not point.front and row.dark_back != 0
+        if wp.static(glossy):
+            b.specular = row.specular
+            b.metal_eta = row.eta
+            b.metal_k = row.k
+            b.complex_index = row.complex_index
+            b.alpha = row.alpha
+            b.eta = wp.where(point.front, row.ior, 1.0 / row.ior)
+            b.metallic = row.metallic
+            b.transmission = row.transmission
+            b.clearcoat = row.clearcoat
+            b.clearcoat_alpha = row.clearcoat_alpha
+            b.nonlinear = row.nonlinear
+            b.table = row.table
+            b.inner = row.inner
+            if wp.static(features.roughness_textures):
+                if row.roughness_texture >= 0:
+                    rgba = lookup(materials.textures, row.roughness_texture, point.uv)
+                    b.alpha = b.alpha * rgba[1] * rgba[1]
+                    b.metallic = b.metallic * rgba[2]
+            smooth = b.alpha < SMOOTH
+            b.mirror = (smooth and (b.kind == CONDUCTOR or b.kind == DIELECTRIC)) or b.kind == THIN_DIELECTRIC
+            if wp.static("principled" in features.kinds):
+                if b.kind == PRINCIPLED:
+                    bare = b.clearcoat <= 0.0 or b.clearcoat_alpha < SMOOTH
+                    b.mirror = smooth and bare and (b.metallic >= 1.0 or b.transmission >= 1.0)
+            if wp.static("plastic" in features.kinds or "principled" in features.kinds):
+                # The coat of what has an opaque base is seen from outside only.
+                if b.kind == PLASTIC or b.kind == PRINCIPLED:
+                    b.eta = row.ior
+        return b
+
+    @wp.func
+    def emitted(materials: Materials, point: Surface) -> wp.vec3:
+        row = materials.rows[point.material]
+        radiance = row.emission
+        if wp.static(features.emission_textures):
+            if row.emission_texture >= 0:
+                rgba = lookup(materials.textures, row.emission_texture, point.uv)
+                radiance = wp.cw_mul(radiance, wp.vec3(rgba[0], rgba[1], rgba[2]))
+        if wp.static(features.one_sided):
+            if not point.front and row.one_sided != 0:
+                radiance = wp.vec3()
+        return radiance
+
+    @wp.func
+    def opacity(materials: Materials, point: Surface) -> float:
+        row = materials.rows[point.material]
+        share = 1.0
+        if row.alpha_mode != OPAQUE:
+            share = row.opacity
+            if wp.static(features.textures):
+                if row.opacity_texture >= 0:
+                    share = share * lookup(materials.textures, row.opacity_texture, point.uv)[3]
+            if row.alpha_mode == MASK:
+                share = wp.where(share < row.alpha_cutoff, 0.0, 1.0)
+        return share
+
+    return resolve, emitted, opacity

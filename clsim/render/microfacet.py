@@ -1,0 +1,96 @@
+"""Microfacets: the GGX distribution, Smith's shadowing and Fresnel's equations, as Warp functions.
+
+Directions are in the frame of the shading normal, z up; ``wo`` points to where light leaves for (the viewer), ``wi`` to
+where it comes from, both away from the surface. Walter et al., Microfacet Models for Refraction, EGSR 2007.
+"""
+
+import warp as wp
+
+SMOOTH = wp.constant(1.0e-3)
+"""A lobe with a smaller α is a perfect mirror (or perfectly smooth glass)."""
+
+
+@wp.func
+def ggx(h: wp.vec3, alpha: float) -> float:
+    """Return D(h) of GGX [sr⁻¹] (Walter et al., eq. 33), arranged so that narrow lobes lose no digits."""
+    a2 = alpha * alpha
+    spread = (h[0] * h[0] + h[1] * h[1]) / a2 + h[2] * h[2]
+    return 1.0 / (wp.pi * a2 * spread * spread)
+
+
+@wp.func
+def smith_lambda(w: wp.vec3, alpha: float) -> float:
+    """Return Λ(w) of GGX (Heitz, JCGT 3(2), 2014, eq. 72)."""
+    tan2 = (w[0] * w[0] + w[1] * w[1]) / wp.max(w[2] * w[2], 1.0e-12)
+    return 0.5 * (wp.sqrt(1.0 + alpha * alpha * tan2) - 1.0)
+
+
+@wp.func
+def smith_g1(w: wp.vec3, alpha: float) -> float:
+    """Return the share of microfacets that a direction on either side sees."""
+    return 1.0 / (1.0 + smith_lambda(w, alpha))
+
+
+@wp.func
+def sample_visible_normal(wo: wp.vec3, alpha: float, u: wp.vec2) -> wp.vec3:
+    """Draw a microfacet normal with density D·G1(wo)·max(wo·h, 0) / wo.z (Dupuy and Benyoub, HPG 2023)."""
+    stretched = wp.normalize(wp.vec3(alpha * wo[0], alpha * wo[1], wo[2]))
+    phi = 2.0 * wp.pi * u[0]
+    z = (1.0 - u[1]) * (1.0 + stretched[2]) - stretched[2]
+    radius = wp.sqrt(wp.max(1.0 - z * z, 0.0))
+    h = wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), z) + stretched
+    return wp.normalize(wp.vec3(alpha * h[0], alpha * h[1], wp.max(h[2], 1.0e-7)))
+
+
+@wp.func
+def reflected(wo: wp.vec3, h: wp.vec3) -> wp.vec3:
+    """Return the mirror direction."""
+    return wp.normalize(h * (2.0 * wp.dot(wo, h)) - wo)
+
+
+@wp.func
+def refracted(wo: wp.vec3, h: wp.vec3, cos_t: float, eta: float) -> wp.vec3:
+    """Return the refracted direction; ``cos_t`` from ``fresnel_dielectric``."""
+    return wp.normalize(h * (wp.dot(wo, h) / eta - cos_t) - wo / eta)
+
+
+@wp.func
+def fresnel_dielectric(cos_i: float, eta: float) -> wp.vec2:
+    """Return the unpolarised reflectance and the cosine behind; ``eta`` is the index behind over that in front."""
+    c = wp.min(cos_i, 1.0)
+    sin2_t = (1.0 - c * c) / (eta * eta)
+    result = wp.vec2(1.0, 0.0)
+    if sin2_t < 1.0:
+        cos_t = wp.sqrt(1.0 - sin2_t)
+        across = (c - eta * cos_t) / (c + eta * cos_t)
+        along = (eta * c - cos_t) / (eta * c + cos_t)
+        result = wp.vec2(0.5 * (across * across + along * along), cos_t)
+    return result
+
+
+@wp.func
+def _fresnel_metal(cos_i: float, eta: float, k: float) -> float:
+    c2 = wp.min(cos_i * cos_i, 1.0)
+    s2 = 1.0 - c2
+    t0 = eta * eta - k * k - s2
+    t1 = wp.sqrt(t0 * t0 + 4.0 * eta * eta * k * k)
+    a = wp.sqrt(wp.max(0.5 * (t1 + t0), 0.0))
+    across = (t1 + c2 - 2.0 * a * cos_i) / (t1 + c2 + 2.0 * a * cos_i)
+    along = (c2 * t1 + s2 * s2 - 2.0 * a * cos_i * s2) / wp.max(c2 * t1 + s2 * s2 + 2.0 * a * cos_i * s2, 1.0e-30)
+    return 0.5 * across * (1.0 + along)
+
+
+@wp.func
+def fresnel_conductor(cos_i: float, eta: wp.vec3, k: wp.vec3) -> wp.vec3:
+    """Return the unpolarised reflectance of a metal of complex index eta + i·k (Born and Wolf, section 14.2)."""
+    return wp.vec3(
+        _fresnel_metal(cos_i, eta[0], k[0]), _fresnel_metal(cos_i, eta[1], k[1]), _fresnel_metal(cos_i, eta[2], k[2])
+    )
+
+
+@wp.func
+def schlick(cos_i: float, f0: wp.vec3) -> wp.vec3:
+    """Return Schlick's approximation of Fresnel reflectance (Computer Graphics Forum 13(3), 1994)."""
+    m = wp.clamp(1.0 - cos_i, 0.0, 1.0)
+    m2 = m * m
+    return f0 + (wp.vec3(1.0, 1.0, 1.0) - f0) * (m2 * m2 * m)

@@ -1,0 +1,81 @@
+"""What a rough dielectric coat lets through and reflects inwards, integrated on the host."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+TABLE_SIZE = 64
+"""Entries of a table, at equal steps of the cosine from 0 to 1; the kernel interpolates linearly."""
+_SMOOTH = 1e-3
+
+
+@lru_cache(maxsize=256)
+def coat(alpha: float, ior: float) -> tuple[F64, float]:
+    """Return the transmittance from outside [TABLE_SIZE] and the mean reflectance of diffuse light from inside.
+
+    Args:
+        alpha: GGX roughness; smooth below 0.001.
+        ior: index of the coat over that around it.
+    """
+    cosines = np.linspace(0.0, 1.0, TABLE_SIZE)
+    passing = _directional(np.maximum(cosines, 1e-6), alpha, ior, through=True)
+    # 2·∫ R(μ)·μ dμ; the reflectance from inside has a kink where total reflection begins.
+    nodes, weights = np.polynomial.legendre.leggauss(96)
+    critical = np.sqrt(max(1.0 - 1.0 / ior**2, 0.0)) if ior > 1 else 0.5
+    inner = 0.0
+    for low, high in ((0.0, critical), (critical, 1.0)):
+        mu = low + (high - low) * 0.5 * (nodes + 1.0)
+        back = _directional(mu, alpha, 1.0 / ior, through=False)
+        inner += float(np.sum(weights * 0.5 * (high - low) * 2.0 * mu * back))
+    return passing, inner
+
+
+def _directional(mu: F64, alpha: float, eta: float, *, through: bool) -> F64:
+    """Return the share that is refracted (or reflected) of light from each cosine, over the visible microfacets."""
+    if alpha < _SMOOTH:
+        reflectance, _ = _fresnel(mu, eta)
+        return 1.0 - reflectance if through else reflectance
+    count = 48 if eta > 1 else 96
+    x, w = np.polynomial.legendre.leggauss(count)
+    u0, u1 = (a.ravel() for a in np.meshgrid(0.5 * (x + 1.0), 0.5 * (x + 1.0)))
+    weight = np.outer(w, w).ravel() * 0.25
+    result = np.empty_like(mu)
+    for i, cosine in enumerate(mu):
+        wo = np.array([np.sqrt(1.0 - cosine**2), 0.0, cosine])
+        h = _visible_normals(wo, alpha, u0, u1)
+        out_h = h @ wo
+        reflectance, cos_t = _fresnel(out_h, eta)
+        if through:
+            wi_z = (out_h / eta - cos_t) * h[:, 2] - wo[2] / eta
+            share = np.where(wi_z < 0, 1.0 - reflectance, 0.0)
+        else:
+            wi_z = 2.0 * out_h * h[:, 2] - wo[2]
+            share = np.where(wi_z > 0, reflectance, 0.0)
+        tan2 = np.maximum(1.0 - wi_z**2, 0.0) / np.maximum(wi_z**2, 1e-12)
+        shadowing = 2.0 / (1.0 + np.sqrt(1.0 + alpha**2 * tan2))
+        result[i] = np.sum(weight * share * shadowing)
+    return result
+
+
+def _visible_normals(wo: F64, alpha: float, u0: F64, u1: F64) -> F64:
+    """``microfacet.sample_visible_normal`` for many pairs of numbers."""
+    stretched = np.array([alpha * wo[0], alpha * wo[1], wo[2]])
+    stretched /= np.linalg.norm(stretched)
+    z = (1.0 - u1) * (1.0 + stretched[2]) - stretched[2]
+    radius = np.sqrt(np.maximum(1.0 - z**2, 0.0))
+    phi = 2.0 * np.pi * u0
+    h = np.stack([radius * np.cos(phi), radius * np.sin(phi), z], axis=-1) + stretched
+    h *= (alpha, alpha, 1.0)
+    return np.asarray(h / np.linalg.norm(h, axis=-1, keepdims=True))
+
+
+def _fresnel(cos_i: F64, eta: float) -> tuple[F64, F64]:
+    """``microfacet.fresnel_dielectric`` for many cosines."""
+    cos_t = np.sqrt(np.maximum(1.0 - (1.0 - cos_i**2) / eta**2, 0.0))
+    across = (cos_i - eta * cos_t) / (cos_i + eta * cos_t)
+    along = (eta * cos_i - cos_t) / (eta * cos_i + cos_t)
+    return np.where(cos_t > 0, 0.5 * (across**2 + along**2), 1.0), cos_t

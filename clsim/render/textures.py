@@ -1,0 +1,130 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102
+"""Textures: checkerboards and images, filtered by hand, as Warp functions.
+
+All images lie one after the other in one array of texels, RGBA in the bytes of a word from the lowest up; a table says
+where each begins and how it is read. A texture's uv are u right and v up.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.features import Features
+
+REPEAT = wp.constant(0)
+CLAMP = wp.constant(1)
+MIRROR = wp.constant(2)
+
+mat23 = wp.types.matrix(shape=(2, 3), dtype=wp.float32)
+"""An affine map of uv."""
+
+
+@wp.struct
+class TextureRow:
+    """A texture; ``first`` is its first texel, −1 for a checkerboard; ``decoding`` where its byte table begins."""
+
+    first: int
+    width: int
+    height: int
+    wrap_u: int
+    wrap_v: int
+    nearest: int
+    decoding: int
+    uv_matrix: mat23
+    color_a: wp.vec3
+    color_b: wp.vec3
+    scale: float
+
+
+@wp.struct
+class Textures:
+    """All textures; ``decoding`` holds what the 256 bytes mean as plain numbers, and then as sRGB."""
+
+    rows: wp.array(dtype=TextureRow)
+    texels: wp.array(dtype=wp.uint32)
+    decoding: wp.array(dtype=float)
+
+
+@wp.func
+def checker(row: TextureRow, uv: wp.vec2) -> wp.vec4:
+    """Return the colour of a checkerboard; the square at the origin of uv has the first colour."""
+    square = int(wp.floor(uv[0] * row.scale)) + int(wp.floor(uv[1] * row.scale))
+    color = wp.where((square & 1) == 0, row.color_a, row.color_b)
+    return wp.vec4(color[0], color[1], color[2], 1.0)
+
+
+@wp.func
+def fold(x: float, mode: int) -> float:
+    """Return the place in 0…1 that a coordinate of any size stands for."""
+    folded = wp.clamp(x, 0.0, 1.0)
+    if mode == REPEAT:
+        folded = x - wp.floor(x)
+    if mode == MIRROR:
+        folded = x - 2.0 * wp.floor(0.5 * x)
+        if folded > 1.0:
+            folded = 2.0 - folded
+    return folded
+
+
+@wp.func
+def neighbour(i: int, n: int, mode: int) -> int:
+    """Return the texel that stands for one at most a step outside 0…n − 1; mirrored, it is the edge again."""
+    inside = wp.clamp(i, 0, n - 1)
+    if mode == REPEAT and inside != i:
+        inside = n - 1 - inside
+    return inside
+
+
+@wp.func
+def texel(textures: Textures, row: TextureRow, x: int, y: int) -> wp.vec4:
+    """Return the linear value of a texel; alpha is never encoded."""
+    word = int(textures.texels[row.first + y * row.width + x])
+    return wp.vec4(
+        textures.decoding[row.decoding + (word & 255)],
+        textures.decoding[row.decoding + ((word >> 8) & 255)],
+        textures.decoding[row.decoding + ((word >> 16) & 255)],
+        textures.decoding[(word >> 24) & 255],
+    )
+
+
+@wp.func
+def image(textures: Textures, row: TextureRow, uv: wp.vec2) -> wp.vec4:
+    """Return an image's value: texel centres lie at half-integers, row 0 at v = 1."""
+    st = row.uv_matrix * wp.vec3(uv[0], uv[1], 1.0)
+    x = fold(st[0], row.wrap_u) * float(row.width)
+    y = (1.0 - fold(st[1], row.wrap_v)) * float(row.height)
+    value = wp.vec4()
+    if row.nearest != 0:
+        value = texel(textures, row, wp.min(int(x), row.width - 1), wp.min(int(y), row.height - 1))
+    else:
+        left = wp.floor(x - 0.5)
+        top = wp.floor(y - 0.5)
+        right_share = x - 0.5 - left
+        bottom_share = y - 0.5 - top
+        x0 = neighbour(int(left), row.width, row.wrap_u)
+        x1 = neighbour(int(left) + 1, row.width, row.wrap_u)
+        y0 = neighbour(int(top), row.height, row.wrap_v)
+        y1 = neighbour(int(top) + 1, row.height, row.wrap_v)
+        upper = texel(textures, row, x0, y0) * (1.0 - right_share) + texel(textures, row, x1, y0) * right_share
+        lower = texel(textures, row, x0, y1) * (1.0 - right_share) + texel(textures, row, x1, y1) * right_share
+        value = upper * (1.0 - bottom_share) + lower * bottom_share
+    return value
+
+
+def make_textures(features: Features) -> Any:
+    """Return the Warp function ``lookup(textures, index, uv)``: linear R, G, B and alpha."""
+
+    @wp.func
+    def lookup(textures: Textures, index: int, uv: wp.vec2) -> wp.vec4:
+        row = textures.rows[index]
+        value = wp.vec4()
+        if wp.static(features.checkers):
+            if row.first < 0:
+                value = checker(row, uv)
+        if wp.static(features.images):
+            if row.first >= 0:
+                value = image(textures, row, uv)
+        return value
+
+    return lookup

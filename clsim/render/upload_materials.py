@@ -1,0 +1,107 @@
+"""From a world's materials and textures to the arrays that the kernels read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.features import KINDS, has_roughness, passes_light, used_textures
+from clsim.render.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
+from clsim.render.plastic_tables import TABLE_SIZE, coat
+from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures
+from clsim.scene import CheckerTexture, Material, World
+
+_WRAPS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}
+_ALPHA_MODES = {"opaque": OPAQUE, "mask": MASK, "blend": BLEND}
+
+
+def upload_materials(world: World, device: Any) -> Any:
+    """Return the ``Materials`` of a world on a device."""
+    materials = Materials()
+    tables: list[npt.NDArray[np.float64]] = []
+    rows = [_row(material, tables) for material in world.materials] or [MaterialRow()]
+    materials.rows = _structs(rows, MaterialRow, device)
+    materials.transmittance = _array(np.concatenate(tables) if tables else [], wp.float32, device)
+    materials.textures = _textures(world, device)
+    return materials
+
+
+def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
+    row = MaterialRow()
+    row.kind = KINDS.index(material.kind)
+    row.color = wp.vec3(*material.color)
+    row.emission = wp.vec3(*material.emission)
+    row.specular = wp.vec3(*material.specular_color)
+    row.complex_index = int(material.eta is not None)
+    row.eta = wp.vec3(*(material.eta or (1.0, 1.0, 1.0)))
+    row.k = wp.vec3(*(material.k or (0.0, 0.0, 0.0)))
+    for name in ("alpha", "ior", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "alpha_cutoff"):
+        setattr(row, name, getattr(material, name))
+    row.nonlinear = int(material.nonlinear)
+    if material.kind == "plastic":
+        passing, row.inner = coat(material.alpha, material.ior)
+        row.table = TABLE_SIZE * len(tables)
+        tables.append(passing)
+    row.one_sided = int(not material.two_sided)
+    # Light that crosses a surface must be able to come back.
+    row.dark_back = int(not material.two_sided and not passes_light(material))
+    row.alpha_mode = _ALPHA_MODES[material.alpha_mode]
+    row.opacity = material.opacity
+    row.normal_scale = material.normal_scale
+    row.texture = material.texture
+    row.emission_texture = material.emission_texture
+    row.roughness_texture = material.roughness_texture if has_roughness(material) else -1
+    row.normal_texture = material.normal_texture
+    row.opacity_texture = material.opacity_texture
+    return row
+
+
+def _textures(world: World, device: Any) -> Any:
+    """Pack the images that are used, each once; the table keeps the world's numbers."""
+    used = set(used_textures(world))
+    rows, images = [], []
+    firsts: dict[int, int] = {}
+    size = 0
+    for index, texture in enumerate(world.textures):
+        row = TextureRow()
+        row.first = -1
+        if isinstance(texture, CheckerTexture):
+            row.color_a, row.color_b = wp.vec3(*texture.color_a), wp.vec3(*texture.color_b)
+            row.scale = texture.scale
+        elif index in used:
+            if id(texture.pixels) not in firsts:
+                firsts[id(texture.pixels)] = size
+                images.append(np.ascontiguousarray(texture.pixels).view("<u4").ravel())
+                size += len(images[-1])
+            row.first = firsts[id(texture.pixels)]
+            row.height, row.width = texture.pixels.shape[:2]
+            row.wrap_u, row.wrap_v = _WRAPS[texture.wrap_u], _WRAPS[texture.wrap_v]
+            row.nearest = int(texture.nearest)
+            row.decoding = 256 * int(texture.srgb)
+            row.uv_matrix = TextureRow.vars["uv_matrix"].type(*np.ravel(texture.uv_matrix))
+        rows.append(row)
+    textures = Textures()
+    textures.rows = _structs(rows or [TextureRow()], TextureRow, device)
+    textures.texels = _array(np.concatenate(images) if images else [], wp.uint32, device)
+    textures.decoding = _array(decoding(), wp.float32, device)
+    return textures
+
+
+def decoding() -> npt.NDArray[np.float64]:
+    """Return what a byte means as a plain number [256], then as sRGB (IEC 61966-2-1) [256]."""
+    plain = np.arange(256) / 255.0
+    curved = np.where(plain <= 0.04045, plain / 12.92, ((plain + 0.055) / 1.055) ** 2.4)
+    return np.concatenate([plain, curved])
+
+
+def _structs(rows: list[Any], dtype: Any, device: Any) -> Any:
+    return wp.array(rows, dtype=dtype, device=device)
+
+
+def _array(values: Any, dtype: Any, device: Any) -> Any:
+    """Copy to the device; an empty array becomes one entry of zeros, since its fields are never read."""
+    data = np.asarray(values)
+    return wp.array(data, dtype=dtype, device=device) if data.size else wp.zeros(1, dtype=dtype, device=device)
