@@ -27,6 +27,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 STEPS = 1 << 24
 """Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
 STEP = wp.constant(1.0 / STEPS)
+_BLOCK_ROWS = 32
 
 
 @wp.struct
@@ -153,28 +154,33 @@ class EnvironmentTables:
 
 def tabulate(environment: EnvironmentMap, constant: tuple[float, float, float]) -> EnvironmentTables:
     """Return the tables of a map on top of a constant radiance."""
-    radiance = np.ascontiguousarray(environment.radiance, np.float32) + np.asarray(constant, np.float32)
-    height = len(radiance)
+    radiance = np.ascontiguousarray(environment.radiance, np.float32)
+    if any(constant):
+        radiance = radiance + np.asarray(constant, np.float32)
+    height, width, _ = radiance.shape
     luminance = radiance @ LUMINANCE.astype(np.float32)
-    # Mean of the corners of each cell; the polar rows have the first and last row of texels on both sides.
-    pairs = luminance + np.roll(luminance, -1, axis=1)
-    corners = np.concatenate([2 * pairs[:1], pairs[:-1] + pairs[1:], 2 * pairs[-1:]])
-    cumulative = np.cumsum(corners, axis=1, dtype=np.float64)
-    edges = np.concatenate([[0.0], np.arange(0.5, height), [float(height)]]) * (math.pi / height)
+    columns = np.empty((height + 1, width), np.float32)
+    sums = np.empty(height + 1)
+    for first in range(0, height + 1, _BLOCK_ROWS):  # so that what is worked on stays in the processor's cache
+        rows = np.arange(first, min(first + _BLOCK_ROWS, height + 1))
+        # Four times the mean of a cell's corners; the polar cells have the outermost texels on both sides.
+        edges = luminance[np.maximum(rows - 1, 0)] + luminance[np.minimum(rows, height - 1)]
+        cells = edges.astype(np.float64)
+        cells[:, :-1] += edges[:, 1:]
+        cells[:, -1] += edges[:, 0]
+        np.cumsum(cells, axis=1, out=cells)
+        sums[rows] = cells[:, -1]
+        columns[rows] = steps(cells)
+    angles = np.concatenate([[0.0], np.arange(0.5, height), [float(height)]]) * (math.pi / height)
     # The difference of cosines as a product, which does not cancel at the poles.
-    bands = 2 * np.sin((edges[1:] + edges[:-1]) / 2) * np.sin((edges[1:] - edges[:-1]) / 2)
-    weights = cumulative[:, -1] * bands
-    total = weights.sum()
-    return EnvironmentTables(
-        radiance,
-        steps(np.cumsum(weights)),
-        steps(cumulative),
-        float(total / (4 * luminance.shape[1] * 2.0)),
-    )
+    bands = 2 * np.sin((angles[1:] + angles[:-1]) / 2) * np.sin((angles[1:] - angles[:-1]) / 2)
+    weights = sums * bands
+    return EnvironmentTables(radiance, steps(np.cumsum(weights)), columns, float(weights.sum() / (4 * width * 2)))
 
 
 def steps(cumulative: F64) -> F32:
     """Return running sums along the last axis as probabilities, multiples of 1 / STEPS; sums of 0 stay 0."""
     total = cumulative[..., -1:]
-    share = np.divide(cumulative, total, out=np.zeros_like(cumulative), where=total > 0)
-    return (np.round(share * STEPS) / STEPS).astype(np.float32)
+    share = cumulative * np.divide(STEPS, total, out=np.zeros_like(total), where=total > 0)
+    # Whole numbers up to 2²⁴ are exact in float32, and so is their division by it.
+    return np.rint(share, out=share).astype(np.float32) * np.float32(1 / STEPS)
