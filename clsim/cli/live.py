@@ -25,7 +25,7 @@ from clsim.cli.options import (
     THRESHOLD,
     WINDOW,
 )
-from clsim.cli.watch import PORT, VIEW, attach, default_view
+from clsim.cli.watch import PORT, VIEW, attach, check, default_view
 from clsim.errors import InputError
 
 
@@ -107,10 +107,7 @@ def live(
         view = default_view(outputs, as_json=as_json)
     if view == "terminal" and "-" in outputs:
         raise InputError("--view terminal and --out - would both write to standard output; give --out a file instead")
+    check(view, port, as_json=as_json)
     session = open_live(options)
-    try:
-        screen = attach(session, view, port, as_json=as_json)
-    except InputError:
-        session.pipeline.stop()
-        raise
+    screen = attach(session, view, port, as_json=as_json)
     return run_session(session, as_json=as_json, screen=screen)

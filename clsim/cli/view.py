@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from clsim.cli import parse
-from clsim.cli.watch import PORT, announce, host_and_port, open_screen
+from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.errors import InputError
 from clsim.live.outputs import is_address
 
@@ -55,8 +56,9 @@ def view(
     for option, value in (("--fps", fps), ("--speed", speed), ("--contrast", contrast)):
         if not 0 < value < float("inf"):
             raise InputError(f"{option} must be a positive number, got {value}")
-    source = open_events(events)
-    with source:
+    if to is None:
+        check(where, port)
+    with open_events(events) as source:
         size = sensor_size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
             from clsim.live.view.picture import Film, Look, write_picture
@@ -103,11 +105,11 @@ def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int
 
 def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int, int], speed: float) -> None:
     from clsim.live.view.pump import Pump, paced
-    from clsim.live.view.terminal import TerminalView
+    from clsim.live.view.terminal import TerminalScreen, TerminalView
 
     title = name if is_address(name) else Path(name).name
     view = TerminalView(*size)
-    screen = open_screen(view)
+    screen = TerminalScreen(view, sys.stdout)
     pump = Pump(source if is_address(name) else paced(source, speed), view)
     try:
         while not pump.wait(screen.period_s):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import threading
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO, get_args
 
 import typer
 from typer.core import TyperCommand
@@ -14,7 +14,7 @@ from clsim.errors import InputError
 
 if TYPE_CHECKING:
     from clsim.live.session import Session
-    from clsim.live.view.terminal import TerminalScreen, TerminalView
+    from clsim.live.view.terminal import TerminalScreen
 
 PAGE_NUMBERS = ("events", "frames_per_s", "solved_share", "dropped_frames", "simulated_s")
 """Keys of a summary that the page shows."""
@@ -76,14 +76,22 @@ def default_view(outputs: tuple[str, ...], *, as_json: bool) -> View:
     return "terminal" if not outputs and not as_json and suits_terminal(sys.stdout) else "none"
 
 
-def open_screen(view: TerminalView, *, as_json: bool = False) -> TerminalScreen:
-    """Begin to paint on the terminal; raises InputError if there is none."""
-    from clsim.live.view.terminal import TerminalScreen
-
-    stream = sys.stderr if as_json else sys.stdout
-    if not stream.isatty():
+def check(view: View, port: str | None, *, as_json: bool = False) -> None:
+    """Raise InputError for a view that cannot be had: asked before any file is opened, so that none is replaced."""
+    if view == "terminal" and not _terminal_stream(as_json).isatty():
         raise InputError("--view terminal needs a terminal, but the output goes elsewhere; expected --view web or none")
-    return TerminalScreen(view, stream)
+    if view == "web":
+        from clsim.live.view.server import check_page
+
+        check_page(**host_and_port(port))
+    if view == "rerun":
+        from clsim.live.view.rerun import load_rerun
+
+        load_rerun()
+
+
+def _terminal_stream(as_json: bool) -> TextIO:
+    return sys.stderr if as_json else sys.stdout
 
 
 def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> TerminalScreen | None:
@@ -92,12 +100,11 @@ def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> 
 
     size = session.width, session.height
     if view == "terminal":
-        from clsim.live.view.terminal import TerminalView
+        from clsim.live.view.terminal import TerminalScreen, TerminalView
 
         terminal = TerminalView(*size)
-        screen = open_screen(terminal, as_json=as_json)
         session.pipeline.outputs.append(Output("the terminal", terminal))
-        return screen
+        return TerminalScreen(terminal, _terminal_stream(as_json))
     if view == "web":
         from clsim.live.view.sink import ViewSink
 

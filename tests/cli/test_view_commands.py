@@ -3,6 +3,7 @@
 import os
 import pty
 import re
+import socket
 import subprocess
 import sys
 import threading
@@ -182,3 +183,31 @@ def test_what_is_shown_unless_told(
 def test_the_terminal_and_events_on_standard_output_exclude_each_other(clsim: Callable[..., object]) -> None:
     outcome = clsim("live", "still", "--view", "terminal", "--out", "-")
     assert outcome.status == 2 and "--view terminal and --out -" in outcome.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--view", "terminal"], "needs a terminal"),
+        (["--view", "--port", "{taken}"], "{taken}"),
+        (["--view", "web"], "clsim[view]"),
+        (["--view", "rerun"], "clsim[rerun]"),
+    ],
+)
+def test_a_view_that_cannot_be_had_costs_no_file(
+    clsim: Callable[..., object],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    arguments: list[str],
+    sentence: str,
+) -> None:
+    if sentence.startswith("clsim["):
+        for library_name in ("aiohttp", "aiohttp.web", "rerun"):
+            monkeypatch.setitem(sys.modules, library_name, None)
+    (tmp_path / "events.txt").write_text("precious")
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        words = [word.replace("{taken}", port) for word in arguments]
+        outcome = clsim("live", "still", "--frames", "2", "--out", tmp_path / "events.txt", *words)
+    assert outcome.status == 2 and sentence.replace("{taken}", port) in outcome.stderr
+    assert (tmp_path / "events.txt").read_text() == "precious"

@@ -26,11 +26,7 @@ class RerunSink:
 
     def __init__(self, title: str, width: int, height: int, *, save_to: str | None = None) -> None:
         """Open rerun's viewer, or a file; raises InputError if rerun is missing."""
-        try:
-            import rerun
-        except ImportError:
-            raise InputError("--view rerun needs rerun: pip install 'clsim[rerun]'") from None
-        self._rerun: Any = rerun
+        rerun = self._rerun = load_rerun()
         self._size = width, height
         self._table = lut()
         self._window = EventWindow()
@@ -87,6 +83,15 @@ class RerunSink:
         points = np.stack([few["x"], few["y"], age], axis=1, dtype=np.float32)
         colours = self._table[np.where(few["on"], ZERO + 85, ZERO - 85)]
         recording.log("cloud", rerun.Points3D(points, colors=colours, radii=0.4))
+
+
+def load_rerun() -> Any:
+    """Import rerun, or raise InputError."""
+    try:
+        import rerun
+    except ImportError:
+        raise InputError("--view rerun needs rerun: pip install 'clsim[rerun]'") from None
+    return rerun
 
 
 def _silence_analytics() -> None:

@@ -50,10 +50,7 @@ class PageServer:
         Raises:
             InputError: aiohttp is missing, or the address cannot be used.
         """
-        try:
-            import aiohttp.web  # noqa: F401 - only to fail early
-        except ImportError:
-            raise InputError("the page needs aiohttp: pip install 'clsim[view]', or use --view terminal") from None
+        _require_aiohttp()
         self._hello, self._status, self._on_command = hello, status, on_command
         self._listener = _listen(host, port)
         self._host = host
@@ -188,6 +185,19 @@ async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
                 await socket.send_str(watcher.texts.pop(next(iter(watcher.texts))))
             while (packet := watcher.next_packet()) is not None:
                 await socket.send_bytes(packet)
+
+
+def check_page(host: str = "127.0.0.1", port: int | None = None) -> None:
+    """Raise the InputError that serving the page there would raise."""
+    _require_aiohttp()
+    _listen(host, port).close()
+
+
+def _require_aiohttp() -> None:
+    try:
+        import aiohttp.web  # noqa: F401
+    except ImportError:
+        raise InputError("the page needs aiohttp: pip install 'clsim[view]', or use --view terminal") from None
 
 
 def _page_files() -> dict[str, tuple[bytes, str]]:
