@@ -112,11 +112,9 @@ class Evt3Decoder:
         highs = np.concatenate(([self._high], value[is_high]))
         laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) < 0)
         clock = laps << 12 | highs
-        # The lower bits begin anew with every new upper bits.
-        resets = np.zeros(len(words), bool)
-        resets[is_high] = np.diff(highs) != 0
         at_high = np.cumsum(is_high)
-        lows = _held(np.where(resets, 0, value), resets | (kind == _TIME_LOW), self._low)
+        # An upper time word sets the lower bits to 0; a lower one, if they are not, follows.
+        lows = _held(np.where(is_high, 0, value), is_high | (kind == _TIME_LOW), self._low)
         rows = _held(value & 0x7FF, kind == _ADDR_Y, self._row)
 
         # A vector word describes the next 12 or 8 pixels of the row, from the base on.

@@ -17,6 +17,8 @@ from expelliarmus import Wizard
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
+from clsim.events.dv_stream import AEDAT4_MAGIC, Compression, pack_header
+from clsim.events.evt3 import Evt3Decoder
 from clsim.events.files import open_source
 from clsim.events.filesink import FlushPolicy
 
@@ -76,6 +78,17 @@ def test_aedat4_has_a_data_table_and_lz4(tmp_path):
         assert struct.unpack_from("<ii", raw, each.byte_offset - 8) == (0, each.size)
         assert raw[each.byte_offset :][:4] == b"\x04\x22\x4d\x18"
     assert dv.io.MonoCameraRecording(str(path)).getTimeRange() == (EVENTS["t"][0], EVENTS["t"][-1])
+
+
+@pytest.mark.parametrize("packet", [50, 70, 100, 300, 4000])
+def test_aedat4_is_read_when_a_kill_came_between_data_table_and_header(tmp_path, packet):
+    path = write(tmp_path / "a.aedat4", [EVENTS], flush=FlushPolicy(events=packet))
+    raw = path.read_bytes()
+    unfinished = pack_header(WIDTH, HEIGHT, Compression.LZ4)
+    start = len(AEDAT4_MAGIC)
+    assert raw[start : start + len(unfinished)] != unfinished
+    path.write_bytes(AEDAT4_MAGIC + unfinished + raw[start + len(unfinished) :])
+    assert np.array_equal(read(path), EVENTS)
 
 
 @pytest.mark.parametrize("compression", [None, ("lz4", 1), ("zstd", 3)], ids=str)
@@ -146,6 +159,26 @@ def test_evt3_with_vectors_is_decoded_as_evt3_does(tmp_path):
     assert len(ours) == len(batch)
     assert same(ours, found.timestamp, found.x, found.y, found.polarity)
 
+    words = np.frombuffer(path.read_bytes()[header + len(f"geometry {WIDTH}x{HEIGHT}\n") :], "<u2")
+    for size in (1, 2, 3, 7):  # where blocks of words end must not matter
+        decoder = Evt3Decoder()
+        pieces = [decoder.decode(words[start : start + size]) for start in range(0, len(words), size)]
+        assert np.array_equal(np.concatenate(pieces), ours)
+
+
+def test_evt3_words_in_orders_a_camera_sends_them(tmp_path):
+    """Events ahead of the first time, an upper time without a lower one, upper times sent again."""
+    high, low, row, column = 0x8000, 0x6000, 0x0000, 0x2000
+    words = [row | 3, column | 1, high | 1, low | 5, row | 4, column | 2, high | 1, low | 6, column | 3]
+    words += [high | 2, column | 4, low | 9, column | 0x800 | 5]
+    path = tmp_path / "a.raw"
+    header = f"% evt 3.0\n% format EVT3;height={HEIGHT};width={WIDTH}\n% end\n"
+    path.write_bytes(header.encode() + np.array(words, "<u2").tobytes())
+    ours = read(path)
+    found = evt3.decode_file(str(path))
+    assert same(ours, found.timestamp, found.x, found.y, found.polarity)
+    assert ours.tolist() == [(4101, 2, 4, False), (4102, 3, 4, False), (8192, 4, 4, False), (8201, 5, 4, True)]
+
 
 def test_evt21_is_refused(tmp_path):
     (tmp_path / "a.raw").write_bytes(b"% evt 2.1\n% format EVT21;height=260;width=346\n% end\n" + bytes(64))
@@ -175,8 +208,10 @@ def test_es_is_read_by_faery_with_its_origin_at_the_bottom(tmp_path):
 
 
 def test_hdf5_follows_dsec(tmp_path):
-    path = write(tmp_path / "a.h5", split(EVENTS), flush=FlushPolicy(events=300))
-    assert same(EVENTS, *evlib_columns(path))
+    batch = events(4000, start_us=12_345_000)
+    assert not np.all(batch["t"] % 1000)  # some at the very millisecond
+    path = write(tmp_path / "a.h5", split(batch), flush=FlushPolicy(events=300))
+    assert same(batch, *evlib_columns(path))
     with h5py.File(path) as file:
         columns = {name: file["events"][name][:] for name in "txyp"}
         assert {name: column.dtype.str for name, column in columns.items()} == {
@@ -185,13 +220,13 @@ def test_hdf5_follows_dsec(tmp_path):
             "y": "<u2",
             "p": "|u1",
         }
-        assert same(EVENTS, columns["t"].astype(np.int64) + file["t_offset"][()], *(columns[name] for name in "xyp"))
+        assert same(batch, columns["t"].astype(np.int64) + file["t_offset"][()], *(columns[name] for name in "xyp"))
         index = file["ms_to_idx"][:].astype(np.int64)
     # DSEC's own words: t[ms_to_idx[ms]] >= ms * 1000 and t[ms_to_idx[ms] - 1] < ms * 1000
     milliseconds = np.arange(len(index))
-    assert len(index) == EVENTS["t"][-1] // 1000 + 1
-    assert np.all(EVENTS["t"][index] >= milliseconds * 1000)
-    assert np.all(EVENTS["t"][index[index > 0] - 1] < milliseconds[index > 0] * 1000)
+    assert len(index) == batch["t"][-1] // 1000 + 1
+    assert np.all(batch["t"][index] >= milliseconds * 1000)
+    assert np.all(batch["t"][index[index > 0] - 1] < milliseconds[index > 0] * 1000)
 
 
 def test_hdf5_that_is_compressed_is_read(tmp_path):
