@@ -1,6 +1,7 @@
 """The page's server: what it serves, to whom, and that slow browsers cost nothing."""
 
 import asyncio
+import gc
 import json
 import re
 import socket
@@ -300,6 +301,21 @@ def test_the_end_is_told_and_the_thread_ends() -> None:
     assert messages[-1] == {"type": "end"}
     sink.close()
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-view")]
+
+
+def test_closing_with_browsers_open_is_quiet(capfd: pytest.CaptureFixture[str]) -> None:
+    sink = ViewSink("left alone", WIDTH, HEIGHT, port=0)
+    request = b"GET /stream HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+    request += b"Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\nSec-WebSocket-Version: 13\r\n\r\n"
+    port = int(sink.url.rstrip("/").rpartition(":")[2])
+    with socket.create_connection(("127.0.0.1", port)) as browser:
+        browser.sendall(request)
+        wait_until(lambda: sink.clients == 1)
+        began_s = time.monotonic()
+        sink.close()
+        assert time.monotonic() - began_s < 5
+    gc.collect()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_taken_port_is_one_sentence(sink: ViewSink) -> None:
