@@ -1,0 +1,58 @@
+"""The renderer's bench: its worlds, its figures, and that Mitsuba renders the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clsim.bench.mitsuba_peer import load_mitsuba
+from clsim.bench.render_worlds import bumpy_room, cornell
+from clsim.bench.throughput_render import measure_world, render_throughput
+
+
+def test_worlds_are_still_and_as_large_as_asked():
+    for triangles in (20_000, 1_000_000):
+        room = bumpy_room(triangles)
+        total = sum(len(mesh.triangles) for mesh in room.meshes)
+        assert abs(total / triangles - 1) < 0.03
+    box = cornell(64)
+    assert (box.camera.width, box.camera.height) == (64, 64)
+    assert all(instance.motion.duration_s == 0 for instance in (*room.instances, *box.instances))
+
+
+def test_the_room_is_closed_but_for_its_lamps():
+    """All walls share their borders, so that every edge of a wall has its twin."""
+    room = bumpy_room(5_000)
+    corners = np.concatenate([mesh.vertices[mesh.triangles] for mesh in room.meshes[:6]]).round(4) + 0.0
+    edges = np.concatenate([corners[:, [i, (i + 1) % 3]] for i in range(3)])
+    lower = edges.min(axis=1) + edges.max(axis=1) * 1000  # one row an edge, whatever its direction
+    _, counts = np.unique(lower.round(2), axis=0, return_counts=True)
+    assert (counts % 2 == 0).mean() > 0.99
+
+
+def test_figures_are_there_and_both_trees_agree():
+    result = render_throughput(size=24, spp=2, rounds=1, triangles=4_000, with_mitsuba=False)
+    assert set(result) == {"cornell", "bumpy-room"}
+    for world in result.values():
+        radiance = world["mean_radiance"]
+        assert radiance["bvh8"] > 0 and abs(radiance["bvh8"] / radiance["warp"] - 1) < 0.02
+        for tree in ("bvh8", "warp"):
+            assert world["paths_per_second"][tree] > 0 and world["paths_per_cpu_second"][tree] > 0
+            assert all(world["rays_per_cpu_second"][tree][kind] > 0 for kind in ("primary", "bounce", "shadow"))
+        assert world["build_s"] > 0 and 40 < world["bytes_per_triangle"] < 70
+        assert "mitsuba_ratio" not in world
+
+
+@pytest.mark.oracle
+@pytest.mark.parametrize(
+    ("world", "noise"), [(cornell(64), 0.001), (bumpy_room(20_000, 64), 0.005)], ids=["cornell", "bumpy"]
+)
+def test_mitsuba_renders_the_same(world, noise):
+    """Within four times the noise of the difference, which was measured over seeds."""
+    mitsuba = load_mitsuba()
+    if mitsuba is None:
+        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+    result = measure_world(world, spp=512, rounds=1, mitsuba=mitsuba)
+    radiance = result["mean_radiance"]
+    assert abs(radiance["bvh8"] / radiance["mitsuba"] - 1) < 4 * noise
+    assert result["mitsuba_ratio"] > 0 and result["mitsuba_cpu_ratio"] > 0
