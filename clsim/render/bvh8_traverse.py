@@ -46,7 +46,6 @@ _SEARCH = """
         longest = d > longest ? d : longest;
     }
     const int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
-    const float sz = 1.0f / direction[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
 
     int near_row[3], far_row[3];
     float inverse[3], near_shift[3], far_shift[3];
@@ -61,6 +60,7 @@ _SEARCH = """
         near_row[k] = r < 0.0f ? 8 * k + 24 : 8 * k;
         far_row[k] = r < 0.0f ? 8 * k : 8 * k + 24;
     }
+    const float sz = inverse[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
 
     const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
     const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
