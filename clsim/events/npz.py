@@ -115,6 +115,4 @@ def _read_head(member: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(member)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(member)
-    if dtype.hasobject or dtype.kind not in "iub":
-        raise ValueError(f"an array has type {dtype}; expected whole numbers")
     return shape, dtype

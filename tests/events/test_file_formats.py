@@ -18,6 +18,7 @@ from clsim.events import EVENT_DTYPE
 from clsim.events.batch import SinkError
 from clsim.events.files import FORMATS, open_sink, open_source
 from clsim.events.filesink import FlushPolicy
+from clsim.events.filesource import EventSource
 from clsim.events.sidecar import sidecar_path, write_sidecar
 
 
@@ -255,6 +256,24 @@ def test_a_file_larger_than_memory_would_stream(tmp_path, ending):
     finally:
         tracemalloc.stop()
     assert max(writing, reading) < allowed
+
+
+def test_a_library_that_panics_is_a_damaged_file_but_an_interrupt_passes(tmp_path):
+    class PanicException(BaseException):
+        """As pyo3 raises it."""
+
+    def batches(error):
+        yield events(1)
+        raise error
+
+    for error, expected in (
+        (PanicException("index out of range"), InputError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ):
+        source = EventSource(tmp_path / "a.raw", None, None, batches(error))
+        next(source)
+        with pytest.raises(expected):
+            next(source)
 
 
 def test_formats_load_their_libraries_only_when_used():
