@@ -314,7 +314,6 @@ def test_closing_with_browsers_open_is_quiet(caplog: pytest.LogCaptureFixture) -
         began_s = time.monotonic()
         sink.close()
         assert time.monotonic() - began_s < 5
-    del sink
     gc.collect()
     assert caplog.records == []
 
