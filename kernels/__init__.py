@@ -1,0 +1,1 @@
+"""The OpenCL kernels, as package resources."""
