@@ -12,7 +12,7 @@ typedef float stamp;
 
 // Work-item: CHUNK pixels of the list. Updates reference, level and (on an event) model.
 // out_fired: crossings, negative for OFF; out_from: level before, reference before, level after.
-// out_counts per work-item: events to write, pixels with many crossings, events left out.
+// out_counts per work-item: events to write, pixels with many crossings, events left out, most crossings of a pixel.
 __kernel void decide_events(
     __global const int *list, int count, __global const uchar *flags, __global const real *level, long level_row,
     long level_start, int span, real on, real off, __global real *state,
@@ -23,7 +23,7 @@ __kernel void decide_events(
     __global int *out_fired, __global real *out_from, __global int *out_counts)
 {
     const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
-    int events = 0, many = 0, capped = 0;
+    int events = 0, many = 0, capped = 0, most = 0;
     for (int i = first; i < last; i++) {
         const int x = list[i] % span, y = list[i] / span, fresh = flags[list[i]] == FRESH;
         __global real *s = state + (size_t)y * STATE_PLANES * span + x;
@@ -46,7 +46,9 @@ __kernel void decide_events(
 #endif
                 const int written = crossings > MAX_EVENTS ? MAX_EVENTS : (int)crossings;
                 many += crossings > MANY;
-                capped += (int)(crossings > 1e9f ? 1e9f : crossings) - written;
+                const int counted = (int)(crossings > 1e9f ? 1e9f : crossings);
+                capped += counted - written;
+                most = MAX(most, counted);
                 events += written;
                 fired = change > 0 ? written : -written;
                 s[S_REF * span] = ref_after;
@@ -91,9 +93,10 @@ __kernel void decide_events(
         }
 #endif
     }
-    out_counts[3 * get_global_id(0)] = events;
-    out_counts[3 * get_global_id(0) + 1] = many;
-    out_counts[3 * get_global_id(0) + 2] = capped;
+    out_counts[4 * get_global_id(0)] = events;
+    out_counts[4 * get_global_id(0) + 1] = many;
+    out_counts[4 * get_global_id(0) + 2] = capped;
+    out_counts[4 * get_global_id(0) + 3] = most;
 }
 
 // Work-item: CHUNK pixels of the list, whose events go to out_* from start[work-item] on.

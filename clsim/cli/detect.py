@@ -8,7 +8,7 @@ import typer
 
 from clsim.cli import parse
 from clsim.cli.options import EVENT_RULE, HISTORY, JSON, METHOD, OPENCL, WINDOW
-from clsim.detect.config import Gate, Kernel, Luminance, Precision, Response
+from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Response
 from clsim.errors import InputError
 
 
@@ -24,7 +24,13 @@ def detect(
     fps: Annotated[float | None, typer.Option(help="Frames per second. [the times in the files]")] = None,
     threshold: Annotated[str, typer.Option(help="Contrast threshold: 0.2, or ON,OFF: 0.2,0.25.")] = "0.2",
     method: METHOD = "esim-ad",
-    gate: Annotated[Gate, typer.Option(help="Where the fit is solved.")] = "radiance",
+    gate: Annotated[
+        Gate,
+        typer.Option(
+            help="Where the fit is solved. delta-r-exact (to check delta-r) and published (the ICIP 2023 program's) "
+            "keep old windows and run in numpy, slowly."
+        ),
+    ] = "radiance",
     gate_scale: Annotated[float, typer.Option(help="s: the radiance gate opens beyond s·C.")] = 1.0,
     box: Annotated[int, typer.Option(help="Side of the radiance gate's box means [pixels], odd.")] = 5,
     event_rule: EVENT_RULE = "interpolated",
@@ -32,6 +38,13 @@ def detect(
     stride: Annotated[int, typer.Option(help="Step between the window's samples [pixels], 1…3.")] = 1,
     history: HISTORY = 1,
     kernel: Annotated[Kernel, typer.Option(help="Weight of a sample by its distance in feature space.")] = "gaussian",
+    bandwidth: Annotated[
+        Bandwidth,
+        typer.Option(
+            help="fixed; or chosen per pixel: tsvd leaves out noisy directions of feature space, optimised also weighs "
+            "bias against variance. Both need variance planes and run in numpy, slowly."
+        ),
+    ] = "fixed",
     bandwidth_h: Annotated[float, typer.Option(help="Bandwidth h of the weights.")] = 1.0,
     ridge: Annotated[float, typer.Option(help="λ: how much β is penalised.")] = 1e-5,
     response: Annotated[Response, typer.Option(help="Brightness of a luminance.")] = "ln",
@@ -67,6 +80,7 @@ def detect(
         box=box,
         gate_scale=gate_scale,
         kernel=kernel,
+        bandwidth=bandwidth,
         bandwidth_h=bandwidth_h,
         ridge=ridge,
         response=response,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from typing import TYPE_CHECKING, Any
@@ -115,8 +116,10 @@ def _print_warnings(console: Console, session: Session, summary: dict[str, Any])
     steep, masked, capped = summary["steep_pixels"], summary["masked_pixels"], summary["capped_events"]
     if steep > _STEEP_SHARE * max(summary["events"], 1):
         console.print(
-            f"clsim: {steep:,} times a pixel crossed more than 3 thresholds in one frame step; "
-            f"--fps {2 * session.schedule.fps:g} would follow such changes more closely",
+            f"clsim: {steep:,} times a pixel crossed more than 3 thresholds in one frame step, once "
+            f"{summary['most_crossings']:,}, and brightness between frames is taken to be linear; where it is smooth, "
+            f"--fps {session.schedule.fps * math.ceil(summary['most_crossings'] / 3):g} would keep it to 3 a step, but "
+            "where a sharp edge passes no rate does",
             style="yellow",
             highlight=False,
         )

@@ -12,8 +12,11 @@ Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
 EventRule = Literal["interpolated", "frame"]
 Kernel = Literal["gaussian", "epanechnikov"]
 Response = Literal["ln", "lin-log"]
+Bandwidth = Literal["fixed", "tsvd", "optimised"]
 Luminance = Literal["rec709", "rec601"]
 Precision = Literal["float32", "float64"]
+KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
+"""Gates that need the window of each pixel's last event, and so recorded frames."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,8 @@ class DetectorConfig:
     """s: the radiance gate solves where |d| > s·C."""
     kernel: Kernel = "gaussian"
     bandwidth_h: float = 1.0
+    bandwidth: Bandwidth = "fixed"
+    """fixed: h everywhere; tsvd, optimised: chosen for each pixel, as the paper compares (numpy only, slow)."""
     ridge: float = 1e-5
     """λ: β is penalised by λ times the features' own second moments, α never."""
     response: Response = "ln"
@@ -55,6 +60,7 @@ class DetectorConfig:
         require_choice("gate", self.gate, get_args(Gate))
         require_choice("event rule", self.event_rule, get_args(EventRule))
         require_choice("kernel", self.kernel, get_args(Kernel))
+        require_choice("bandwidth", self.bandwidth, get_args(Bandwidth))
         require_choice("response", self.response, get_args(Response))
         require_choice("luminance", self.luminance, get_args(Luminance))
         require_choice("precision", self.precision, get_args(Precision))
@@ -72,3 +78,5 @@ class DetectorConfig:
             raise InputError(f"box must be an odd number from 1 to 21, got {self.box}")
         if not 0 <= self.ridge <= 1:
             raise InputError(f"ridge must be from 0 to 1, got {self.ridge}")
+        if self.bandwidth != "fixed" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
+            raise InputError(f"gate {self.gate!r} works with bandwidth 'fixed' alone, got {self.bandwidth!r}")

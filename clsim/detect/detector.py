@@ -38,6 +38,7 @@ class DetectorStats:
         initialised: pixels that (again) got their first reference.
         masked: pixels left out because of NaN or infinite values, summed over frames.
         many_crossings: pixels with more than 3 crossings in one step, summed over steps.
+        most_crossings: the largest number of crossings of a pixel in one step (rule `interpolated`; else at most 1).
         capped: events not returned because a pixel had more than 1000 in one step.
     """
 
@@ -49,6 +50,7 @@ class DetectorStats:
     initialised: int = 0
     masked: int = 0
     many_crossings: int = 0
+    most_crossings: int = 0
     capped: int = 0
 
     @property
@@ -74,6 +76,8 @@ class Detector:
         """
         if config.method == "esim-ad" and config.gate not in ("delta-r", "radiance"):
             raise InputError(f"gate {config.gate!r} needs old windows; expected delta-r or radiance for a stream")
+        if config.method != "esim" and config.bandwidth != "fixed":
+            raise InputError(f"bandwidth {config.bandwidth!r} is for recorded frames; expected fixed for a stream")
         for name in RADIANCE:
             if name not in names:
                 raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")
@@ -221,5 +225,6 @@ class Detector:
             return empty_batch(), counts
         fired = engine.rule.apply(counts.listed, level, engine.state, history, Interval(self._time_us, time_us))
         self.stats.many_crossings += fired.many_crossings
+        self.stats.most_crossings = max(self.stats.most_crossings, fired.most_crossings)
         self.stats.capped += fired.capped
         return fired.events, counts

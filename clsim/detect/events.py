@@ -28,10 +28,11 @@ class Interval:
 
 @dataclass(frozen=True)
 class Fired:
-    """A step's events, and how many pixels had more than 3 crossings, and how many events were left out."""
+    """A step's events, how many pixels had more than 3 crossings, the most of any, and how many were left out."""
 
     events: EventBatch
     many_crossings: int
+    most_crossings: int
     capped: int
 
 
@@ -56,8 +57,8 @@ class EventRule:
         chunks = -(-pixels // _CHUNK)
         self._fired = workplace.allocate((pixels,), np.int32)
         self._from = workplace.allocate((pixels, 3))
-        self._counts = workplace.allocate((chunks, 3), np.int32)
-        self._host_counts = np.zeros((chunks, 3), dtype=np.int32)
+        self._counts = workplace.allocate((chunks, 4), np.int32)
+        self._host_counts = np.zeros((chunks, 4), dtype=np.int32)
         self._start = workplace.allocate((chunks,), np.int32)
         self._grow(max(pixels // 4, 1024))
 
@@ -84,9 +85,10 @@ class EventRule:
             self._fired, self._from, self._counts,
         )  # fmt: skip
         counts = self._workplace.read(self._counts, self._host_counts[:chunks])
-        total, many, capped = (int(value) for value in counts.sum(axis=0, dtype=np.int64))
+        total, many, capped = (int(value) for value in counts[:, :3].sum(axis=0, dtype=np.int64))
+        most = int(counts[:, 3].max())
         if total == 0:
-            return Fired(empty_batch(), many, capped)
+            return Fired(empty_batch(), many, most, capped)
         if total > self._out[0].shape[0]:
             self._grow(2 * total)
         start = np.zeros(chunks, dtype=np.int32)
@@ -97,7 +99,7 @@ class EventRule:
             self._emit, (chunks,), self._gate.pixels, count, self._fired, self._from, self._start, layout.span,
             np.int64(interval.start_us), np.int64(step_us), config.threshold_on, config.threshold_off, *self._out,
         )  # fmt: skip
-        return Fired(self._sorted(total), many, capped)
+        return Fired(self._sorted(total), many, most, capped)
 
     def _sorted(self, total: int) -> EventBatch:
         # The kernel wrote them in raster order: a stable sort by time is all that is left to do.

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_bandwidth import SOLVERS, Bandwidth
+from clsim.detect.config import KEPT_WINDOW_GATES, DetectorConfig
+from clsim.detect.reference_bandwidth import SOLVERS
 from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
 from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, radiance
 from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
@@ -36,6 +36,7 @@ class ReferenceStats:
         initialised: pixels that (again) got their first reference.
         masked: pixels left out because of NaN or infinite values, summed over frames.
         many_crossings: pixels with more than 3 crossings in one step, summed over steps.
+        most_crossings: the largest number of crossings of a pixel in one step (rule `interpolated`; else at most 1).
         capped: events not written because a pixel had more than 1000 in one step.
     """
 
@@ -46,6 +47,7 @@ class ReferenceStats:
     initialised: int = 0
     masked: int = 0
     many_crossings: int = 0
+    most_crossings: int = 0
     capped: int = 0
 
     @property
@@ -63,16 +65,14 @@ class ReferenceDetector:
     legitimately decide otherwise, and the pixel's later events differ.
     """
 
-    def __init__(
-        self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...], bandwidth: Bandwidth = "fixed"
-    ) -> None:
+    def __init__(self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...]) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
 
-        The gate `published` always has the authors' Epanechnikov kernel. ``bandwidth`` `tsvd` and `optimised` choose
-        it per pixel (see `clsim.detect.reference_bandwidth`) and need the variance planes.
+        The gate `published` always has the authors' Epanechnikov kernel. The bandwidths `tsvd` and `optimised` are
+        chosen per pixel (see `clsim.detect.reference_bandwidth`) and need the variance planes.
 
         Raises:
-            InputError: a feature asked for is not among the planes, or the gate knows fixed bandwidths alone.
+            InputError: a feature asked for is not among the planes.
         """
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
@@ -89,11 +89,8 @@ class ReferenceDetector:
         self._history: deque[Observation] = deque(maxlen=config.history)
         depth = 2 + self.planes.index("Depth") if "Depth" in self.planes else None
         self.model = Model(count, 2 + len(self.planes), depth)
-        keeps = config.method == "esim-ad" and config.gate in ("delta-r-exact", "published")
-        if keeps and bandwidth != "fixed":
-            raise InputError(f"gate {config.gate!r} works with bandwidth 'fixed' alone, got {bandwidth!r}")
-        self._bandwidth = bandwidth
-        self._solve = SOLVERS[bandwidth]
+        keeps = config.method == "esim-ad" and config.gate in KEPT_WINDOW_GATES
+        self._solve = SOLVERS[config.bandwidth]
         self._kept = KeptWindows(count) if keeps else None
         self._time_us = 0
 
@@ -113,7 +110,7 @@ class ReferenceDetector:
                 f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
             )
         now = observe(frame, self.planes, self.config)
-        if self._bandwidth != "fixed" and self.config.method != "esim":
+        if self.config.bandwidth != "fixed" and self.config.method != "esim":
             add_variances(now, frame, self.planes, self.config)
         return self.step_observation(now, frame.time_us)
 
@@ -168,6 +165,7 @@ class ReferenceDetector:
         self.stats.tested += len(running)
         self.stats.solved += len(fitted) if self.config.method != "esim" else 0
         self.stats.many_crossings += outcome.many
+        self.stats.most_crossings = max(self.stats.most_crossings, outcome.most)
         self.stats.capped += outcome.capped
         return outcome.events
 
@@ -197,4 +195,4 @@ class ReferenceDetector:
 
 def _nothing() -> Outcome:
     none = np.zeros(0)
-    return Outcome(empty_batch(), none, np.zeros(0, dtype=bool), 0, 0, none)
+    return Outcome(empty_batch(), none, np.zeros(0, dtype=bool), 0, 0, 0, none)

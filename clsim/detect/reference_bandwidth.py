@@ -15,15 +15,12 @@ Where the original fits parametric curves of bias and variance over h, here the 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Literal
 
 import numpy as np
 
-from clsim.detect.config import DetectorConfig
+from clsim.detect.config import Bandwidth, DetectorConfig
 from clsim.detect.reference_fit import TINY_RIDGE, Fit, Windows, feature_scale, kernel_weights, solve_windows
 from clsim.detect.reference_observation import F64
-
-Bandwidth = Literal["fixed", "tsvd", "optimised"]
 
 CANDIDATES_H = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Values of h to choose from, times the configured bandwidth."""

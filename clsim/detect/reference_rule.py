@@ -45,6 +45,7 @@ class Outcome:
         ref: ``[n]``, the new reference levels.
         fired: ``[n]``, whether the pixel had an event.
         many: number of pixels with more than `MANY_CROSSINGS` crossings.
+        most: largest number of crossings of a pixel.
         capped: number of events left out by `MAX_EVENTS_PER_STEP`.
         margin: ``[n]``, distance of the level to the nearest threshold.
     """
@@ -53,6 +54,7 @@ class Outcome:
     ref: F64
     fired: Mask
     many: int
+    most: int
     capped: int
     margin: F64
 
@@ -69,7 +71,7 @@ def _frame_rule(step: Step, pixels: Pixels, width: int, config: DetectorConfig) 
     fired = on | (change <= -config.threshold_off)
     events = _batch(np.full(int(fired.sum()), step.end_us), pixels[fired], width, on[fired])
     margin = np.minimum(np.abs(change - config.threshold_on), np.abs(change + config.threshold_off))
-    return Outcome(events, np.where(fired, step.after, step.ref), fired, 0, 0, margin)
+    return Outcome(events, np.where(fired, step.after, step.ref), fired, 0, int(fired.any()), 0, margin)
 
 
 def _interpolated_rule(step: Step, pixels: Pixels, width: int, config: DetectorConfig) -> Outcome:
@@ -93,8 +95,9 @@ def _interpolated_rule(step: Step, pixels: Pixels, width: int, config: DetectorC
     other = np.where(on, config.threshold_off, config.threshold_on) + np.abs(change)
     margin = np.minimum(np.abs(np.abs(change) - nearest), other)
     many = int((crossings > MANY_CROSSINGS).sum())
+    most = int(crossings.max(initial=0))
     capped = int((crossings - written).sum())
-    return Outcome(_batch(t, pixels[source], width, on[source]), ref, crossings > 0, many, capped, margin)
+    return Outcome(_batch(t, pixels[source], width, on[source]), ref, crossings > 0, many, most, capped, margin)
 
 
 def _batch(t: Pixels, pixels: Pixels, width: int, on: Mask) -> EventBatch:

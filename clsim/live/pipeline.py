@@ -30,6 +30,8 @@ class DetectorStats(Protocol):
     """Pixels left out because of NaN or infinite values, summed over frames."""
     many_crossings: int
     """Pixels with more than 3 crossings in one step, summed over steps."""
+    most_crossings: int
+    """The largest number of crossings of a pixel in one step."""
     capped: int
     """Events not written because a pixel had too many in one step."""
 
@@ -90,6 +92,8 @@ class Progress:
     masked_pixels: int = 0
     steep_pixels: int = 0
     """Pixels that crossed more than 3 thresholds in one step, summed over steps."""
+    most_crossings: int = 0
+    """The largest number of thresholds that a pixel crossed in one step."""
     capped_events: int = 0
     fill: int = 0
     started_s: float = field(default_factory=time.perf_counter)
@@ -260,6 +264,7 @@ class Pipeline:
         progress.solved_share = stats.solved_share
         progress.masked_pixels = stats.masked
         progress.steep_pixels = stats.many_crossings
+        progress.most_crossings = stats.most_crossings
         progress.capped_events = stats.capped
         progress.fill = self._ring.fill
         progress.dropped_frames = self._ring.dropped + self._skipped

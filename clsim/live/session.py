@@ -61,6 +61,7 @@ class Session:
             "solved_share": progress.solved_share,
             "masked_pixels": progress.masked_pixels,
             "steep_pixels": progress.steep_pixels,
+            "most_crossings": progress.most_crossings,
             "capped_events": progress.capped_events,
             "dropped_frames": progress.dropped_frames,
             "simulated_s": progress.simulated_us / 1e6,
@@ -153,13 +154,12 @@ def _detector_maker(
 ) -> Callable[[], Any]:
     """Choose the device now, so that a wrong name is told at once; build the kernels later, in a worker."""
     from clsim.detect.device import choose_device
+    from clsim.detect.recorded import needs_numpy, recorded_detector
 
-    device = choose_device(opencl)
+    device = None if needs_numpy(config) else choose_device(opencl)
 
     def make() -> Any:
-        from clsim.detect.detector import Detector
-
-        return Detector(config, width, height, names, device=device)
+        return recorded_detector(config, width, height, names, device=device)
 
     return make
 

@@ -254,6 +254,17 @@ def test_statistics_equal_the_references():
     assert kernels.stats.masked > 0 and kernels.stats.many_crossings > 0
 
 
+@pytest.mark.parametrize("rule", RULES)
+def test_the_most_crossings_of_a_pixel_are_known(rule):
+    """Over all steps and over more pixels than one work-item counts."""
+    frames = [make_frame(np.full((20, 20), value), k) for k, value in enumerate((0.0, 0.25, 0.0))]
+    frames[1].planes[:, 10, 7] *= np.exp(0.4)
+    config = config_of(method="esim", threshold_on=0.1, event_rule=rule)
+    for detector in both(config, frames):
+        run(detector, frames)
+        assert detector.stats.most_crossings == (6 if rule == "interpolated" else 1)
+
+
 def test_too_many_crossings_are_capped_and_counted():
     frames = [make_frame(np.full((2, 3), value), k) for k, value in enumerate((0.0, 2.0, 2.0005))]
     kernels, reference = both(config_of(method="esim", threshold_on=1e-3, precision="float64"), frames)

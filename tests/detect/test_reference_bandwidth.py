@@ -1,5 +1,7 @@
 """Regressions that choose their bandwidth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from reference_scenes import FEATURES, make_frame, random_frames, run
@@ -98,9 +100,9 @@ def test_a_flat_noisy_scene_gets_a_wide_kernel():
 @pytest.mark.parametrize("gate", ["delta-r", "radiance"])
 def test_detectors_run_with_chosen_bandwidths(bandwidth, gate):
     frames = [with_variances(f, radiance=1e-3, feature=1e-4) for f in random_frames(4, count=3)]
-    config = DetectorConfig(window=5, gate=gate, threshold_on=0.1, threshold_off=0.1)
-    detector = ReferenceDetector(config, 11, 9, frames[0].names, bandwidth)
-    fixed = ReferenceDetector(config, 11, 9, frames[0].names)
+    config = DetectorConfig(window=5, gate=gate, threshold_on=0.1, threshold_off=0.1, bandwidth=bandwidth)
+    detector = ReferenceDetector(config, 11, 9, frames[0].names)
+    fixed = ReferenceDetector(replace(config, bandwidth="fixed"), 11, 9, frames[0].names)
     events, plain = run(detector, frames), run(fixed, frames)
     assert len(events) > 0 and np.isfinite(detector.level).all()
     assert np.abs(detector.level - fixed.level).max() > 1e-3 and len(plain) != len(events)
@@ -120,8 +122,8 @@ def test_luminance_variance_is_taken_where_it_is_given():
 
 def test_what_is_missing_is_named():
     frame = random_frames(1, count=1)[0]
-    detector = ReferenceDetector(DetectorConfig(), 11, 9, frame.names, "tsvd")
+    detector = ReferenceDetector(DetectorConfig(bandwidth="tsvd"), 11, 9, frame.names)
     with pytest.raises(InputError, match=r"'Variance\.R'"):
         detector.step(frame)
     with pytest.raises(InputError, match="gate 'published' works with bandwidth 'fixed' alone, got 'tsvd'"):
-        ReferenceDetector(DetectorConfig(gate="published"), 11, 9, frame.names, "tsvd")
+        DetectorConfig(gate="published", bandwidth="tsvd")

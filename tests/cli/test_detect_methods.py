@@ -1,0 +1,88 @@
+"""`clsim detect` with what runs in numpy, and with chosen features."""
+
+import json
+
+import numpy as np
+import pytest
+
+from clsim.events.files import open_source
+from clsim.frames.exr import ExrWriter
+from tests.detect.reference_scenes import FEATURES, random_frames
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Four frames with variance planes."""
+    from clsim.frames import Frame
+
+    writer = ExrWriter(tmp_path / "frames")
+    for frame in random_frames(1, height=9, width=11):
+        names = ("R", "G", "B", *FEATURES)
+        extra = np.full((len(names), 9, 11), 1e-3, np.float32)
+        planes = np.concatenate([frame.planes, extra])
+        writer.write(Frame(planes, (*frame.names, *(f"Variance.{n}" for n in names)), frame.time_us, frame.index))
+    return tmp_path / "frames"
+
+
+def detect(clsim, folder, *options):
+    out = folder.parent / "events.csv"
+    outcome = clsim("detect", folder, "--out", out, "--window", 5, "--threshold", 0.1, "--json", *options)
+    assert outcome.status == 0, outcome.stderr
+    events = np.concatenate(list(open_source(out)))
+    return json.loads(outcome.stdout), events
+
+
+OPTIONS = [("gate", "delta-r-exact"), ("gate", "published"), ("bandwidth", "tsvd"), ("bandwidth", "optimised")]
+
+
+@pytest.mark.parametrize(("option", "value"), OPTIONS)
+def test_numpy_does_what_no_kernel_does(clsim, folder, option, value):
+    """The events are those of the reference with that option, and not those of the default."""
+    from clsim.detect.config import DetectorConfig
+    from clsim.detect.reference import ReferenceDetector
+    from clsim.frames.exr import ExrSequence
+
+    summary, events = detect(clsim, folder, f"--{option}", value)
+    config = DetectorConfig(window=5, threshold_on=0.1, threshold_off=0.1, **{option: value})
+    source = ExrSequence(folder)
+    reference = ReferenceDetector(config, source.width, source.height, source.names)
+    expected = np.concatenate([reference.step(frame) for frame in source])
+    np.testing.assert_array_equal(events, expected)
+    assert summary["solved_share"] == pytest.approx(reference.stats.solved_share)
+    _, plain = detect(clsim, folder)
+    assert len(plain) > 0 and not np.array_equal(plain, events)
+
+
+def test_features_by_name(clsim, folder):
+    _, some = detect(clsim, folder, "--features", "Depth,Nx")
+    _, everything = detect(clsim, folder)
+    assert not np.array_equal(some, everything)
+    wrong = clsim("detect", folder, "--out", folder.parent / "x.csv", "--features", "Depth,Wetness")
+    assert wrong.status == 2 and "feature 'Wetness' is unknown" in wrong.stderr
+
+
+def test_missing_variances_are_named(clsim, tmp_path):
+    writer = ExrWriter(tmp_path / "frames")
+    for frame in random_frames(1, count=2):
+        writer.write(frame)
+    outcome = clsim("detect", tmp_path / "frames", "--out", tmp_path / "x.csv", "--bandwidth", "tsvd")
+    assert outcome.status == 2 and "'Variance.R'" in outcome.stderr
+
+
+def test_a_kept_window_gate_with_a_chosen_bandwidth_is_refused(clsim, folder):
+    outcome = clsim("detect", folder, "--out", folder.parent / "x.csv", "--gate", "published", "--bandwidth", "tsvd")
+    assert outcome.status == 2 and "works with bandwidth 'fixed' alone" in outcome.stderr
+
+
+def test_a_coarse_time_step_names_a_frame_rate_that_would_do(clsim, tmp_path):
+    """Seven thresholds in a step of 1/100 s: three times the rate leaves 7/3 < 3 a step."""
+    from tests.detect.reference_scenes import make_frame
+
+    writer = ExrWriter(tmp_path / "frames")
+    for k, level in enumerate((0.0, 0.75)):
+        writer.write(make_frame(np.full((4, 4), level), k))
+    outcome = clsim("detect", tmp_path / "frames", "--out", tmp_path / "x.csv", "--method", "esim", "--threshold", 0.1)
+    assert outcome.status == 0
+    text = " ".join(outcome.stderr.split())
+    assert "16 times a pixel crossed more than 3 thresholds in one frame step, once 7" in text
+    assert "--fps 300 would keep it to 3 a step" in text
