@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from clsim.render.deform import deforms
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
 
 Strategy = Literal["mis", "light", "scatter"]
@@ -20,7 +21,7 @@ class Features:
     """The switches of the kernel factory; a part whose switch is off is not compiled in.
 
     Attributes:
-        two_level: something moves, so rays pass through a tree over instances; else one mesh holds everything.
+        two_level: something moves or deforms, and rays pass through a tree over instances; else one mesh holds all.
         smooth_normals: some mesh has shading normals.
         kinds: the scattering models of the used materials, in the order of ``KINDS``.
         textures: some used material has a texture of any sort.
@@ -72,7 +73,7 @@ class Features:
     def describe(self) -> dict[str, list[str]]:
         """Return what is compiled in, under "built in", and what is not, under "left out"."""
         rows = (
-            (self.two_level, "moving objects (two-level tree)"),
+            (self.two_level, "moving and deforming objects (two-level tree)"),
             (self.smooth_normals, "smooth shading normals"),
             *((kind in self.kinds, f"{kind} materials") for kind in KINDS),
             (self.checkers, "checkerboard textures"),
@@ -156,7 +157,10 @@ def unsupported(world: World) -> tuple[str, ...]:
             any(m.roughness_texture >= 0 and m.kind == "plastic" for m in materials),
             "textures of plastic's roughness are left out",
         ),
-        (any(mesh.deformation is not None for mesh in meshes), "deforming meshes keep their rest shape"),
+        (
+            world.camera.shutter_s > 0 and any(deforms(mesh) for mesh in meshes),
+            "deforming meshes keep the shape of the exposure's middle, and blur only by their motion as a whole",
+        ),
     )
     return tuple(text for lacks, text in rows if lacks)
 
@@ -174,7 +178,7 @@ def features_of(world: World, variances: bool, strategy: Strategy, follow_specul
     uses = {use for material in materials for use in textures_of(material)}
     textures = [world.textures[index] for index in used_textures(world)]
     return Features(
-        two_level=any(instance.motion.duration_s > 0 for instance in world.instances),
+        two_level=any(i.motion.duration_s > 0 or deforms(world.meshes[i.mesh]) for i in world.instances),
         smooth_normals=any(mesh.normals is not None for mesh in meshes),
         kinds=tuple(kind for kind in KINDS if kind in kinds),
         textures=bool(textures),

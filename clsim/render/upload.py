@@ -12,6 +12,7 @@ import warp as wp
 
 from clsim.render import lights_punctual
 from clsim.render.bvh8 import Bvh8
+from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth, shaped
 from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Tree, mat34
@@ -29,15 +30,21 @@ _NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), n
 
 @dataclass(frozen=True)
 class _Placement:
-    """The meshes that rays search and where they stand; all that never moves is one mesh in world space, the first."""
+    """The meshes that rays search and where they stand; all that never moves is one mesh in world space, the first.
+
+    Deforming meshes are in their shape at time 0.
+    """
 
     meshes: list[Mesh]
     instances: list[Instance]
 
 
 def _place(world: World) -> _Placement:
-    still = [instance for instance in world.instances if instance.motion.duration_s == 0]
-    moving = [instance for instance in world.instances if instance.motion.duration_s > 0]
+    def moves(instance: Instance) -> bool:
+        return instance.motion.duration_s > 0 or deforms(world.meshes[instance.mesh])
+
+    still = [instance for instance in world.instances if not moves(instance)]
+    moving = [instance for instance in world.instances if moves(instance)]
     meshes: list[Mesh] = []
     instances: list[Instance] = []
     if still or not moving:
@@ -47,7 +54,7 @@ def _place(world: World) -> _Placement:
     for instance in moving:
         if instance.mesh not in slots:
             slots[instance.mesh] = len(meshes)
-            meshes.append(world.meshes[instance.mesh])
+            meshes.append(shaped(world.meshes[instance.mesh], 0.0))
         instances.append(Instance(slots[instance.mesh], instance.motion, instance.name))
     return _Placement(meshes, instances)
 
@@ -57,10 +64,10 @@ def _merge(world: World, instances: list[Instance]) -> Mesh:
     vertices, triangles, normals, uvs, materials = [], [], [], [], []
     first = 0
     for instance in instances:
-        mesh, pose = world.meshes[instance.mesh], instance.motion.pose(0.0)
+        mesh, pose = shaped(world.meshes[instance.mesh], 0.0), instance.motion.pose(0.0)
         vertices.append((mesh.vertices @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32))
         triangles.append(mesh.triangles + np.int32(first))
-        normals.append((_normals(mesh) @ np.linalg.inv(pose[:3, :3])).astype(np.float32))
+        normals.append((flat_or_smooth(mesh) @ np.linalg.inv(pose[:3, :3])).astype(np.float32))
         uvs.append(_uvs(mesh))
         materials.append(mesh.material_ids)
         first += len(mesh.vertices)
@@ -73,11 +80,6 @@ def _merge(world: World, instances: list[Instance]) -> Mesh:
         np.divide(blended, lengths, out=np.zeros_like(blended), where=lengths > 0),
         np.concatenate(uvs),
     )
-
-
-def _normals(mesh: Mesh) -> npt.NDArray[np.float32]:
-    """Vertex normals; 0 means flat shading."""
-    return np.zeros_like(mesh.vertices) if mesh.normals is None else mesh.normals
 
 
 def _uvs(mesh: Mesh) -> npt.NDArray[np.float32]:
@@ -110,6 +112,11 @@ class SceneData:
     def update(self, time_s: float) -> None:
         """Move everything to where it is at that time; work only where something moves."""
         times_s = key_times(time_s, self._shutter_s)
+        for i, deforming in self._deforming.items():
+            self._boxes[i] = deforming.update(time_s)
+            self._trees[i] = deforming.tree
+        if self._deforming:
+            self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
         if self._features.two_level:
             poses = self._poses(times_s)
             lowers, uppers = self._bounds(poses)
@@ -148,24 +155,27 @@ class SceneData:
         geometry.indices = self._array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32)
         geometry.material_ids = self._array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32)
         if self._features.smooth_normals:
-            geometry.normals = self._array(np.concatenate([_normals(mesh) for mesh in meshes]), wp.vec3)
+            geometry.normals = self._array(np.concatenate([flat_or_smooth(mesh) for mesh in meshes]), wp.vec3)
         if self._features.textures:
             geometry.uvs = self._array(np.concatenate([_uvs(mesh) for mesh in meshes]), wp.vec2)
-        self._trees = [
-            self._search(
-                geometry.vertices[first_vertex[i] : first_vertex[i + 1]],
-                geometry.indices[3 * first_triangle[i] : 3 * first_triangle[i + 1]],
-            )
-            for i in range(len(meshes))
-        ]
-        geometry.mesh_handles = self._array([tree.id for tree in self._trees], wp.uint64)
+        self._trees: list[Any] = []
+        self._deforming: dict[int, DeformingMesh] = {}
+        for i, mesh in enumerate(meshes):
+            own = slice(int(first_vertex[i]), int(first_vertex[i + 1]))
+            vertices = geometry.vertices[own]
+            indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
+            if deforms(mesh):
+                normals = geometry.normals[own] if self._features.smooth_normals else None
+                self._deforming[i] = DeformingMesh(mesh, self._search, vertices, indices, normals)
+                self._trees.append(self._deforming[i].tree)
+            else:
+                self._trees.append(self._search(vertices, indices))
+        self._handles = self._array([tree.id for tree in self._trees], wp.uint64)
+        geometry.mesh_handles = self._handles
 
         times_s = key_times(0.0, self._shutter_s)
         poses = self._poses(times_s)
-        boxes = np.array([(mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)) for mesh in meshes], np.float64)
-        used = boxes[[instance.mesh for instance in placement.instances]]
-        self._centres = used.mean(axis=1)
-        self._extents = (used[:, 1] - used[:, 0]) / 2
+        self._boxes = np.array([box(mesh) for mesh in meshes])
         lowers, uppers = self._bounds(poses)
         spheres = self._sphere_rows(times_s)
         least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
@@ -191,8 +201,9 @@ class SceneData:
 
     def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
         """World boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
-        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], self._centres) + poses[..., :3, 3]
-        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), self._extents)
+        boxes = self._boxes[[instance.mesh for instance in self._instances]]
+        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], boxes.mean(axis=1)) + poses[..., :3, 3]
+        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (boxes[:, 1] - boxes[:, 0]) / 2)
         extents += 1e-6 * (1.0 + np.abs(centres) + extents)
         return (centres - extents).min(axis=0), (centres + extents).max(axis=0)
 

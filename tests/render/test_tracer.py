@@ -289,7 +289,9 @@ def test_the_build_is_described():
         camera=replace(scene.camera, lens=Lens(aperture_radius_m=0.1), shutter_s=0.01),
     )
     facts = describe_build(rich, RenderOptions(variances=True))
-    assert {"moving objects (two-level tree)", "motion blur", "depth of field (thin lens)"} <= set(facts["built in"])
+    assert {"moving and deforming objects (two-level tree)", "motion blur", "depth of field (thin lens)"} <= set(
+        facts["built in"]
+    )
     others = ("diffuse", "conductor", "dielectric", "thin-dielectric")
     lenses = ["environment map", "fisheye projection", "lens distortion"]
     assert facts["left out"] == [*(f"{kind} materials" for kind in others), *lenses]
