@@ -1,0 +1,45 @@
+"""The documents say what is so."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from clsim.events.files import FORMATS
+from clsim.scene import load_world
+from tools.scene_keys import text
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_table_of_scene_keys_is_current() -> None:
+    assert (ROOT / "docs" / "scenes.md").read_text() == text(), "run: python tools/scene_keys.py docs/scenes.md"
+
+
+def test_the_example_scene_is_one(tmp_path: Path) -> None:
+    example = re.search(r"```toml\n(.*?)```", text(), re.DOTALL)
+    assert example is not None
+    scene = tmp_path / "example.toml"
+    scene.write_text(example[1])
+    world = load_world(scene)
+    assert len(world.instances) == 3 and world.duration_s == 1.0
+
+
+def test_every_file_format_is_documented() -> None:
+    page = (ROOT / "docs" / "formats.md").read_text()
+    for known in FORMATS:
+        for ending in known.endings:
+            assert f"`{ending}`" in page, ending
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda p: p.name)
+def test_links_and_pictures_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} points to {target}"
+
+
+def test_python_in_the_readme_runs() -> None:
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL):
+        shortened = block.replace("spp=8, duration_s=0.1", "spp=1, frames=2, resolution=(16, 12)")
+        exec(compile(shortened, "README.md", "exec"), {})

@@ -1,0 +1,70 @@
+"""Write docs/scenes.md: how to describe a scene, with every key that a scene's TOML may hold.
+
+python tools/scene_keys.py docs/scenes.md
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from clsim.scene.schema import key_table
+
+INTRODUCTION = """# Scenes
+
+`clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of another
+program: `.gltf`, `.glb`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where such a file has no light or no camera, it gets a default
+light or a camera that orbits it; a camera that stands still in a still scene is set in gentle motion, for without motion there
+are no events. What a file asks for and clsim lacks is named once in a warning.
+
+The world is right-handed with +y up; lengths are metres, times seconds, angles degrees. Colours are linear Rec. 709, radiance is
+in W·sr⁻¹·m⁻². A camera looks along −z. `fov_deg` is horizontal, and a `--resolution` on the command line keeps it.
+
+```toml
+description = "A red box turns under a lamp"
+fps = 120
+
+[camera]
+position = [0.0, 1.2, 3.0]
+look_at = [0.0, 0.4, 0.0]
+
+[materials.red]
+color = [0.6, 0.1, 0.1]
+
+[materials.lamp]
+emission = [12.0, 12.0, 11.0]
+
+[[objects]]
+shape = "quad"
+size = [6.0, 6.0]
+
+[[objects]]
+shape = "box"
+size = [0.8, 0.8, 0.8]
+material = "red"
+keyframes = [
+  { time_s = 0.0, position = [0.0, 0.4, 0.0], rotation_deg = [0.0, 0.0, 0.0] },
+  { time_s = 1.0, position = [0.0, 0.4, 0.0], rotation_deg = [0.0, 90.0, 0.0] },
+]
+
+[[objects]]
+shape = "quad"
+size = [1.0, 1.0]
+position = [0.5, 3.0, 0.5]
+rotation_deg = [180.0, 0.0, 0.0]
+material = "lamp"
+```
+
+Unknown keys are errors, and every error is told at once, with its file and key.
+
+## Every key
+"""
+
+
+def text() -> str:
+    """Return the whole page."""
+    return f"{INTRODUCTION}\n{key_table().strip()}\n"
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(text())
