@@ -14,11 +14,11 @@ from clsim.scene.drift import drifting
 from clsim.scene.validate import validate
 from clsim.scene.world import World
 
-SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml")
+SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt")
 
 
 def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, strict: bool = False) -> World:
-    """Load a bundled scene by name, or a file: TOML, glTF, OBJ, PLY or Mitsuba's XML.
+    """Load a bundled scene by name, or a file: TOML, glTF, OBJ, PLY, Mitsuba's XML or pbrt-v4's.
 
     ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
     set in motion; a TOML's stays where it is.
@@ -86,6 +86,10 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
         from clsim.scene.mitsuba_scene import load_mitsuba
 
         return load_mitsuba(path)
+    if suffix == ".pbrt":
+        from clsim.scene.pbrt_scene import load_pbrt
+
+        return load_pbrt(path)
     from clsim.scene.trimesh_scene import load_bare
 
     return load_bare(path)

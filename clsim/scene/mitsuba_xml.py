@@ -18,6 +18,7 @@ from clsim.errors import InputError
 from clsim.scene.files import inside_folder
 from clsim.scene.images import decode_srgb
 from clsim.scene.motion import Matrix, look_at
+from clsim.scene.rigid import rotation_about
 from clsim.scene.spectra import blackbody_rgb, rgb_of_spectrum
 from clsim.scene.world import Vec3
 
@@ -353,14 +354,6 @@ def _step(element: Element, attributes: dict[str, str]) -> Matrix:
     else:
         raise InputError(f"{place}: <{element.tag}> is no transform, expected matrix, translate, rotate, scale, lookat")
     return matrix
-
-
-def rotation_about(axis: Matrix, angle: float) -> Matrix:
-    """Return the 3×3 rotation about an axis by Rodrigues' formula [rad]."""
-    x, y, z = axis / np.linalg.norm(axis)
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    rotation: Matrix = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return rotation
 
 
 def _animation(element: Element, defaults: dict[str, str]) -> Animation:

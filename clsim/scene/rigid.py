@@ -30,3 +30,11 @@ def quaternion_of(rotation: Matrix) -> Quaternion:
         q[3] = m[j, i] - m[i, j]
     x, y, z, w = (q / np.linalg.norm(q)).tolist()
     return x, y, z, w
+
+
+def rotation_about(axis: Matrix, angle: float) -> Matrix:
+    """Return the 3×3 rotation about an axis by Rodrigues' formula [rad]."""
+    x, y, z = axis / np.linalg.norm(axis)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Matrix = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation

@@ -47,7 +47,8 @@ def test_textures_come_from_files_in_the_folder(tmp_path):
     image = '{ file = "a.png", wrap = "mirror", nearest = true, repeats = [2.0, 3.0] }'
     m, world = material(
         tmp_path,
-        f'texture = {image}\nnormal_texture = {{ file = "a.png" }}\nroughness_texture = {{ file = "a.png" }}\nopacity_texture = {image}\nalpha_mode = "blend"',
+        f'texture = {image}\nnormal_texture = {{ file = "a.png" }}\nroughness_texture = {{ file = "a.png" }}\n'
+        f'opacity_texture = {image}\nalpha_mode = "blend"',
     )
     color, normal = world.textures[m.texture], world.textures[m.normal_texture]
     np.testing.assert_array_equal(color.pixels, pixels)

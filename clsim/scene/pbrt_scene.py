@@ -1,0 +1,467 @@
+"""pbrt-v4 scenes: from the file to the world.
+
+pbrt's world is left-handed: everything is mirrored in z on the way, unless the camera's transform mirrors already
+(``Scale -1 1 1`` before LookAt, as exporters from right-handed programs write).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import InputError
+from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.geometry import placed_rigidly
+from clsim.scene.images import PixelBudget, read_linear
+from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose, look_at
+from clsim.scene.pbrt_materials import MaterialReader
+from clsim.scene.pbrt_shapes import latitude_longitude, read_shape
+from clsim.scene.pbrt_tokens import Parameters, Tokens, fail, file_of
+from clsim.scene.rigid import quaternion_of, rotation_about, without_scale
+from clsim.scene.world import (
+    Camera,
+    EnvironmentMap,
+    Instance,
+    Lens,
+    Material,
+    Mesh,
+    PunctualLight,
+    Vec3,
+    World,
+)
+
+MAX_STACK = 10_000
+MAX_INSTANCES = 1_000_000
+FLIP_Z = np.diag((1.0, 1.0, -1.0, 1.0))
+Pair = tuple[Matrix, Matrix]
+"""The transform at the start and at the end of the motion."""
+IGNORED = (
+    "Accelerator",
+    "ColorSpace",
+    "Integrator",
+    "MakeNamedMedium",
+    "Option",
+    "PixelFilter",
+    "Sampler",
+)
+
+
+@dataclass(frozen=True)
+class State:
+    """What AttributeBegin saves."""
+
+    transform: Pair = (np.eye(4), np.eye(4))
+    active: tuple[bool, bool] = (True, True)
+    material: Material = field(default_factory=Material)
+    emission: Vec3 | None = None
+    emission_two_sided: bool = False
+    reversed: bool = False
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A shape inside an object definition, or in the scene."""
+
+    mesh: int
+    transform: Pair
+
+
+def load_pbrt(path: Path) -> World:
+    """Load a pbrt-v4 scene.
+
+    Raises:
+        InputError: one sentence with the file, the line, and what is wrong there.
+    """
+    reader = _Reader(path)
+    reader.read()
+    return reader.world()
+
+
+class _Reader:
+    """Follows the directives and collects what they make."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.folder = path, path.parent
+        self.tokens = Tokens(path)
+        self.warnings: list[str] = []
+        self.materials = MaterialReader(self.folder, self._warn)
+        self.state = State()
+        self.stack: list[State] = []
+        self.meshes: list[Mesh] = []
+        self.placed: list[Placed] = []
+        self.lights: list[Callable[[Matrix], PunctualLight]] = []
+        self.named_materials: dict[str, Material] = {}
+        self.coordinate_systems: dict[str, Pair] = {}
+        self.objects: dict[str, list[Placed]] = {}
+        self.object: list[Placed] | None = None
+        self.times = (0.0, 1.0)
+        self.resolution = (1280, 720)
+        self.camera: tuple[Pair, Parameters] | None = None
+        self.environment: Vec3 = (0.0, 0.0, 0.0)
+        self.environment_image: tuple[npt.NDArray[np.float32], Matrix] | None = None
+
+    def _warn(self, sentence: str) -> None:
+        text = f"{self.path.name}: {sentence}"
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def read(self) -> None:
+        """Follow all directives."""
+        while self.tokens.peek() is not None:
+            token = self.tokens.take()
+            if token.quoted or token.numbers is not None:
+                fail(token, "a directive such as Shape")
+            directive = getattr(self, f"_do_{token.text}", None)
+            if directive is not None:
+                directive()
+            elif token.text in IGNORED:
+                self.tokens.string()
+                self.tokens.parameters()
+            else:
+                fail(token, "a directive such as Shape")
+        if self.stack or self.object is not None:
+            raise InputError(f"{self.tokens.last}: the file ends within a block that something has begun")
+
+    # Transforms
+
+    def _apply(self, matrix: Matrix, *, instead: bool = False) -> None:
+        start, end = (
+            (matrix if instead else old @ matrix) if active else old
+            for old, active in zip(self.state.transform, self.state.active, strict=True)
+        )
+        if not (np.isfinite(start).all() and np.isfinite(end).all()):
+            raise InputError(f"{self.tokens.last}: the transform has a number that is not finite")
+        self.state = replace(self.state, transform=(start, end))
+
+    def _do_Identity(self) -> None:  # noqa: N802 (named after the directives, here and below)
+        self._apply(np.eye(4), instead=True)
+
+    def _do_Translate(self) -> None:  # noqa: N802
+        self._apply(compose(self.tokens.floats(3), np.eye(3)))
+
+    def _do_Scale(self) -> None:  # noqa: N802
+        self._apply(np.diag([*self.tokens.floats(3), 1.0]))
+
+    def _do_Rotate(self) -> None:  # noqa: N802
+        angle, *axis = self.tokens.floats(4)
+        if not np.linalg.norm(axis) > 0:
+            raise InputError(f"{self.tokens.last}: rotates about no axis")
+        self._apply(compose((0.0, 0.0, 0.0), rotation_about(np.array(axis), math.radians(angle))))
+
+    def _do_LookAt(self) -> None:  # noqa: N802
+        numbers = self.tokens.floats(9)
+        eye, target, up = numbers[:3], numbers[3:6], numbers[6:]
+        if np.allclose(eye, target):
+            raise InputError(f"{self.tokens.last}: looks at its own eye")
+        # In pbrt's left-handed space x is to the right where +z is ahead.
+        self._apply(_inverse(look_at(eye, target, up) @ np.diag((-1.0, 1.0, -1.0, 1.0))))
+
+    def _do_Transform(self) -> None:  # noqa: N802
+        self._apply(np.array(self.tokens.floats(16)).reshape(4, 4).T, instead=True)
+
+    def _do_ConcatTransform(self) -> None:  # noqa: N802
+        self._apply(np.array(self.tokens.floats(16)).reshape(4, 4).T)
+
+    def _do_CoordinateSystem(self) -> None:  # noqa: N802
+        self.coordinate_systems[self.tokens.string()] = self.state.transform
+
+    def _do_CoordSysTransform(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.coordinate_systems:
+            raise InputError(f"{self.tokens.last}: there is no coordinate system {name!r}")
+        self.state = replace(self.state, transform=self.coordinate_systems[name])
+
+    def _do_TransformTimes(self) -> None:  # noqa: N802
+        start, end = self.tokens.floats(2)
+        if not 0 <= start < end:
+            raise InputError(f"{self.tokens.last}: times are {start:g} and {end:g}, expected 0 ≤ start < end")
+        self.times = (start, end)
+
+    def _do_ActiveTransform(self) -> None:  # noqa: N802
+        token = self.tokens.take("StartTime, EndTime or All")
+        choices = {"StartTime": (True, False), "EndTime": (False, True), "All": (True, True)}
+        if token.text not in choices:
+            fail(token, "StartTime, EndTime or All")
+        self.state = replace(self.state, active=choices[token.text])
+
+    # Blocks
+
+    def _do_WorldBegin(self) -> None:  # noqa: N802
+        self.state = State()
+        self.coordinate_systems["world"] = self.state.transform
+
+    def _do_AttributeBegin(self) -> None:  # noqa: N802
+        if len(self.stack) >= MAX_STACK:
+            raise InputError(f"{self.tokens.last}: blocks are nested deeper than {MAX_STACK}")
+        self.stack.append(self.state)
+
+    def _do_AttributeEnd(self) -> None:  # noqa: N802
+        if not self.stack:
+            raise InputError(f"{self.tokens.last}: ends a block that nothing has begun")
+        self.state = self.stack.pop()
+
+    def _do_TransformBegin(self) -> None:  # noqa: N802
+        self._do_AttributeBegin()
+
+    def _do_TransformEnd(self) -> None:  # noqa: N802
+        inner = self.state
+        self._do_AttributeEnd()
+        self.state = replace(inner, transform=self.state.transform, active=self.state.active)
+
+    def _do_ObjectBegin(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if self.object is not None:
+            raise InputError(f"{self.tokens.last}: an object cannot be defined within another")
+        self._do_AttributeBegin()
+        self.object = self.objects.setdefault(name, [])
+
+    def _do_ObjectEnd(self) -> None:  # noqa: N802
+        if self.object is None:
+            raise InputError(f"{self.tokens.last}: ends an object that nothing has begun")
+        self.object = None
+        self._do_AttributeEnd()
+
+    def _do_ObjectInstance(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.objects or self.object is not None:
+            raise InputError(f"{self.tokens.last}: there is no object {name!r} to place here")
+        if len(self.placed) + len(self.objects[name]) > MAX_INSTANCES:
+            raise InputError(f"{self.tokens.last}: more than {MAX_INSTANCES} shapes are placed")
+        for part in self.objects[name]:
+            start, end = (a @ b for a, b in zip(self.state.transform, part.transform, strict=True))
+            self.placed.append(Placed(part.mesh, (start, end)))
+
+    def _do_ReverseOrientation(self) -> None:  # noqa: N802
+        self.state = replace(self.state, reversed=not self.state.reversed)
+
+    def _do_Attribute(self) -> None:  # noqa: N802
+        self._warn(f"the attributes of a {self.tokens.string()} are left out")
+        self.tokens.parameters()
+
+    def _do_MediumInterface(self) -> None:  # noqa: N802
+        self.tokens.string()
+        token = self.tokens.peek()
+        if token is not None and token.quoted:
+            self.tokens.take()
+        self._warn("media are left out")
+
+    def _do_Include(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        self.tokens.include(name, self.tokens.last)
+
+    def _do_Import(self) -> None:  # noqa: N802
+        self._do_Include()
+
+    # What there is
+
+    def _do_Film(self) -> None:  # noqa: N802
+        self.tokens.string()
+        parameters = self.tokens.parameters()
+        width, height = (int(parameters.number(f"{axis}resolution", n)) for axis, n in (("x", 1280), ("y", 720)))
+        if min(width, height) < 1:
+            raise InputError(f"{parameters.place}: the film is {width}×{height}, expected at least one pixel")
+        self.resolution = (width, height)
+
+    def _do_Camera(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        if kind != "perspective":
+            self._warn(f"cameras of type {kind} are left out")
+            return
+        try:
+            start, end = (_inverse(matrix) for matrix in self.state.transform)
+        except np.linalg.LinAlgError:
+            raise InputError(f"{parameters.place}: the camera's transform has no inverse") from None
+        self.camera = ((start, end), parameters)
+        self.coordinate_systems["camera"] = (start, end)
+
+    def _do_Material(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        self.state = replace(self.state, material=self.materials.read(kind, self.tokens.parameters()))
+
+    def _do_MakeNamedMaterial(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        parameters = self.tokens.parameters()
+        self.named_materials[name] = self.materials.read(parameters.word("type", "diffuse"), parameters)
+
+    def _do_NamedMaterial(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.named_materials:
+            raise InputError(f"{self.tokens.last}: there is no material {name!r} before this")
+        self.state = replace(self.state, material=self.named_materials[name])
+
+    def _do_Texture(self) -> None:  # noqa: N802
+        name, _, kind = (self.tokens.string() for _ in range(3))
+        self.materials.add_texture(name, kind, self.tokens.parameters())
+
+    def _do_AreaLightSource(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        if kind != "diffuse":
+            self._warn(f"area lights of type {kind} are left out")
+            return
+        if "filename" in parameters.found or "power" in parameters.found:
+            self._warn("the images and powers of area lights are left out")
+        emission = self._light_color(parameters, "L")
+        self.state = replace(self.state, emission=emission, emission_two_sided=parameters.flag("twosided", False))
+
+    def _do_Shape(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        mesh = read_shape(kind, parameters, self.folder)
+        if mesh is None:
+            self._warn(f"shapes of type {kind} are left out")
+            return
+        if not len(mesh.triangles):
+            return
+        if self.state.reversed:
+            normals = None if mesh.normals is None else -mesh.normals
+            mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
+        material = self.materials.opacity(self.state.material, parameters)
+        if self.state.emission is not None and any(self.state.emission):
+            material = replace(material, emission=self.state.emission, two_sided=self.state.emission_two_sided)
+        ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
+        placed = Placed(len(self.meshes), self.state.transform)
+        self.meshes.append(replace(mesh, material_ids=ids))
+        (self.placed if self.object is None else self.object).append(placed)
+
+    def _light_color(self, parameters: Parameters, name: str) -> Vec3:
+        scale = parameters.number("scale", 1.0)
+        r, g, b = (max(channel * scale, 0.0) for channel in self.materials.color(parameters, name, 1.0))
+        return r, g, b
+
+    def _do_LightSource(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        for name in ("power", "illuminance", "portal"):
+            if name in parameters.found:
+                self._warn(f"the {name} of lights is left out")
+        matrix = self.state.transform[0]
+        if kind == "infinite":
+            self._add_infinite(parameters, matrix)
+            return
+        if kind not in ("point", "spot", "distant"):
+            self._warn(f"lights of type {kind} are left out")
+            return
+        color = self._light_color(parameters, "L" if kind == "distant" else "I")
+        start, target = (
+            np.zeros(3) if rows is None else rows[0] for rows in (parameters.rows(3, "from"), parameters.rows(3, "to"))
+        )
+        if "to" not in parameters.found:
+            target = np.array((0.0, 0.0, 1.0))
+        if kind != "point" and np.allclose(start, target):
+            raise InputError(f"{parameters.place}: the light shines from {start} to itself")
+        ends = [matrix[:3, :3] @ point + matrix[:3, 3] for point in (start, target)]
+        outer = parameters.number("coneangle", 30.0)
+        inner = max(outer - parameters.number("conedeltaangle", 5.0), 0.0)
+
+        def placed(mirror: Matrix) -> PunctualLight:
+            position, aim = (mirror[:3, :3] @ end for end in ends)
+            if kind == "point":
+                return PunctualLight("point", color, Static(compose(position, np.eye(3))))
+            motion = Static(look_at(position, aim))
+            if kind == "distant":
+                return PunctualLight("directional", color, motion)
+            return PunctualLight("spot", color, motion, inner, outer)
+
+        self.lights.append(placed)
+
+    def _add_infinite(self, parameters: Parameters, matrix: Matrix) -> None:
+        name = parameters.word("filename", "")
+        if not name:
+            self.environment = self._light_color(parameters, "L")
+            return
+        image = read_linear(file_of(parameters.place, name, self.folder), PixelBudget())
+        self.environment_image = (image * np.float32(parameters.number("scale", 1.0)), without_scale(matrix))
+        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror is part of how the image lies
+            u, _, vt = np.linalg.svd(matrix[:3, :3])
+            self.environment_image = (self.environment_image[0], compose((0.0, 0.0, 0.0), u @ vt))
+
+    # The world
+
+    def world(self) -> World:
+        """Return what was collected, mirrored where the camera asks for it."""
+        mirror = FLIP_Z
+        if self.camera is not None and np.linalg.det(self.camera[0][0][:3, :3]) < 0:
+            mirror = np.eye(4)
+        instances = [self._instance(placed, mirror) for placed in self.placed]
+        lights = [light(mirror) for light in self.lights]
+        environment_map = None
+        if self.environment_image is not None:
+            image, matrix = self.environment_image
+            radiance = latitude_longitude(image, matrix[:3, :3].T @ mirror[:3, :3])
+            environment_map = EnvironmentMap(radiance, np.eye(3))
+        used = {instance.mesh for instance in instances}
+        glowing = any(any(self.materials.materials[self.meshes[k].material_ids[0]].emission) for k in used)
+        lit = bool(lights or environment_map or any(self.environment) or glowing)
+        spheres = []
+        if self.camera is None or not lit:
+            center, size = bounds(self.path, self.meshes, instances)
+        camera = self._camera(mirror) if self.camera is not None else orbiting_camera(center, size)
+        if not lit:
+            spheres = [lamp(center, size)]
+        motions = [camera.motion, *(instance.motion for instance in instances)]
+        return World(
+            name=self.path.stem,
+            camera=camera,
+            meshes=tuple(self.meshes),
+            instances=tuple(instances),
+            materials=tuple(self.materials.materials),
+            textures=tuple(self.materials.textures),
+            sphere_lights=tuple(spheres),
+            punctual_lights=tuple(lights),
+            environment=self.environment if lit else ENVIRONMENT,
+            environment_map=environment_map,
+            duration_s=max(motion.duration_s for motion in motions) or 1.0,
+            warnings=tuple(self.warnings),
+        )
+
+    def _instance(self, placed: Placed, mirror: Matrix) -> Instance:
+        start, end = (mirror @ matrix for matrix in placed.transform)
+        if np.array_equal(start, end):
+            index, pose = placed_rigidly(self.meshes, placed.mesh, start)
+            return Instance(index, Static(pose), f"shape {placed.mesh}")
+        # The stretch stays with the mesh, as it is at the start; the rest moves.
+        turn = FLIP_Z if np.linalg.det(start[:3, :3]) < 0 else np.eye(4)
+        stretch = without_scale(start @ turn).T[:3, :3] @ start[:3, :3]
+        if not np.allclose(without_scale(end @ turn)[:3, :3] @ stretch, end[:3, :3], atol=1e-6):
+            self._warn("shapes that change their stretch over time keep that of the start")
+        index, offset = placed_rigidly(self.meshes, placed.mesh, compose((0.0, 0.0, 0.0), stretch))
+        motion = self._between(start @ turn, end @ turn)
+        return Instance(index, Nested(motion, Static(offset)), f"shape {placed.mesh}")
+
+    def _between(self, start: Matrix, end: Matrix) -> Motion:
+        """Return the motion between two transforms, without their stretch."""
+        poses = [without_scale(matrix) for matrix in (start, end)]
+        positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
+        return Keyframes(self.times, tuple(positions), tuple(quaternion_of(pose[:3, :3]) for pose in poses))
+
+    def _camera(self, mirror: Matrix) -> Camera:
+        assert self.camera is not None
+        transforms, parameters = self.camera
+        width, height = self.resolution
+        fov = parameters.number("fov", 90.0)
+        if not 0 < fov < 180:
+            raise InputError(f"{parameters.place}: fov is {fov:g}, expected more than 0 and less than 180")
+        for name in ("screenwindow", "frameaspectratio"):
+            if name in parameters.found:
+                self._warn(f"the camera's {name} is left out")
+        start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
+        motion: Motion = Static(without_scale(start))
+        if not np.array_equal(start, end):
+            motion = self._between(start, end)
+        across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
+        radius = parameters.number("lensradius", 0.0)
+        lens = Lens()
+        if radius:
+            lens = Lens(aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
+        return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
+
+
+def _inverse(matrix: Matrix) -> Matrix:
+    return np.asarray(np.linalg.inv(matrix), np.float64)
