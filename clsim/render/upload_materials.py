@@ -11,7 +11,7 @@ import warp as wp
 from clsim.render.features import KINDS, has_roughness, passes_light, used_textures
 from clsim.render.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
 from clsim.render.plastic_tables import TABLE_SIZE, coat
-from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures
+from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
 from clsim.scene import CheckerTexture, Material, World
 
 _WRAPS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}
@@ -81,7 +81,7 @@ def _textures(world: World, device: Any) -> Any:
             row.wrap_u, row.wrap_v = _WRAPS[texture.wrap_u], _WRAPS[texture.wrap_v]
             row.nearest = int(texture.nearest)
             row.decoding = 256 * int(texture.srgb)
-            row.uv_matrix = TextureRow.vars["uv_matrix"].type(*np.ravel(texture.uv_matrix))
+            row.uv_matrix = mat23(*np.ravel(texture.uv_matrix))
         rows.append(row)
     textures = Textures()
     textures.rows = _structs(rows or [TextureRow()], TextureRow, device)
