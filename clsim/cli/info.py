@@ -1,38 +1,118 @@
-"""``clsim info``: what a scene is, and what was built in or left out for it."""
+"""``clsim info``: what a scene, a folder of frames or an event file is."""
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 
 from clsim.cli.options import JSON
+from clsim.errors import InputError
 
 
 def info(
-    what: Annotated[str, typer.Argument(help="A bundled scene or a scene file.")],
+    what: Annotated[str, typer.Argument(help="A bundled scene, a scene file, EXR frames, or an event file.")],
     as_json: JSON = False,
 ) -> None:
-    """Describe a scene, and what the renderer leaves out for it.
+    """Describe a scene and what the renderer leaves out for it, recorded frames and their features, or events.
 
     Example: `clsim info two-boxes`
     """
-    from clsim.render import RenderOptions, describe_build
-    from clsim.scene import describe, load_world
-
-    world = load_world(what)
-    facts: dict[str, Any] = {"scene": describe(world), "renderer": describe_build(world, RenderOptions())}
+    facts = _facts(what)
     if as_json:
         typer.echo(json.dumps(facts))
         return
     for title, table in facts.items():
         typer.echo(title)
         for key, value in table.items():
-            typer.echo(f"  {key:<16} {_text(value)}")
+            typer.echo(f"  {key:<20} {_text(value)}")
+
+
+def _facts(what: str) -> dict[str, Any]:
+    from clsim.events.files import FORMATS
+    from clsim.scene import bundled_scenes
+
+    name = what.lower()
+    if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
+        return {"frames": _frames(what)}
+    if name.endswith(tuple(ending for each in FORMATS for ending in each.endings)):
+        return {"events": _events(what)}
+    return _scene(what)
+
+
+def _scene(what: str) -> dict[str, Any]:
+    from clsim.render import RenderOptions, describe_build
+    from clsim.scene import describe, load_world
+
+    world = load_world(what)
+    return {"scene": describe(world), "renderer": describe_build(world, RenderOptions())}
+
+
+def _frames(what: str) -> dict[str, Any]:
+    """Return what the files hold, and what `clsim detect --features auto` makes of the first one."""
+    from clsim.detect.config import DetectorConfig
+    from clsim.detect.pack import first_features
+    from clsim.detect.reference_observation import FEATURE_PLANES, feature_names
+    from clsim.frames import Frame, page_aligned
+    from clsim.frames.exr import ExrSequence
+
+    source = ExrSequence(what, fps=1.0)
+    try:
+        fps = source.recorded_fps if len(source.files) > 1 else None
+    except InputError:
+        fps = None
+    first = Frame(page_aligned((len(source.names), source.height, source.width)), source.names)
+    source.fill(0, first)
+    candidates = feature_names(DetectorConfig(), source.names)
+    used = first_features(first, candidates)
+    left_out = {name: "constant in the first frame" for name in candidates if name not in used}
+    left_out |= {name: "not in the files" for name in FEATURE_PLANES if name not in source.names}
+    return {
+        "layout": source.layout,
+        "resolution": [source.width, source.height],
+        "frames": len(source.files),
+        "fps": fps,
+        "planes": list(source.names),
+        "features_used": ["pixel x", "pixel y", *used],
+        "features_left_out": left_out,
+        "invalid_pixels": int((~np.isfinite(first.planes)).any(axis=0).sum()),
+    }
+
+
+def _events(what: str) -> dict[str, Any]:
+    """Return the figures of an event file, read in bounded memory."""
+    from clsim.events.files import format_of, open_source
+
+    count = on = right = bottom = last_us = 0
+    first_us: int | None = None
+    with open_source(what) as source:
+        for batch in source:
+            first_us = int(batch["t"][0]) if first_us is None else first_us
+            last_us = int(batch["t"][-1])
+            count += len(batch)
+            on += int(batch["on"].sum())
+            right, bottom = max(right, int(batch["x"].max())), max(bottom, int(batch["y"].max()))
+        resolution = None if source.width is None or source.height is None else [source.width, source.height]
+    span_us = last_us - (first_us or 0)
+    return {
+        "format": format_of(Path(what)).name,
+        "resolution": resolution,
+        "events": count,
+        "first_us": first_us,
+        "last_us": last_us if count else None,
+        "duration_s": span_us * 1e-6,
+        "events_per_s": count / (span_us * 1e-6) if span_us else None,
+        "on_share": on / count if count else None,
+        "farthest_pixel": [right, bottom] if count else None,
+    }
 
 
 def _text(value: Any) -> str:
+    if value is None:
+        return "unknown"
     if isinstance(value, dict):
         return ", ".join(f"{key} {_text(item)}" for key, item in value.items()) or "none"
     if isinstance(value, list | tuple):

@@ -11,12 +11,12 @@ from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
 from clsim.detect.events import Interval
 from clsim.detect.gate import Counts
-from clsim.detect.pack import varying
+from clsim.detect.pack import first_features
 from clsim.detect.reference_observation import feature_names
 from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
+from clsim.frames import RADIANCE, Frame
 from clsim.frames.frame import FloatArray
 
 SPARSE_SHARE = 0.5
@@ -120,7 +120,7 @@ class Detector:
         """
         self._check(frame)
         if self._engine is None:
-            self._engine = self._build(self._first_features(frame))
+            self._engine = self._build(first_features(frame, self._candidates))
         self._slot = (self._slot + 1) % self.config.history
         engine = self._engine = self._pack(frame, self._engine)
         self._frames = min(self._frames + 1, self.config.history)
@@ -164,12 +164,6 @@ class Detector:
             raise InputError(
                 f"frame {frame.index} is at {frame.time_us} µs, expected a time after {self._time_us} µs (last frame)"
             )
-
-    def _first_features(self, frame: Frame) -> tuple[str, ...]:
-        varied = varying(frame, self._candidates)
-        # Depth of a miss is relative to its window: where misses are possible it is never known to be constant.
-        sticky = DEPTH[0] if COVERAGE[0] in self.names else None
-        return tuple(name for name in self._candidates if name in varied or name == sticky)
 
     def _build(self, features: tuple[str, ...]) -> Engine:
         quiet = tuple(name for name in self._candidates if name not in features)

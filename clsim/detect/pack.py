@@ -120,12 +120,16 @@ class Pack:
         return slot * self.slot_size
 
 
-def varying(frame: Frame, candidates: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the planes that are not constant over the frame's finite values."""
+def first_features(frame: Frame, candidates: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the candidates that are features from the first frame on: those not constant over its finite values.
+
+    Depth of a miss is relative to its window: where misses are possible it is never known to be constant.
+    """
+    sticky = DEPTH[0] if COVERAGE[0] in frame.names else None
     result = []
     for name in candidates:
         values = frame.plane(name)
         finite = values[np.isfinite(values)]
-        if finite.size and finite.min() != finite.max():
+        if name == sticky or (finite.size and finite.min() != finite.max()):
             result.append(name)
     return tuple(result)

@@ -1,0 +1,95 @@
+import json
+
+import numpy as np
+import pytest
+
+from clsim.events import EVENT_DTYPE
+from clsim.events.files import open_sink
+from clsim.frames.exr import ExrWriter
+from tests.detect.reference_scenes import random_frames
+
+
+def told(clsim, what):
+    outcome = clsim("info", what, "--json")
+    assert outcome.status == 0, outcome.stderr
+    return json.loads(outcome.stdout)
+
+
+@pytest.fixture
+def folder(tmp_path):
+    writer = ExrWriter(tmp_path / "frames")
+    for frame in random_frames(1, count=3, height=9, width=11, misses=False):
+        frame.plane("Nx")[...] = 0.5
+        frame.plane("Depth")[...] = 2
+        frame.plane("R")[4, 5] = np.nan
+        writer.write(frame)
+    return tmp_path / "frames"
+
+
+def test_frames_and_which_features_they_have(clsim, folder):
+    facts = told(clsim, folder)["frames"]
+    assert facts["layout"] == "planes" and facts["frames"] == 3 and facts["fps"] == 100
+    assert facts["resolution"] == [11, 9] and facts["invalid_pixels"] == 1
+    assert facts["features_used"][:2] == ["pixel x", "pixel y"]
+    assert {"Ny", "Albedo.R", "Depth"} <= set(facts["features_used"])
+    assert facts["features_left_out"] == dict.fromkeys(("Nx", "Coverage"), "constant in the first frame")
+    assert "features_left_out    Nx constant in the first frame" in clsim("info", folder).stdout
+
+
+def test_the_detector_uses_the_features_that_info_names(clsim, folder):
+    from clsim.detect.config import DetectorConfig
+    from clsim.detect.detector import Detector
+    from clsim.frames.exr import ExrSequence
+
+    source = ExrSequence(folder)
+    detector = Detector(DetectorConfig(window=3), source.width, source.height, source.names)
+    detector.step(next(iter(source)))
+    assert ["pixel x", "pixel y", *detector.features] == told(clsim, folder)["frames"]["features_used"]
+
+
+def test_planes_that_the_files_lack_and_unknown_times(clsim, tmp_path):
+    import OpenEXR
+
+    (tmp_path / "f").mkdir()
+    for k in range(2):
+        image = np.random.default_rng(k).random((4, 6), dtype=np.float32)
+        header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+        with OpenEXR.File(header, dict.fromkeys(("R", "G", "B", "Depth"), image)) as file:
+            file.write(str(tmp_path / f"f/a{k}.exr"))
+    facts = told(clsim, f"{tmp_path}/f/a*.exr")["frames"]
+    assert facts["fps"] is None and facts["features_used"] == ["pixel x", "pixel y", "Depth"]
+    assert facts["features_left_out"]["Albedo.G"] == "not in the files"
+
+
+@pytest.mark.parametrize("ending", ["aedat4", "csv"])
+def test_event_files(clsim, tmp_path, ending):
+    events = np.array([(1000, 3, 4, True), (1500, 9, 0, False), (3000, 0, 7, True)], dtype=EVENT_DTYPE)
+    path = tmp_path / f"e.{ending}"
+    sink = open_sink(path, 20, 10)
+    sink.write(events)
+    sink.close()
+    facts = told(clsim, path)["events"]
+    assert (facts["format"] in (ending, "text")) and facts["events"] == 3
+    assert facts["duration_s"] == pytest.approx(0.002) and facts["events_per_s"] == pytest.approx(1500)
+    assert facts["on_share"] == pytest.approx(2 / 3) and facts["farthest_pixel"] == [9, 7]
+    assert facts["resolution"] in ([20, 10], None)
+    if ending == "aedat4":
+        assert facts["resolution"] == [20, 10]
+
+
+def test_empty_event_file(clsim, tmp_path):
+    open_sink(tmp_path / "e.aedat4", 20, 10).close()
+    facts = told(clsim, tmp_path / "e.aedat4")["events"]
+    assert facts["events"] == 0 and facts["on_share"] is None and facts["events_per_s"] is None
+    assert "events_per_s         unknown" in clsim("info", tmp_path / "e.aedat4").stdout
+
+
+def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "two-boxes").mkdir()
+    assert told(clsim, "two-boxes")["scene"]["name"]
+    empty = clsim("info", "./two-boxes")
+    assert empty.status == 2 and "no EXR file" in empty.stderr
+    assert clsim("info", "nothing.at.all").status == 2
+    missing = clsim("info", "gone.aedat4")
+    assert missing.status == 2 and "gone.aedat4" in missing.stderr
