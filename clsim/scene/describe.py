@@ -8,6 +8,8 @@ import numpy as np
 
 from clsim.scene.world import World
 
+TEXTURES = ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture")
+
 
 def describe(world: World) -> dict[str, Any]:
     """Return counts, motion and what the scene asks of a renderer, as plain JSON values.
@@ -21,7 +23,8 @@ def describe(world: World) -> dict[str, Any]:
     area_lights = [
         int(np.isin(world.meshes[instance.mesh].material_ids, list(emissive)).sum()) for instance in world.instances
     ]
-    moving = [instance for instance in world.instances if instance.motion.duration_s > 0]
+    deforming = {k for k, mesh in enumerate(world.meshes) if mesh.deformation and mesh.deformation.duration_s > 0}
+    moving = [i for i in world.instances if i.motion.duration_s > 0 or i.mesh in deforming]
     used = {int(k) for instance in world.instances for k in np.unique(world.meshes[instance.mesh].material_ids)}
     return {
         "name": world.name,
@@ -33,24 +36,33 @@ def describe(world: World) -> dict[str, Any]:
         "camera_moves": camera.motion.duration_s > 0,
         "objects": len(world.instances),
         "moving_objects": len(moving),
+        "deforming_objects": sum(instance.mesh in deforming for instance in world.instances),
         "meshes": len(world.meshes),
         "triangles": sum(triangles),
         "materials": len(used),
-        "textures": len({world.materials[k].texture for k in used} - {-1}),
+        "material_kinds": sorted({world.materials[k].kind for k in used}),
+        "textures": len({getattr(world.materials[k], key) for k in used for key in TEXTURES} - {-1}),
         "area_light_triangles": sum(area_lights),
         "sphere_lights": len(world.sphere_lights),
+        "punctual_lights": len(world.punctual_lights),
         "moving_lights": sum(light.motion.duration_s > 0 for light in world.sphere_lights)
+        + sum(light.motion.duration_s > 0 for light in world.punctual_lights)
         + sum(count > 0 and i.motion.duration_s > 0 for i, count in zip(world.instances, area_lights, strict=True)),
         "environment": list(world.environment),
         "thresholds": {"on": world.sensor.threshold_on, "off": world.sensor.threshold_off},
         "needs": {
-            "textures": any(world.materials[k].texture >= 0 for k in used),
+            "textures": any(getattr(world.materials[k], key) >= 0 for k in used for key in TEXTURES),
+            "transparency": any(world.materials[k].alpha_mode != "opaque" for k in used),
             "moving_objects": bool(moving),
             "smooth_normals": any(world.meshes[i.mesh].normals is not None for i in world.instances),
             "area_lights": any(area_lights),
             "sphere_lights": bool(world.sphere_lights),
+            "punctual_lights": bool(world.punctual_lights),
             "environment": any(world.environment),
+            "environment_map": world.environment_map is not None,
+            "deformation": bool(deforming),
             "motion_blur": camera.shutter_s > 0,
         },
         "warnings": list(world.warnings),
+        "notes": list(world.notes),
     }
