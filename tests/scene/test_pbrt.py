@@ -114,14 +114,16 @@ def test_animated_transforms_become_motion(tmp_path):
     assert world.duration_s == 2
 
 
-def test_what_turns_out_of_the_plane_turns_the_same_way_and_keeps_its_stretch(tmp_path):
+@pytest.mark.parametrize("scale", [(1, 1, 1), (2, 1, 3), (2, -1, 3)])
+def test_what_turns_out_of_the_plane_turns_the_same_way_and_keeps_its_stretch(tmp_path, scale):
     head = "TransformTimes 0 1\n" + HEAD
-    body = "Translate 0 0 2 ActiveTransform EndTime Rotate 60 0 1 0 ActiveTransform All Scale 2 -1 3\n" + TRIANGLE
-    world = load(tmp_path, body, head)
-    c, s = np.cos(np.radians(60)), np.sin(np.radians(60))
-    expected = {(0, 0, -2), (2 * c, 0, -(2 - 2 * s)), (0, -1, -2)}
-    found = {tuple(np.round(p, 5)) for p in corners(world, time_s=1.0)}
-    assert found == {tuple(np.round(p, 5)) for p in expected}
+    turn = "Translate 0 0 2 ActiveTransform EndTime Rotate 60 0 1 0 ActiveTransform All Scale {} {} {}\n"
+    world = load(tmp_path, turn.format(*scale) + TRIANGLE, head)
+    for time_s, degrees in ((0.0, 0), (0.5, 30), (1.0, 60)):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        expected = {(0, 0, -2), (scale[0] * c, 0, -(2 - scale[0] * s)), (0, scale[1], -2)}
+        found = {tuple(np.round(p, 5)) for p in corners(world, time_s=time_s)}
+        assert found == {tuple(np.round(p, 5)) for p in expected}
     assert not world.warnings
 
 
