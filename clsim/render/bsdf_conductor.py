@@ -39,6 +39,7 @@ def conductor_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
 def conductor_sample(b: Bsdf, wo: wp.vec3, u: wp.vec2) -> Scattered:
     """Draw a direction in which a metal reflects."""
     s = Scattered()
+    s.eta2 = 1.0
     if b.alpha < SMOOTH:
         s.direction = wp.vec3(-wo[0], -wo[1], wo[2])
         s.weight = conductor_fresnel(b, wo[2])

@@ -18,6 +18,7 @@ def diffuse_value(b: Bsdf, normal: wp.vec3, wi: wp.vec3) -> Scattering:
 def diffuse_sample(b: Bsdf, normal: wp.vec3, u: wp.vec2) -> Scattered:
     """Draw a direction by the cosine, so that the weight is the reflectance."""
     s = Scattered()
+    s.eta2 = 1.0
     s.direction = cosine_hemisphere(normal, u)
     s.pdf = wp.max(wp.dot(normal, s.direction), 0.0) / wp.pi
     s.weight = b.color

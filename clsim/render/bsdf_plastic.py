@@ -57,6 +57,7 @@ def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, wi
 def plastic_sample(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
     """Draw the coat or the base, by the light that they return."""
     s = Scattered()
+    s.eta2 = 1.0
     coat = _coat_probability(b, _passing(transmittance, b, wo[2]))
     if choice < coat and b.alpha < SMOOTH:
         s.direction = wp.vec3(-wo[0], -wo[1], wo[2])

@@ -115,6 +115,7 @@ def principled_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
 def principled_sample(b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
     """Draw a lobe by the light that it returns, and a direction of that lobe."""
     s = Scattered()
+    s.eta2 = 1.0
     lobes = _lobes(b, wo)
     mirrored = wp.vec3(-wo[0], -wo[1], wo[2])
     under = _under_coat(b, wo[2]) * _under_coat(b, wo[2])

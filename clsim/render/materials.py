@@ -120,7 +120,8 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
             b.metal_k = row.k
             b.complex_index = row.complex_index
             b.alpha = row.alpha
-            b.eta = wp.where(point.front, row.ior, 1.0 / row.ior)
+            # Only the inside of glass is reached from the other side; coats and panes look the same from both.
+            b.eta = wp.where(point.front or b.kind != DIELECTRIC, row.ior, 1.0 / row.ior)
             b.metallic = row.metallic
             b.transmission = row.transmission
             b.clearcoat = row.clearcoat
@@ -139,10 +140,6 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
                 if b.kind == PRINCIPLED:
                     bare = b.clearcoat <= 0.0 or b.clearcoat_alpha < SMOOTH
                     b.mirror = smooth and bare and (b.metallic >= 1.0 or b.transmission >= 1.0)
-            if wp.static("plastic" in features.kinds or "principled" in features.kinds):
-                # The coat of what has an opaque base is seen from outside only.
-                if b.kind == PLASTIC or b.kind == PRINCIPLED:
-                    b.eta = row.ior
         return b
 
     @wp.func

@@ -251,6 +251,13 @@ def test_snell_and_the_pane():
     pane = Lone(Material(kind="thin-dielectric", color=WHITE, ior=1.5))
     direction, _, _, _ = pane.draw(from_angles(0.0), 1 << 17)
     assert (direction[:, 2] > 0).mean() == pytest.approx(0.08 / 1.04, abs=0.003)
+    inside = np.arcsin(np.sin(1.2) / 1.5)
+    once = (np.sin(1.2 - inside) / np.sin(1.2 + inside)) ** 2 / 2 + (
+        np.tan(1.2 - inside) / np.tan(1.2 + inside)
+    ) ** 2 / 2
+    for front in (True, False):
+        direction, _, _, _ = pane.draw(from_angles(1.2), 1 << 17, front)
+        assert (direction[:, 2] > 0).mean() == pytest.approx(2 * once / (1 + once), abs=0.005)
     wo = from_angles(0.9)
     direction, _, _, _ = pane.draw(wo, 500)
     through = direction[direction[:, 2] < 0]
