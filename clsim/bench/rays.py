@@ -21,7 +21,7 @@ def aim(camera: View, width: int, out_origins: wp.array(dtype=wp.vec3), out_dire
 
 def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     """Return kernels for the nearest hit, for any hit nearer than 1, and for the places and normals of hits."""
-    closest, occluded, surface = make_intersection(features, tree)
+    closest, occluded, _, surface_of = make_intersection(features, tree)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def nearest(
@@ -57,7 +57,7 @@ def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
         i = wp.tid()
         hit = closest(geometry, origins[i], directions[i], 0.0)
         if hit.triangle >= 0:
-            point = face(surface(geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, 0.0), directions[i])
+            point = face(surface_of(geometry, hit, 0.0), directions[i])
             out_place[i] = point.position
             out_normal[i] = point.normal
 

@@ -18,7 +18,7 @@ _MOST_LAYERS = wp.constant(256)
 """After as many surfaces on one ray the next one is opaque, so that every ray ends."""
 
 
-def make_alpha(closest: Any, surface: Any, opacity: Any) -> tuple[Any, Any]:
+def make_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
     """Return the Warp functions ``pierce`` and ``transmittance``.
 
     The first gives the nearest hit that stops a ray, the second what is left of a shadow ray, 0 to 1.
@@ -29,13 +29,13 @@ def make_alpha(closest: Any, surface: Any, opacity: Any) -> tuple[Any, Any]:
         """Return the opacity where a ray hit a triangle."""
         opaque = float(1.0)
         if materials.rows[geometry.material_ids[hit.triangle]].alpha_mode != OPAQUE:
-            opaque = opacity(materials, surface(geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time))
+            opaque = opacity(materials, surface_of(geometry, hit, time))
         return opaque
 
     @wp.func
     def beyond(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> wp.vec3:
         """Return the origin of a ray that goes on behind the surface."""
-        point = surface(geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time)
+        point = surface_of(geometry, hit, time)
         behind = wp.where(wp.dot(point.normal, direction) < 0.0, -point.normal, point.normal)
         return offset_origin(point.position, behind, geometry.scale_m)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.bvh8_build import fit, grow
-from clsim.render.bvh8_traverse import NODE_FLOATS
+from clsim.render.bvh8_traverse import CORNER_FLOATS, NODE_FLOATS
 
 _ALIGNMENT = 64
 
@@ -51,11 +51,11 @@ class Bvh8:
         self._order = order[:triangle_count].copy()
         del order
         # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
-        self._corners = _aligned(9 * triangle_count + 9 + 8)
-        self._corners[9 * triangle_count :] = 0.0
+        self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
+        self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
-        self._header = np.zeros(4, np.uint64)
-        self._header[:3] = [a.ctypes.data for a in (self._nodes, self._corners, self._order)]
+        self._header = np.zeros(3, np.uint64)
+        self._header[:2] = [a.ctypes.data for a in (self._nodes, self._corners)]
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)
 
@@ -73,7 +73,7 @@ class Bvh8:
             outputs=[_wrap(a) for a in (self._nodes, self._corners, self._extent)],
             device="cpu",
         )
-        self._header[3:].view(np.float32)[0] = self._extent[0]
+        self._header[2:].view(np.float32)[0] = self._extent[0]
 
 
 def _aligned(floats: int) -> npt.NDArray[np.float32]:

@@ -9,7 +9,7 @@ triangles and unites boxes.
 
 import warp as wp
 
-from clsim.render.bvh8_traverse import LEAF_TRIANGLES, MAX_DEPTH, NODE_FLOATS
+from clsim.render.bvh8_traverse import CORNER_FLOATS, FIRST_NUMBER, LEAF_TRIANGLES, MAX_DEPTH, NODE_FLOATS
 
 FARTHEST = 1.0e12
 """Vertices farther from the origin belong to no triangle: the cubes of their coordinates must be finite."""
@@ -229,7 +229,7 @@ _FIT = """
                     }
                 }
             } else if (first < order.shape[0]) {
-                float* block = corners.data + 9 * (long long)first;
+                float* block = corners.data + CORNER_FLOATS * (long long)first;
                 for (int j = 0; j < size; ++j) {
                     v4 p[3];
                     bool whole = true;
@@ -241,6 +241,7 @@ _FIT = """
                     const v4 n = e.yzxw * f.zxyw - e.zxyw * f.yzxw;
                     // Corners that coincide are never hit: so those of a triangle without a normal are made to.
                     whole = whole && n.x * n.x + n.y * n.y + n.z * n.z > 0.0f;
+                    ((int*)block)[9 * size + j] = FIRST_NUMBER + order.data[first + j];
                     for (int m = 0; m < 3; ++m) {
                         if (whole) {
                             lower = lesser(lower, p[m]);
@@ -266,7 +267,13 @@ _FIT = """
 
 
 def _native(snippet: str) -> str:
-    sizes = {"LEAF_TRIANGLES": LEAF_TRIANGLES, "MAX_DEPTH": MAX_DEPTH, "NODE_FLOATS": NODE_FLOATS}
+    sizes = {
+        "CORNER_FLOATS": CORNER_FLOATS,
+        "FIRST_NUMBER": FIRST_NUMBER,
+        "LEAF_TRIANGLES": LEAF_TRIANGLES,
+        "MAX_DEPTH": MAX_DEPTH,
+        "NODE_FLOATS": NODE_FLOATS,
+    }
     for name, value in sizes.items():
         snippet = snippet.replace(name, str(value))
     return snippet.replace("FARTHEST", f"{FARTHEST:e}f")

@@ -20,6 +20,10 @@ MAX_DEPTH = 20
 NODE_FLOATS = 56
 """A node: lower x, y, z and upper x, y, z of eight boxes each, then eight children."""
 LEAF_TRIANGLES = 8
+CORNER_FLOATS = 10
+"""A triangle in its leaf: three corners and its number. A leaf has a row of each for all its triangles."""
+FIRST_NUMBER = 0x3F000000
+"""Added to a triangle's number, so that as a float, which reading a row too wide makes it, it is an ordinary one."""
 
 # What both searches share. A child that is not negative is a node, in units of 32 bytes; of a negative one the
 # complement is a leaf: eight times the first triangle, plus the number of triangles less one. A missing child is the
@@ -34,8 +38,7 @@ _SEARCH = """
     const unsigned long long* tree = (const unsigned long long*)handle;
     const float* nodes = (const float*)tree[0];
     const float* corners = (const float*)tree[1];
-    const int* triangles = (const int*)tree[2];
-    const float extent = *(const float*)&tree[3];
+    const float extent = *(const float*)&tree[2];
 
     float size = extent, longest = 0.0f;
     int kz = 0;
@@ -78,11 +81,16 @@ _SEARCH = """
         enter = greater(greater(x0, y0), greater(z0, v8(t_min)));
         return mask(enter <= lesser(lesser(x1, y1), lesser(z1, v8(far))));
     };
+    const auto fetch = [&](int child) __attribute__((always_inline)) {
+        const float* p = child >= 0 ? nodes + 8 * (long long)child : corners + CORNER_FLOATS * (long long)(~child >> 3);
+        for (int line = 0; line < 4; ++line) __builtin_prefetch(p + 16 * line);
+    };
     // Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
     const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
-        const float* block = corners + 9 * (long long)first;
+        const float* block = corners + CORNER_FLOATS * (long long)first;
+        const int corner = 3 * count;
         const auto row = [&](int i, int k) __attribute__((always_inline)) {
-            return v8(*(const unaligned8*)(block + (3 * i + k) * count)) - v8(origin[k]);
+            return v8(*(const unaligned8*)(block + k * count + i * corner)) - v8(origin[k]);
         };
         const auto shear = [](v8 a, float s, v8 z) __attribute__((always_inline)) {
             return __builtin_elementwise_fma(v8(-s), z, a);
@@ -114,7 +122,8 @@ _SEARCH = """
 
 _CLOSEST = """
     struct { float t; int child; } stack[STACK];
-    int top = 0, child = 0, nearest = -1;
+    int top = 0, child = 0, nearest_count = 0;
+    const float* nearest = nullptr;
     float nearest_u = 0.0f, nearest_v = 0.0f;
     for (;;) {
         if (child >= 0) {
@@ -127,6 +136,7 @@ _CLOSEST = """
                 met &= met - 1;
                 child = children[i];
                 if (!met) continue;
+                fetch(child);
                 float t = enter[i];
                 // The others go to the stack, the farthest first; the nearest is kept in hand.
                 const int base = top;
@@ -135,6 +145,7 @@ _CLOSEST = """
                     met &= met - 1;
                     float other_t = enter[i];
                     int other = children[i];
+                    fetch(other);
                     if (other_t < t) {
                         const float swap_t = t; t = other_t; other_t = swap_t;
                         const int swap = child; child = other; other = swap;
@@ -154,7 +165,8 @@ _CLOSEST = """
                 const int i = __builtin_ctz(met);
                 if (t[i] < far) {
                     far = t[i];
-                    nearest = first + i;
+                    nearest = corners + CORNER_FLOATS * (long long)first + i;
+                    nearest_count = count;
                     nearest_u = u[i];
                     nearest_v = v[i];
                 }
@@ -162,11 +174,17 @@ _CLOSEST = """
         }
         do {
             if (top == 0) {
-                if (nearest >= 0) nearest = triangles[nearest];
-                return wp::vec_t<4, int>(
-                    nearest, __builtin_bit_cast(int, far),
-                    __builtin_bit_cast(int, nearest_u), __builtin_bit_cast(int, nearest_v)
-                );
+                wp::vec_t<13, int32_t> hit;
+                hit[0] = -1;
+                if (nearest) {
+                    const int* row = (const int*)nearest;
+                    hit[0] = row[9 * nearest_count] - FIRST_NUMBER;
+                    hit[1] = __builtin_bit_cast(int, far);
+                    hit[2] = __builtin_bit_cast(int, nearest_u);
+                    hit[3] = __builtin_bit_cast(int, nearest_v);
+                    for (int k = 0; k < 9; ++k) hit[4 + k] = row[k * nearest_count];
+                }
+                return hit;
             }
             --top;
         } while (stack[top].t > far);
@@ -194,12 +212,21 @@ _ANY = """
 
 
 def _native(snippet: str) -> str:
-    return snippet.replace("STACK", str(7 * MAX_DEPTH + 1))
+    sizes = {"STACK": 7 * MAX_DEPTH + 1, "CORNER_FLOATS": CORNER_FLOATS, "FIRST_NUMBER": FIRST_NUMBER}
+    for name, value in sizes.items():
+        snippet = snippet.replace(name, str(value))
+    return snippet
+
+
+TreeHit = wp.types.vector(length=13, dtype=wp.int32)
 
 
 @wp.func_native(_native(_SEARCH + _CLOSEST))
-def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> wp.vec4i:
-    """Return triangle (−1: none) and the bits of t and of the weights of vertices 0 and 1; t in [t_min, far)."""
+def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> TreeHit:
+    """Return triangle (−1: none) and the bits of t, of the weights of vertices 0 and 1, and of the vertices.
+
+    t is in [t_min, far). The vertices are at hand here, and far away in memory for whoever needs them next.
+    """
     ...
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 import warp as wp
 
-from clsim.render.bvh8_traverse import any_in_tree, closest_in_tree
+from clsim.render.bvh8_traverse import TreeHit, any_in_tree, closest_in_tree
 from clsim.render.features import Features
 from clsim.render.shutter import shutter_key, shutter_weight
 
@@ -51,7 +51,10 @@ class Geometry:
 
 @wp.struct
 class Hit:
-    """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one."""
+    """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
+
+    The vertices are those of the triangle in its mesh's space: the search has them at hand.
+    """
 
     t: float
     instance: int
@@ -59,6 +62,9 @@ class Hit:
     sphere: int
     weight0: float
     weight1: float
+    vertex0: wp.vec3
+    vertex1: wp.vec3
+    vertex2: wp.vec3
 
 
 @wp.struct
@@ -184,6 +190,14 @@ class Found:
     triangle: int
     weight0: float
     weight1: float
+    vertex0: wp.vec3
+    vertex1: wp.vec3
+    vertex2: wp.vec3
+
+
+@wp.func
+def _bits3(bits: TreeHit, first: int) -> wp.vec3:
+    return wp.vec3(wp.cast(bits[first], float), wp.cast(bits[first + 1], float), wp.cast(bits[first + 2], float))
 
 
 def make_search(tree: Tree) -> tuple[Any, Any]:
@@ -192,7 +206,15 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
     @wp.func
     def closest_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
         bits = closest_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
-        return Found(wp.cast(bits[1], float), bits[0], wp.cast(bits[2], float), wp.cast(bits[3], float))
+        return Found(
+            wp.cast(bits[1], float),
+            bits[0],
+            wp.cast(bits[2], float),
+            wp.cast(bits[3], float),
+            _bits3(bits, 4),
+            _bits3(bits, 7),
+            _bits3(bits, 10),
+        )
 
     @wp.func
     def any_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
@@ -201,7 +223,19 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
     @wp.func
     def closest_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
         hit = wp.mesh_query_ray(geometry.mesh_handles[mesh], origin, direction, far)
-        return Found(hit.t, wp.where(hit.result, hit.face, -1), hit.u, hit.v)
+        found = Found()
+        found.triangle = -1
+        if hit.result:
+            first = geometry.mesh_first_vertex[mesh]
+            at = 3 * (geometry.mesh_first_triangle[mesh] + hit.face)
+            found.t = hit.t
+            found.triangle = hit.face
+            found.weight0 = hit.u
+            found.weight1 = hit.v
+            found.vertex0 = geometry.vertices[first + geometry.indices[at]]
+            found.vertex1 = geometry.vertices[first + geometry.indices[at + 1]]
+            found.vertex2 = geometry.vertices[first + geometry.indices[at + 2]]
+        return found
 
     @wp.func
     def any_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
@@ -210,8 +244,11 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
     return (closest_by_bvh8, any_by_bvh8) if tree == "bvh8" else (closest_by_warp, any_by_warp)
 
 
-def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
-    """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?) and ``surface``."""
+def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, Any]:
+    """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?), ``surface``, ``surface_of``.
+
+    The last two give the front of a triangle (``face`` turns it to the ray), of any one and of the one that was hit.
+    """
     closest_in_mesh, any_in_mesh = make_search(tree)
     sphere_at = make_sphere_at(features)
     to_world_at, to_object_at = make_placement(features)
@@ -238,6 +275,9 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
                     hit.triangle = geometry.mesh_first_triangle[mesh] + found.triangle
                     hit.weight0 = found.weight0
                     hit.weight1 = found.weight1
+                    hit.vertex0 = found.vertex0
+                    hit.vertex1 = found.vertex1
+                    hit.vertex2 = found.vertex2
         else:
             found = closest_in_mesh(geometry, 0, origin, direction, hit.t)
             if found.triangle >= 0:
@@ -246,6 +286,9 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
                 hit.triangle = found.triangle
                 hit.weight0 = found.weight0
                 hit.weight1 = found.weight1
+                hit.vertex0 = found.vertex0
+                hit.vertex1 = found.vertex1
+                hit.vertex2 = found.vertex2
         if wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
@@ -275,55 +318,81 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
         return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func
-    def surface(
-        geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float, time: float
-    ) -> Surface:
-        """The front of the triangle; ``face`` turns it to the ray."""
+    def vertex_numbers(geometry: Geometry, instance: int, triangle: int) -> wp.vec3i:
         first = int(0)
         if wp.static(features.two_level):
             first = geometry.mesh_first_vertex[geometry.instance_mesh[instance]]
-        i0 = first + geometry.indices[3 * triangle]
-        i1 = first + geometry.indices[3 * triangle + 1]
-        i2 = first + geometry.indices[3 * triangle + 2]
-        weight2 = 1.0 - weight0 - weight1
-        p0 = geometry.vertices[i0]
-        p1 = geometry.vertices[i1]
-        p2 = geometry.vertices[i2]
+        return wp.vec3i(
+            first + geometry.indices[3 * triangle],
+            first + geometry.indices[3 * triangle + 1],
+            first + geometry.indices[3 * triangle + 2],
+        )
+
+    @wp.func
+    def surface_of(geometry: Geometry, hit: Hit, time: float) -> Surface:
+        weight2 = 1.0 - hit.weight0 - hit.weight1
+        p0 = hit.vertex0
+        p1 = hit.vertex1
+        p2 = hit.vertex2
         cross = wp.cross(p1 - p0, p2 - p0)
         point = Surface()
         point.front = True
         point.normal = wp.normalize(cross)
         if wp.static(features.two_level):
-            to_world = to_world_at(geometry, instance, time)
-            to_object = to_object_at(geometry, instance, time)
+            to_world = to_world_at(geometry, hit.instance, time)
+            to_object = to_object_at(geometry, hit.instance, time)
             point.normal = transform_normal(to_object, cross)
             p0 = transform_point(to_world, p0)
             p1 = transform_point(to_world, p1)
             p2 = transform_point(to_world, p2)
             cross = wp.cross(p1 - p0, p2 - p0)
         point.area = 0.5 * wp.length(cross)
-        point.position = p0 * weight0 + p1 * weight1 + p2 * weight2
+        point.position = p0 * hit.weight0 + p1 * hit.weight1 + p2 * weight2
         point.shading_normal = point.normal
         if wp.static(features.smooth_normals):
-            blend = geometry.normals[i0] * weight0 + geometry.normals[i1] * weight1 + geometry.normals[i2] * weight2
+            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            blend = (
+                geometry.normals[at[0]] * hit.weight0
+                + geometry.normals[at[1]] * hit.weight1
+                + geometry.normals[at[2]] * weight2
+            )
             if wp.dot(blend, blend) > 1.0e-12:
                 if wp.static(features.two_level):
-                    point.shading_normal = transform_normal(to_object_at(geometry, instance, time), blend)
+                    point.shading_normal = transform_normal(to_object_at(geometry, hit.instance, time), blend)
                 else:
                     point.shading_normal = wp.normalize(blend)
         if wp.static(features.textures):
-            point.uv = geometry.uvs[i0] * weight0 + geometry.uvs[i1] * weight1 + geometry.uvs[i2] * weight2
+            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            point.uv = (
+                geometry.uvs[at[0]] * hit.weight0 + geometry.uvs[at[1]] * hit.weight1 + geometry.uvs[at[2]] * weight2
+            )
         if wp.static(features.normal_maps):
-            uv1 = geometry.uvs[i1] - geometry.uvs[i0]
-            uv2 = geometry.uvs[i2] - geometry.uvs[i0]
+            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            uv1 = geometry.uvs[at[1]] - geometry.uvs[at[0]]
+            uv2 = geometry.uvs[at[2]] - geometry.uvs[at[0]]
             determinant = uv1[0] * uv2[1] - uv1[1] * uv2[0]
             if wp.abs(determinant) > 1.0e-30:
                 point.tangent = ((p1 - p0) * uv2[1] - (p2 - p0) * uv1[1]) / determinant
                 point.bitangent = ((p2 - p0) * uv1[0] - (p1 - p0) * uv2[0]) / determinant
-        point.material = geometry.material_ids[triangle]
+        point.material = geometry.material_ids[hit.triangle]
         return point
 
-    return closest, occluded, surface
+    @wp.func
+    def surface(
+        geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float, time: float
+    ) -> Surface:
+        at = vertex_numbers(geometry, instance, triangle)
+        hit = Hit()
+        hit.instance = instance
+        hit.triangle = triangle
+        hit.weight0 = weight0
+        hit.weight1 = weight1
+        hit.vertex0 = geometry.vertices[at[0]]
+        hit.vertex1 = geometry.vertices[at[1]]
+        hit.vertex2 = geometry.vertices[at[2]]
+        return surface_of(geometry, hit, time)
+
+    return closest, occluded, surface, surface_of
 
 
 @wp.func

@@ -56,12 +56,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as unsigned integers.
     """
-    closest, occluded, surface = make_intersection(features, tree)
+    closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
     resolve, emitted, opacity = make_materials(features)
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
-    pierce, transmittance = make_alpha(closest, surface, opacity)
+    pierce, transmittance = make_alpha(closest, surface_of, opacity)
     side = make_side(features)
     glossy = features.kinds != ("diffuse",)
     refracts = "dielectric" in features.kinds
@@ -154,7 +154,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(alone, pdf, sky.pdf)
                 break
 
-            point = face(surface(scene.geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, time), direction)
+            point = face(surface_of(scene.geometry, hit, time), direction)
             if wp.static(features.normal_maps):
                 point.shading_normal = mapped_normal(scene.materials, point, -direction)
             bsdf = resolve(scene.materials, point)
