@@ -8,9 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
+from clsim.cli.bench_tradeoff import tradeoff
 from clsim.cli.options import OPENCL
 
 bench = typer.Typer(help="Measure speed, accuracy and stability on this machine.", no_args_is_help=True)
+bench.command()(tradeoff)
 
 JSON_FILE = Annotated[Path | None, typer.Option("--json", help="Write the figures into this file, - for stdout.")]
 

@@ -9,15 +9,18 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
+from clsim.cli.options import FILES, FORMAT, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED
 
 
 def convert(
     source: Annotated[str, typer.Argument(metavar="IN", help="An event file, tcp://, unix:// or udp:// address.")],
-    target: Annotated[str, typer.Argument(metavar="OUT", help="An event file, an address, or - for text.")],
+    target: Annotated[str, typer.Argument(metavar="OUT", help="An address, - for text, or an event file: " + FILES)],
     resolution: Annotated[
         str | None, typer.Option(help="WIDTHxHEIGHT of the sensor, for files that do not tell. [found out]")
     ] = None,
+    format: FORMAT = None,
+    text_time: TEXT_TIME = None,
 ) -> int:
     """Convert events between files of all formats and sockets, or record a stream.
 
@@ -27,6 +30,7 @@ def convert(
 
     from clsim.events import SinkError
     from clsim.live.convert import convert_events
+    from clsim.live.outputs import FileOptions
 
     console = Console(stderr=True)
     size = None if resolution is None else parse.resolution(resolution)
@@ -44,7 +48,7 @@ def convert(
                     rate = events / (now_s - started_s)
                     status.update(f"{source} → {target}: {events:,} events, t {time_us * 1e-6:.3f} s, {rate:,.0f} ev/s")
 
-            convert_events(source, target, size, tell)
+            convert_events(source, target, size, tell, FileOptions(format, text_time))
     except SinkError as error:
         print(f"clsim: {error}", file=sys.stderr)
         return OUTPUT_FAILED

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import EVENT_RULE, HISTORY, JSON, METHOD, OPENCL, WINDOW
+from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, OUT_HELP, TEXT_TIME, WINDOW
 from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Response
 from clsim.errors import InputError
 
@@ -20,7 +20,7 @@ def detect(
             "pbrt-v4's, Mitsuba 3's or Blender's."
         ),
     ],
-    out: Annotated[list[str], typer.Option(help="Where events go: a file, an address or -; may be repeated.")],
+    out: Annotated[list[str], typer.Option(help=OUT_HELP)],
     fps: Annotated[float | None, typer.Option(help="Frames per second. [the times in the files]")] = None,
     threshold: Annotated[str, typer.Option(help="Contrast threshold: 0.2, or ON,OFF: 0.2,0.25.")] = "0.2",
     method: METHOD = "esim-ad",
@@ -54,6 +54,8 @@ def detect(
     features: Annotated[str, typer.Option(help="auto, or planes by name: Depth,Nx,Ny,Nz,Albedo.R …")] = "auto",
     precision: Annotated[Precision, typer.Option(help="Arithmetic of the regression.")] = "float32",
     opencl: OPENCL = None,
+    format: FORMAT = None,
+    text_time: TEXT_TIME = None,
     as_json: JSON = False,
 ) -> int:
     """Turn a sequence of EXR frames into events.
@@ -63,6 +65,7 @@ def detect(
     from clsim.cli.status import run_session
     from clsim.detect.config import DetectorConfig
     from clsim.live.options import RecordingOptions
+    from clsim.live.outputs import FileOptions
     from clsim.live.session import open_recording
 
     if as_json and "-" in out:
@@ -90,5 +93,5 @@ def detect(
         features=None if features == "auto" else tuple(name.strip() for name in features.split(",")),
         precision=precision,
     )
-    options = RecordingOptions(frames, config, fps, opencl, tuple(out))
+    options = RecordingOptions(frames, config, fps, opencl, tuple(out), FileOptions(format, text_time))
     return run_session(open_recording(options), as_json=as_json)

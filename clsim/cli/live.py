@@ -9,6 +9,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.options import (
     EVENT_RULE,
+    FORMAT,
     FPS,
     HISTORY,
     JSON,
@@ -16,11 +17,14 @@ from clsim.cli.options import (
     METHOD,
     NOISE,
     OPENCL,
+    OUT_HELP,
     RENDER_DEVICE,
     RESOLUTION,
     SCENE,
     SEED,
     SPP,
+    STRICT,
+    TEXT_TIME,
     THREADS,
     THRESHOLD,
     WINDOW,
@@ -31,15 +35,17 @@ from clsim.errors import InputError
 
 def live(
     scene: SCENE,
-    out: Annotated[
-        list[str] | None,
+    out: Annotated[list[str] | None, typer.Option(help=OUT_HELP)] = None,
+    frames: Annotated[
+        bool,
         typer.Option(
-            help="Where events go: a file (.aedat4, .txt …), tcp://HOST:PORT, udp://HOST:PORT, unix://PATH, "
-            "or - for text on standard output. May be given several times."
+            "--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files (needs the [dv] extra)."
         ),
-    ] = None,
+    ] = False,
+    format: FORMAT = None,
+    text_time: TEXT_TIME = None,
     duration: Annotated[str | None, typer.Option(help="Simulated time, such as 2s or 500ms. [the motion]")] = None,
-    frames: Annotated[int | None, typer.Option(help="Number of frames, instead of a duration.")] = None,
+    frame_count: Annotated[int | None, typer.Option(help="Number of frames, instead of a duration.")] = None,
     loop: Annotated[bool, typer.Option("--loop", help="Start the motion anew at its end.")] = False,
     fps: FPS = None,
     spp: SPP = 8,
@@ -63,6 +69,7 @@ def live(
     ] = "block",
     render_device: RENDER_DEVICE = "cpu",
     opencl: OPENCL = None,
+    strict: STRICT = False,
     view: VIEW = None,
     port: PORT = None,
     as_json: JSON = False,
@@ -72,14 +79,16 @@ def live(
     Example: `clsim live two-boxes --out events.aedat4 --out tcp://127.0.0.1:7777 --loop`
     """
     from clsim.live.options import LiveOptions
+    from clsim.live.outputs import FileOptions
 
     outputs = tuple(out or ())
     if as_json and "-" in outputs:
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
     options = LiveOptions(
         scene=scene,
+        strict=strict,
         duration_s=None if duration is None else parse.duration_s(duration),
-        frames=frames,
+        frame_count=frame_count,
         loop=loop,
         fps=fps,
         spp=spp,
@@ -99,6 +108,7 @@ def live(
         render_device=render_device,
         opencl=opencl,
         outputs=outputs,
+        files=FileOptions(format, text_time, frames),
     )
     from clsim.cli.status import run_session
     from clsim.live.session import open_live

@@ -7,9 +7,13 @@ from typing import Annotated, Literal
 import typer
 
 from clsim.detect.config import EventRule, Method
+from clsim.events.files import FORMATS, promises
 
 SCENE = Annotated[
-    str, typer.Argument(help="A bundled scene (see `clsim scenes`) or a .toml, .gltf, .glb, .obj or .ply file.")
+    str,
+    typer.Argument(
+        help="A bundled scene (see `clsim scenes`) or a .toml, .gltf, .glb, .obj, .ply, .xml (Mitsuba) or .pbrt file."
+    ),
 ]
 RESOLUTION = Annotated[
     str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the horizontal field of view stays. [scene's own]")
@@ -38,3 +42,22 @@ HISTORY = Annotated[int, typer.Option(help="Frames whose windows form one regres
 RENDER_DEVICE = Annotated[str, typer.Option(help="Where to render: cpu, cuda:0 … (see `clsim devices`).")]
 OPENCL = Annotated[str | None, typer.Option(help="Part of the name of the OpenCL device. [a GPU if there is one]")]
 JSON = Annotated[bool, typer.Option("--json", help="Print machine-readable results on standard output.")]
+
+FILES = promises()
+OUT_HELP = (
+    "Where events go: tcp://HOST:PORT, udp://HOST:PORT, unix://PATH, - for text on standard output, or a file; may be "
+    "given several times. Files: " + FILES
+)
+FORMAT = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help=f"Format of files whose ending shall not decide: {', '.join(each.name for each in FORMATS)}.",
+    ),
+]
+TEXT_TIME = Annotated[
+    Literal["us", "s"] | None, typer.Option(help="Time in text: whole µs, or seconds with six decimals. [us]")
+]
+STRICT = Annotated[
+    bool, typer.Option("--strict", help="Refuse a scene that asks for what clsim lacks, instead of warning.")
+]

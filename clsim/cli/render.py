@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FPS, JSON, MAX_DEPTH, NOISE, RENDER_DEVICE, RESOLUTION, SCENE, SEED, SPP, THREADS
+from clsim.cli.options import FPS, JSON, MAX_DEPTH, NOISE, RENDER_DEVICE, RESOLUTION, SCENE, SEED, SPP, STRICT, THREADS
 
 
 def render(
@@ -25,6 +25,7 @@ def render(
     max_depth: MAX_DEPTH = 8,
     threads: THREADS = None,
     render_device: RENDER_DEVICE = "cpu",
+    strict: STRICT = False,
     as_json: JSON = False,
 ) -> None:
     """Render a scene to EXR frames with all planes and their variances.
@@ -42,7 +43,7 @@ def render(
     from clsim.render import PathTracer, RenderOptions
     from clsim.scene import load_world
 
-    world = load_world(scene, resolution=None if resolution is None else parse.resolution(resolution))
+    world = load_world(scene, resolution=None if resolution is None else parse.resolution(resolution), strict=strict)
     schedule = plan(world.duration_s, fps or world.fps, frames=frames)
     options = RenderOptions(
         spp=spp,

@@ -29,6 +29,8 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
         warning = getattr(output.sink, "warning", None)
         if warning:
             console.print(f"clsim: {warning}", style="yellow", highlight=False)
+    for note in session.notes:
+        console.print(f"clsim: {note}", style="dim", highlight=False)
     for sentence in session.warnings:
         console.print(f"clsim: {sentence}", style="yellow", highlight=False)
     session.start()

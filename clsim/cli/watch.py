@@ -111,12 +111,12 @@ def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> 
         page = ViewSink(session.name, *size, **host_and_port(port))
         page.status = lambda: {key: session.summary()[key] for key in PAGE_NUMBERS}
         session.pipeline.outputs.append(Output(page.url, page))
-        session.pipeline.watcher = page
+        session.pipeline.watchers.append(page)
         announce(page.url)
     if view == "rerun":
         from clsim.live.view.rerun import RerunSink
 
         viewer = RerunSink(session.name, *size)
         session.pipeline.outputs.append(Output("rerun", viewer))
-        session.pipeline.watcher = viewer
+        session.pipeline.watchers.append(viewer)
     return None

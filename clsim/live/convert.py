@@ -11,7 +11,7 @@ from typing import Any
 from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.live.open import open_events, sensor_size
-from clsim.live.outputs import is_address, open_output, sidecar_path, write_sidecar
+from clsim.live.outputs import FileOptions, is_address, open_output, sidecar_path, write_sidecar
 
 
 def convert_events(
@@ -19,8 +19,11 @@ def convert_events(
     target_name: str,
     resolution: tuple[int, int] | None = None,
     progress: Callable[[int, int], None] = lambda events, time_us: None,
+    files: FileOptions | None = None,
 ) -> int:
     """Copy all events, in bounded memory; returns how many. ``progress`` hears of events and time after each batch.
+
+    ``files`` says how a target file is written.
 
     A target file is there in the end only if all was well: one that fails on the way is removed again, except where it
     records a stream, whose end (or Ctrl-C) completes it. The sidecar comes along.
@@ -31,13 +34,15 @@ def convert_events(
     """
     if not is_address(target_name) and not is_address(source_name) and _same_file(source_name, target_name):
         raise InputError(f"{target_name}: is the file to read; expected another name to write")
+    files = files or FileOptions()
+    files.check([target_name])
     about = _source_sidecar(source_name)
     records_stream = is_address(source_name)
     with open_events(source_name) as source:
         size = sensor_size(source_name, source, resolution)
         batches = iter(source)
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
-        sink = open_output(target_name, *size)
+        sink = open_output(target_name, *size, files)
         events = 0
         try:
             while batch is not None:

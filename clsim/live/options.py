@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError, require_choice
 from clsim.frames import Policy
+from clsim.live.outputs import FileOptions
 from clsim.live.pipeline import Pace
 
 Noise = Literal["common", "independent"]
@@ -21,9 +22,11 @@ class LiveOptions:
 
     scene: str | Path
     """Name of a bundled scene, or a scene file."""
+    strict: bool = False
+    """Refuse a scene that asks for what clsim lacks, instead of warning."""
     duration_s: float | None = None
     """Simulated time [s]; None plays the scene's motion once."""
-    frames: int | None = None
+    frame_count: int | None = None
     """Number of frames, instead of a duration."""
     loop: bool = False
     """Start the motion anew at its end, for ever or until ``duration_s``."""
@@ -53,6 +56,7 @@ class LiveOptions:
     """Part of the name of the OpenCL device to use."""
     outputs: tuple[str, ...] = field(default=())
     """Files and addresses that receive the events."""
+    files: FileOptions = field(default_factory=FileOptions)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
@@ -65,18 +69,19 @@ class LiveOptions:
         for option, count in (("--spp", self.spp), ("--max-depth", self.max_depth)):
             if count < 1:
                 raise InputError(f"{option} must be at least 1, got {count}")
-        for option, maybe in (("--frames", self.frames), ("--threads", self.threads)):
+        for option, maybe in (("--frame-count", self.frame_count), ("--threads", self.threads)):
             if maybe is not None and maybe < 1:
                 raise InputError(f"{option} must be at least 1, got {maybe}")
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}")
-        if self.frames is not None and self.duration_s is not None:
-            raise InputError("--frames and --duration both set the length of the run; give one of them")
+        if self.frame_count is not None and self.duration_s is not None:
+            raise InputError("--frame-count and --duration both set the length of the run; give one of them")
         if self.resolution is not None and min(self.resolution) < 1:
             width, height = self.resolution
             raise InputError(f"--resolution must be at least 1x1, got {width}x{height}")
         if self.threshold is not None and not all(0 < value < float("inf") for value in self.threshold):
             raise InputError(f"--threshold must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
+        self.files.check(self.outputs)
         if self.gate not in LIVE_GATES:
             raise InputError(
                 f"--gate {self.gate} needs the windows of past frames, which a live run does not keep; "
@@ -101,11 +106,13 @@ class RecordingOptions:
     """Frames per second; None takes the times that the files carry."""
     opencl: str | None = None
     outputs: tuple[str, ...] = field(default=())
+    files: FileOptions = field(default_factory=FileOptions)
 
     def __post_init__(self) -> None:
         """Refuse a frame rate that cannot be."""
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise InputError(f"--fps must be a positive number, got {self.fps}")
+        self.files.check(self.outputs)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, for a sidecar."""

@@ -3,11 +3,51 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.events import Sink
+from clsim.events.address import parse_address
+from clsim.events.files import FORMATS, format_of, open_sink
+
+TextTime = Literal["us", "s"]
+
+
+@dataclass(frozen=True)
+class FileOptions:
+    """How files are written."""
+
+    format: str | None = None
+    """Name of a format (see clsim.events.files.FORMATS) where the ending of the name shall not decide."""
+    text_time: TextTime | None = None
+    """Unit of time in text, on standard output too; None is µs."""
+    frames: bool = False
+    """Whether AEDAT4 files get the rendered frames along with the events."""
+
+    def check(self, names: Sequence[str]) -> None:
+        """Raise InputError where an option concerns none of the outputs ``names``, or the format is unknown."""
+        formats = [kind for kind in map(self.format_of, names) if kind is not None]
+        known = [each.name for each in FORMATS]
+        if self.format is not None and self.format not in known:
+            raise InputError(f'--format "{self.format}" is unknown; expected one of: {", ".join(known)}')
+        if self.format is not None and all(map(is_address, names)):
+            raise InputError("--format is for files, but no output is one; name a file with --out")
+        if self.text_time is not None and "text" not in formats:
+            raise InputError("--text-time is for text, but no output is text; name one with --out, such as events.txt")
+        if self.frames and "aedat4" not in [self.format_of(name) for name in names if not is_address(name)]:
+            raise InputError("--frames go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
+
+    def format_of(self, name: str) -> str | None:
+        """Return the name of the format of an output; None for a socket. Raises InputError for an unknown ending."""
+        if is_address(name):
+            address = parse_address(name)
+            return address.options.get("format", "text") if address.scheme == "-" else None
+        if self.format is not None:
+            return self.format
+        return format_of(Path(name)).name
 
 
 def is_address(name: str) -> bool:
@@ -15,14 +55,12 @@ def is_address(name: str) -> bool:
     return name == "-" or "://" in name
 
 
-def check_output(name: str) -> None:
+def check_output(name: str, options: FileOptions) -> None:
     """Raise InputError where a file could not be opened for events, without touching it."""
+    options.format_of(name)
     if is_address(name):
         return
-    from clsim.events.files import format_of
-
     path = Path(name)
-    format_of(path)
     if path.is_dir():
         raise InputError(f"{name} is a folder, expected a file for events")
     if not path.parent.is_dir():
@@ -31,15 +69,20 @@ def check_output(name: str) -> None:
         raise InputError(f"{name}: permission denied")
 
 
-def open_output(name: str, width: int, height: int) -> Sink:
+def open_output(name: str, width: int, height: int, options: FileOptions) -> Sink:
     """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-`` for events; raises InputError if it cannot be."""
+    kind = options.format_of(name)
+    if kind == "aedat4" and options.frames and not is_address(name):
+        from clsim.events.aedat4_frames import Aedat4FramesSink
+        from clsim.live.recorder import FrameRecorder
+
+        return FrameRecorder(Aedat4FramesSink(Path(name), width, height))
+    text: dict[str, Any] = {"time_unit": options.text_time} if kind == "text" and options.text_time is not None else {}
     if is_address(name):
         from clsim.events.sockets import open_socket_sink
 
-        return open_socket_sink(name, width, height)
-    from clsim.events.files import open_sink
-
-    return open_sink(name, width, height)
+        return open_socket_sink(name, width, height, **text)
+    return open_sink(name, width, height, format=kind, **text)
 
 
 def sidecar_path(name: str) -> Path | None:

@@ -129,7 +129,7 @@ class Pipeline:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
         self.progress = Progress()
-        self.watcher: FrameWatcher | None = None
+        self.watchers: list[FrameWatcher] = []
         self.outputs = list(outputs)
         self._make_source, self._make_detector = make_source, make_detector
         self._schedule, self._pace = schedule, pace
@@ -230,9 +230,10 @@ class Pipeline:
                     previous = frame.index
                     batch = detector.step(frame)
                     time_us = frame.time_us
-                    if self.watcher is not None and self.watcher.wants_frame():
-                        tell_level = getattr(detector, "level", None)
-                        self.watcher.show_frame(frame, None if tell_level is None else tell_level())
+                    for watcher in self.watchers:
+                        if watcher.wants_frame():
+                            tell_level = getattr(detector, "level", None)
+                            watcher.show_frame(frame, None if tell_level is None else tell_level())
                 finally:
                     self._ring.release()
                 self._write(batch)

@@ -14,8 +14,9 @@ from clsim.detect.config import DetectorConfig
 from clsim.events import Sink
 from clsim.frames import BASE_PLANES
 from clsim.live.options import LiveOptions, RecordingOptions
-from clsim.live.outputs import check_output, is_address, open_output, sidecar_path, write_sidecar
+from clsim.live.outputs import FileOptions, check_output, is_address, open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
+from clsim.live.recorder import FrameRecorder
 from clsim.live.schedule import Schedule, plan
 from clsim.scene import Camera, Motion, World, load_world
 
@@ -27,7 +28,8 @@ class Session:
     Attributes:
         name: what is shown: a scene, or a folder of frames.
         about: what a sidecar tells of the run: options, thresholds, camera, poses.
-        warnings: sentences for the user, known before the run.
+        warnings: what the scene asks for and clsim lacks, one sentence each.
+        notes: what was chosen where the scene leaves it open, likewise.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Session:
     pipeline: Pipeline
     about: dict[str, Any]
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
     wall_start_s: float
     cpu_start_s: float
 
@@ -89,13 +92,13 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     from clsim.render import PathTracer, RenderOptions, check_device
 
     started = _now()
-    world = load_world(options.scene, resolution=options.resolution)
+    world = load_world(options.scene, resolution=options.resolution, strict=options.strict)
     fps = options.fps or world.fps
     schedule = plan(
         world.duration_s,
         fps,
         duration_s=options.duration_s,
-        frames=options.frames,
+        frames=options.frame_count,
         loop=options.loop,
         periodic=_is_periodic(world),
     )
@@ -111,17 +114,21 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     )
     check_device(options.render_device)
     camera = world.camera
+    outputs = _open_outputs(options.outputs, options.files, extra_sinks, camera.width, camera.height)
     pipeline = Pipeline(
         lambda: PathTracer(world, render_options),
         _detector_maker(config, camera.width, camera.height, BASE_PLANES, options.opencl),
-        _open_outputs(options.outputs, extra_sinks, camera.width, camera.height),
+        outputs,
         schedule,
         (BASE_PLANES, camera.height, camera.width),
         ring=options.ring,
         pace=options.pace,
     )
+    pipeline.watchers += [output.sink for output in outputs if isinstance(output.sink, FrameRecorder)]
     about = _about(options.as_dict(), config, schedule) | about_camera(camera, schedule)
-    return Session(world.name, camera.width, camera.height, schedule, pipeline, about, world.warnings, *started)
+    return Session(
+        world.name, camera.width, camera.height, schedule, pipeline, about, world.warnings, world.notes, *started
+    )
 
 
 def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
@@ -136,13 +143,13 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     pipeline = Pipeline(
         lambda: source,
         _detector_maker(options.config, source.width, source.height, source.names, options.opencl),
-        _open_outputs(options.outputs, extra_sinks, source.width, source.height),
+        _open_outputs(options.outputs, options.files, extra_sinks, source.width, source.height),
         schedule,
         (source.names, source.height, source.width),
     )
     about = _about(options.as_dict(), options.config, schedule)
     name = str(options.frames)
-    return Session(name, source.width, source.height, schedule, pipeline, about, (), *started)
+    return Session(name, source.width, source.height, schedule, pipeline, about, (), (), *started)
 
 
 def _now() -> tuple[float, float]:
@@ -164,16 +171,18 @@ def _detector_maker(
     return make
 
 
-def _open_outputs(names: Sequence[str], extra_sinks: Sequence[Sink], width: int, height: int) -> list[Output]:
+def _open_outputs(
+    names: Sequence[str], options: FileOptions, extra_sinks: Sequence[Sink], width: int, height: int
+) -> list[Output]:
     outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
     # Files last: opening one replaces what was there, and nothing may be lost because another output is wrong.
     ordered = sorted(names, key=lambda name: not is_address(name))
     for name in ordered:
-        check_output(name)
+        check_output(name, options)
     new_files = [Path(name) for name in names if not is_address(name) and not Path(name).exists()]
     try:
         for name in ordered:
-            outputs.append(Output(name, open_output(name, width, height), sidecar=sidecar_path(name)))
+            outputs.append(Output(name, open_output(name, width, height, options), sidecar=sidecar_path(name)))
     except BaseException:
         for output in outputs:
             output.sink.close()
@@ -214,7 +223,7 @@ def about_camera(camera: Camera, schedule: Schedule) -> dict[str, Any]:
 
 def _output_summary(output: Output) -> dict[str, Any]:
     info: dict[str, Any] = {"name": output.name}
-    for counter in ("clients", "dropped_events"):
+    for counter in ("clients", "dropped_events", "recorded_frames", "exposure"):
         value = getattr(output.sink, counter, None)
         if value is not None:
             info[counter] = value

@@ -1,0 +1,53 @@
+"""Frames along with the events of a recording: what ``clsim live --frames`` adds to an AEDAT4 file."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.events import EventBatch
+from clsim.events.aedat4_frames import Aedat4FramesSink
+from clsim.frames import Frame
+from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.live.view.tonemap import ToneMap
+
+
+class FrameRecorder:
+    """Writes every frame, as 8-bit sRGB with one exposure for the whole run, behind the events that led to it.
+
+    The exposure is that of the first frame that is not black, so that brightness can be compared between frames.
+    """
+
+    def __init__(self, sink: Aedat4FramesSink) -> None:
+        """Record to ``sink``, which is closed with the recorder."""
+        self.recorded_frames = 0
+        self._sink = sink
+        self._tone_map = ToneMap(follow=0.0)
+        self._waiting: tuple[int, npt.NDArray[np.uint8]] | None = None
+
+    @property
+    def exposure(self) -> float | None:
+        """Factor from radiance to the linear value that sRGB encodes; None before the first frame that is not black."""
+        return self._tone_map.exposure
+
+    def wants_frame(self) -> bool:
+        """Ask for every frame."""
+        return True
+
+    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
+        """Keep the frame until its events are written."""
+        first = frame.names.index(RADIANCE[0])
+        blue_green_red = np.moveaxis(frame.planes[first : first + 3][::-1], 0, 2)
+        self._waiting = frame.time_us, self._tone_map(blue_green_red)
+
+    def write(self, batch: EventBatch) -> None:
+        """Write the events of a frame, then the frame; see Sink.write."""
+        self._sink.write(batch)
+        if self._waiting is not None:
+            self._sink.write_image(*self._waiting)
+            self._waiting = None
+            self.recorded_frames += 1
+
+    def close(self) -> None:
+        """Complete the file; see Sink.close."""
+        self._sink.close()
