@@ -113,7 +113,11 @@ def _with_progress(options: Any, run: Any) -> dict[str, Any]:
         def report(what: str, done: float, total: float) -> None:
             progress.update(task, description=what, completed=done, total=total or 1.0)
 
-        results: dict[str, Any] = run(options, report)
+        try:
+            results: dict[str, Any] = run(options, report)
+        except KeyboardInterrupt:
+            progress.console.print("clsim: interrupted; the same command goes on from the points measured so far")
+            raise
         progress.update(task, description="done", completed=1.0, total=1.0)
     return results
 
@@ -125,10 +129,11 @@ def _print_front(results: dict[str, Any]) -> None:
     from clsim.bench.tradeoff_tables import front_table
 
     head, rows = front_table(results)
+    # Eighty columns do not hold all; the Markdown does.
+    shown = [i for i, name in enumerate(head) if name in ("Setting", "CPU s", "F1", "strict F1", "front")]
     table = Table(title=f"{results['scene']}: the Pareto front", title_justify="left")
-    for i, name in enumerate(head):
-        table.add_column(name, justify="right" if i else "left")
+    for i in shown:
+        table.add_column(head[i], justify="right" if i else "left")
     for row in rows:
-        table.add_row(*row)
-    console = Console()
-    console.print(table)
+        table.add_row(*(row[i] for i in shown))
+    Console().print(table)

@@ -1,0 +1,232 @@
+"""Speed against accuracy: sweep renderings and detectors, score each against a clean reference, count its cost."""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
+from clsim.bench.point_store import PointStore
+from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
+from clsim.bench.tradeoff_measure import Cost, Detected, detect, render_each, warm_renderer
+from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
+from clsim.bench.tradeoff_summary import summarise
+from clsim.detect.device import Device, choose_device
+from clsim.errors import InputError
+from clsim.frames import Frame
+from clsim.render import RenderOptions
+from clsim.scene import World, load_world
+from clsim.score import PAPER_TAU, Score, score
+
+SCHEMA = 1
+REFERENCE_SEED = 0x5EED_0001
+CEILING_SEED = 0x5EED_0002
+_POINT_ROOMS = (*FRAME_ROOMS, "score", "bench")
+_DETECTION_PATHS = 4
+"""A detector's pass over a pixel is taken for so many paths, where time left is estimated."""
+
+Report = Callable[[str, float, float], None]
+"""Told what is being done, how much work is done, and how much there is in all [paths]."""
+
+
+@dataclass(frozen=True)
+class TradeoffOptions:
+    """Options of a sweep; None takes the sweep's own value, for ``fps`` the scene's."""
+
+    scene: str | Path
+    cache: Path
+    quick: bool = False
+    reference_spp: int | None = None
+    resolution: tuple[int, int] | None = None
+    frames: int | None = None
+    fps: float | None = None
+    seeds: tuple[int, ...] = (0,)
+    points: tuple[Point, ...] = field(default=())
+    """The points to measure; none are those of the full sweep, or of the quick one."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work; each message names the option as the command line spells it."""
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise InputError(f"--fps must be a positive number, got {self.fps}")
+        if self.frames is not None and self.frames < 2:
+            raise InputError(f"--frames must be at least 2, for the first one fires nothing, got {self.frames}")
+        if self.reference_spp is not None and self.reference_spp < 1:
+            raise InputError(f"--reference-spp must be at least 1, got {self.reference_spp}")
+        taken = {REFERENCE_SEED, CEILING_SEED}
+        if not self.seeds or len(set(self.seeds)) < len(self.seeds) or any(s < 0 or s in taken for s in self.seeds):
+            raise InputError(
+                f"--seeds must be different numbers, not negative and not {REFERENCE_SEED} or {CEILING_SEED} (the "
+                f"reference's and the ceiling's), got {','.join(map(str, self.seeds)) or 'none'}"
+            )
+        if self.quick and len(self.seeds) > 1:
+            raise InputError(f"--quick measures one seed, got {','.join(map(str, self.seeds))}")
+
+
+def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
+    """Measure all points that were not measured before, and return the results; docs/tradeoff.md has the keys.
+
+    Raises:
+        InputError: the scene cannot be used, there is no OpenCL device, or nothing happens in the reference.
+    """
+    return _Sweep(options, report).run()
+
+
+class _Sweep:
+    def __init__(self, options: TradeoffOptions, report: Report) -> None:
+        quick = options.quick
+        self.world: World = load_world(
+            options.scene, resolution=options.resolution or ((64, 48) if quick else (128, 96))
+        )
+        self.frames = options.frames or (24 if quick else 48)
+        self.fps = options.fps or self.world.fps
+        self.device: Device = choose_device()
+        self.cache = options.cache
+        self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
+        spp = options.reference_spp or (1024 if quick else 4096)
+        self.reference_options = self.render_options(Rendering(spp, "common", REFERENCE_SEED))
+        self.ceiling_options = self.render_options(Rendering(spp, "common", CEILING_SEED))
+        self.machine = machine(self.device)
+        self.store = PointStore(self.cache / f"points-{self.key()}.jsonl")
+        self.report = report
+        self.done = self.total = 0.0
+
+    def key(self) -> str:
+        """Return the key of everything that all points share."""
+        shared = (self.frames, self.fps, self.reference_options.spp, REFERENCE_SEED, PAPER_TAU)
+        return content_key("points", world_key(self.world), shared, self.machine, code_key(_POINT_ROOMS))
+
+    def render_options(self, rendering: Rendering) -> RenderOptions:
+        return RenderOptions(
+            spp=rendering.spp, noise=rendering.noise, seed=rendering.seed, fps=self.fps, frames=self.frames
+        )
+
+    def run(self) -> dict[str, Any]:
+        missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
+        self.plan(missing)
+        self.tell("loading kernels")
+        if self.total:
+            warm_renderer(self.world, self.render_options(Rendering(1, "common", 0)))
+        reference = self.reference(self.reference_options, "reference")
+        ceiling = self.reference(self.ceiling_options, "ceiling")
+        for rule in RULES:
+            if not len(reference.events[rule]):
+                raise InputError(
+                    f"no event fires in {self.frames} frames of {self.world.name}: there is nothing to score; "
+                    "expected more --frames or a lower --fps"
+                )
+        by_rendering: dict[Rendering, list[Point]] = {}
+        for point in missing:
+            by_rendering.setdefault(point.rendering, []).append(point)
+        for rendering, group in by_rendering.items():
+            self.measure(rendering, group, reference)
+        return self.results(reference, ceiling)
+
+    def plan(self, missing: list[Point]) -> None:
+        """Estimate the work, in paths."""
+        pixels = self.world.camera.width * self.world.camera.height * self.frames
+        renderings = {point.rendering for point in missing}
+        samples = sum(rendering.spp for rendering in renderings) + _DETECTION_PATHS * len(missing)
+        kept = (is_kept(self.world, options, self.cache) for options in (self.reference_options, self.ceiling_options))
+        samples += sum(self.reference_options.spp for is_there in kept if not is_there)
+        self.total = float(pixels * samples)
+
+    def tell(self, what: str, samples: float = 0.0) -> None:
+        """Report progress, after so many samples of each pixel of one frame."""
+        self.done += samples * self.world.camera.width * self.world.camera.height
+        self.report(what, self.done, self.total)
+
+    def reference(self, options: RenderOptions, name: str) -> Reference:
+        what = f"{name}, {options.spp} spp"
+        return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
+
+    def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:
+        frames: list[Frame] = []
+
+        def take(frame: Frame) -> None:
+            frames.append(frame.copy())
+            self.tell(f"rendering, {rendering.spp} spp {rendering.noise}", rendering.spp)
+
+        render_cost = render_each(self.world, self.render_options(rendering), take)
+        for point in points:
+            self.tell(f"{rendering.spp} spp {rendering.noise}, {point.detector.label}")
+            detected = detect(point.detector.config(self.world.sensor), frames, self.device)
+            scored = self.score(detected, reference, point)
+            self.store.append(
+                content_key(point.as_dict()), scored.as_dict() | self.costs(point, render_cost, detected, scored)
+            )
+            self.tell(f"{rendering.spp} spp {rendering.noise}", _DETECTION_PATHS * self.frames)
+
+    def score(self, detected: Detected, reference: Reference, point: Point) -> Score:
+        camera, rule = self.world.camera, point.detector.event_rule
+        return score(detected.events, reference.events[rule], camera.width, camera.height, self.fps)
+
+    def costs(self, point: Point, rendered: Cost, detected: Detected, scored: Score) -> dict[str, Any]:
+        camera, cost = self.world.camera, detected.cost
+        cpu_s = rendered.cpu_s + cost.cpu_s
+        true_events = round(scored.strict_precision * scored.events)
+        return {
+            "paths": camera.width * camera.height * self.frames * point.rendering.spp,
+            "solved_share": detected.solved_share,
+            "render_cpu_s": rendered.cpu_s,
+            "render_wall_s": rendered.wall_s,
+            "detect_cpu_s": cost.cpu_s,
+            "detect_wall_s": cost.wall_s,
+            "cpu_s": cpu_s,
+            "wall_s": rendered.wall_s + cost.wall_s,
+            "true_events": true_events,
+            "cpu_s_per_true_event": cpu_s / true_events if true_events else None,
+            "render_peak_bytes": rendered.peak_bytes,
+            "detect_peak_bytes": cost.peak_bytes,
+        }
+
+    def results(self, reference: Reference, ceiling: Reference) -> dict[str, Any]:
+        from clsim import __version__
+
+        camera, sensor = self.world.camera, self.world.sensor
+        points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
+        scores = {
+            rule: score(ceiling.events[rule], reference.events[rule], camera.width, camera.height, self.fps).as_dict()
+            for rule in RULES
+        }
+        return {
+            "schema": SCHEMA,
+            "clsim_version": __version__,
+            "scene": self.world.name,
+            "width": camera.width,
+            "height": camera.height,
+            "frames": self.frames,
+            "fps": self.fps,
+            "threshold_on": sensor.threshold_on,
+            "threshold_off": sensor.threshold_off,
+            "tau": PAPER_TAU,
+            "machine": self.machine,
+            "reference": {
+                "spp": self.reference_options.spp,
+                "seed": REFERENCE_SEED,
+                "ceiling_seed": CEILING_SEED,
+                "events": {rule: len(reference.events[rule]) for rule in RULES},
+                "cpu_s": reference.cpu_s,
+                "wall_s": reference.wall_s,
+            },
+            "ceiling": scores,
+            "points": points,
+            "settings": summarise(points),
+        }
+
+
+def machine(device: Device) -> dict[str, Any]:
+    """Return what times depend on: processor, cores that this process may use, OpenCL device."""
+    return {"processor": _processor(), "cores": len(os.sched_getaffinity(0)), "opencl": device.name, "rendering": "cpu"}
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

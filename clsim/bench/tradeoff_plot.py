@@ -1,0 +1,148 @@
+"""The trade drawn: processor time against F1 and against strict F1."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from clsim.bench.label_places import place_labels
+from clsim.errors import InputError
+
+_COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
+"""Blue and vermilion of Okabe and Ito, which colour-blind people tell apart; fillings tell them apart in grey."""
+_MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D"}
+_CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
+_PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
+_MANY = 40
+"""With more settings than this, those off the front are drawn faintly."""
+
+
+def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
+    """Draw all settings, both Pareto fronts, the ceilings and the ICIP 2023 setting into a PNG.
+
+    Raises:
+        InputError: matplotlib is not installed, or the file cannot be written.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise InputError(
+            "drawing the trade needs matplotlib, which is not installed; pip install 'clsim[plot]'"
+        ) from None
+    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    for panel, (value, title) in zip(panels, _PANELS, strict=True):
+        _draw_panel(panel, results, value)
+        panel.set_title(title, fontsize=11)
+    panels[0].set_ylabel("agreement with the reference")
+    _limits(panels[0], results)
+    figure.suptitle(
+        f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames, "
+        f"reference of {results['reference']['spp']} spp",
+        fontsize=12,
+    )
+    figure.legend(handles=_legend(results), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    figure.canvas.draw()  # places the panels, so that labels can be kept apart
+    for panel, (value, _) in zip(panels, _PANELS, strict=True):
+        _label_points(panel, results, value)
+    try:
+        figure.savefig(file, format="png", dpi=110)
+    except OSError as error:
+        raise InputError(f"cannot write {file}: {error.strerror}") from None
+
+
+def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    rows = results["settings"]
+    panel.set_xscale("log")
+    panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    panel.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
+    panel.xaxis.set_minor_formatter(NullFormatter())
+    panel.set_xlabel("CPU time of rendering and detection [s]")
+    panel.grid(alpha=0.25, which="both", linewidth=0.5)
+    for rule, scores in results["ceiling"].items():
+        if any(row["event_rule"] == rule for row in rows):
+            panel.axhline(scores[value], color="0.25", linestyle=_CEILING_STYLES[rule], linewidth=1.2, zorder=1)
+    front = [row for row in rows if row[f"front_{value}"]]
+    panel.step([row["cpu_s"] for row in front], [row[value] for row in front], where="post", color="0.55", zorder=1.5)
+    for row in rows:
+        faint = len(rows) > _MANY and not (row[f"front_{value}"] or row["icip_2023"])
+        colour = _COLOURS[row["noise"]]
+        filled = row["noise"] == "common"
+        panel.errorbar(
+            row["cpu_s"],
+            row[value],
+            yerr=row[f"{value}_sd"],
+            fmt=_MARKERS[row["gate"] or row["method"]],
+            markersize=4 if faint else 6.5,
+            color=colour,
+            markerfacecolor=colour if filled else "white",
+            alpha=0.3 if faint else 1.0,
+            zorder=2 if faint else 3,
+        )
+        if row["icip_2023"]:
+            panel.plot(row["cpu_s"], row[value], "o", markersize=14, markerfacecolor="none", color="black", zorder=4)
+
+
+def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
+    """Name the points of the front and the paper's; colour tells the noise and shape the method, so names are short."""
+    rows = results["settings"]
+    named = [row for row in rows if row[f"front_{value}"] or row["icip_2023"]]
+    seen = rows if len(rows) <= _MANY else named
+    place_labels(
+        panel,
+        [(row["cpu_s"], row[value]) for row in named],
+        ["ICIP 2023\n" * row["icip_2023"] + _short(row) for row in named],
+        [(row["cpu_s"], row[value]) for row in seen],
+    )
+
+
+def _short(row: dict[str, Any]) -> str:
+    parts = [f"{row['spp']} spp"]
+    if row["window"] is not None:
+        parts.append(f"K{row['window']}")
+    if row["history"] is not None and row["history"] > 1:
+        parts.append(f"T{row['history']}")
+    if row["stride"] is not None and row["stride"] > 1:
+        parts.append(f"/{row['stride']}")
+    if row["arithmetic"] != "float32":
+        parts.append("f64")
+    return " ".join(parts)
+
+
+def _limits(panel: Any, results: dict[str, Any]) -> None:
+    """Leave room on both sides for labels, and show all scores and ceilings."""
+    rows = results["settings"]
+    costs = [row["cpu_s"] for row in rows]
+    scores = [row[value] for row in rows for value, _ in _PANELS]
+    panel.set_xlim(min(costs) / 1.6, max(costs) * 1.9)
+    panel.set_ylim(max(0.0, min(scores) - 0.05), 1.03)
+
+
+def _legend(results: dict[str, Any]) -> list[Any]:
+    from matplotlib.lines import Line2D
+
+    rows = results["settings"]
+
+    def marker(label: str, shape: str, colour: str, filling: str, size: float = 7) -> Line2D:
+        return Line2D([], [], linestyle="", marker=shape, color=colour, markerfacecolor=filling, label=label, ms=size)
+
+    names = {"esim": "ESIM", "wlr-esim": "WLR everywhere", "delta-r": "gate delta-r", "radiance": "gate radiance"}
+    ways = {row["gate"] or row["method"] for row in rows}
+    noises = {row["noise"] for row in rows}
+    handles = [marker(names[way], shape, "0.4", "0.4") for way, shape in _MARKERS.items() if way in ways]
+    handles += [
+        marker(f"{noise} random numbers", "o", colour, colour if noise == "common" else "white")
+        for noise, colour in _COLOURS.items()
+        if noise in noises
+    ]
+    handles.append(Line2D([], [], color="0.55", label="Pareto front"))
+    for rule, style in _CEILING_STYLES.items():
+        if any(row["event_rule"] == rule for row in rows):
+            handles.append(Line2D([], [], color="0.25", linestyle=style, label=f"ceiling, rule {rule}"))
+    if any(row["icip_2023"] for row in rows):
+        handles.append(marker("ICIP 2023 setting (rule frame)", "o", "black", "none", 12))
+    return handles

@@ -1,0 +1,106 @@
+"""The sweep's results as CSV and as Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any
+
+from clsim.bench.tradeoff_summary import turned_knobs
+
+_FRONT_HEAD = ("Setting", "CPU s", "of it detection", "F1", "strict F1", "precision", "recall", "median Δt",
+               "CPU ms per true event", "front")  # fmt: skip
+_KNOB_HEAD = ("Knob", "from", "to", "CPU time", "detection's CPU time", "F1", "strict F1")
+
+
+def csv_text(results: dict[str, Any]) -> str:
+    """Return all points as CSV, one line each, with the ceiling's F1 and strict F1 of the point's event rule."""
+    out = io.StringIO()
+    ceiling = results["ceiling"]
+    rows = [
+        point
+        | {f"ceiling_{name}": ceiling[point["event_rule"]][name] for name in ("f1", "strict_f1")}
+        | {"scene": results["scene"]}
+        for point in results["points"]
+    ]
+    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return out.getvalue()
+
+
+def markdown_text(results: dict[str, Any]) -> str:
+    """Return the Pareto front with the ceiling, and what each knob costs, as Markdown."""
+    parts = [_about(results), table(*front_table(results))]
+    knobs = turned_knobs(results["settings"])
+    if knobs:
+        parts.append(f"One knob turned, from {knobs[0][1]['label']}:")
+        parts.append(table(_KNOB_HEAD, [_knob_row(*pair) for pair in knobs]))
+    return "\n\n".join(parts) + "\n"
+
+
+def front_table(results: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return head and rows: both fronts, cheapest first, the ICIP 2023 settings, and the ceilings last."""
+    shown = [row for row in results["settings"] if row["front_f1"] or row["front_strict_f1"] or row["icip_2023"]]
+    rows = [_front_row(row) for row in shown]
+    used = {point["event_rule"] for point in results["points"]}
+    for rule, scores in results["ceiling"].items():
+        if rule in used:
+            rows.append((f"ceiling, rule {rule}", "", "", *_scores(scores), "", ""))
+    return _FRONT_HEAD, rows
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table; all columns but the first are aligned right."""
+    rule = ["---", *["---:"] * (len(head) - 1)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (head, rule, *rows))
+
+
+def _about(results: dict[str, Any]) -> str:
+    reference, events = results["reference"], results["reference"]["events"]
+    return (
+        f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames at "
+        f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; reference: "
+        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by rule frame)."
+    )
+
+
+def _front_row(row: dict[str, Any]) -> tuple[str, ...]:
+    fronts = [name for name, value in (("F1", "f1"), ("strict", "strict_f1")) if row[f"front_{value}"]]
+    label = row["label"] + (" (ICIP 2023)" if row["icip_2023"] else "")
+    each = row["cpu_s_per_true_event"]
+    return (
+        label,
+        f"{row['cpu_s']:.2f}",
+        f"{row['detect_cpu_s']:.2f}",
+        *_scores(row),
+        "–" if each is None else f"{1e3 * each:.2f}",
+        " and ".join(fronts) or "–",
+    )
+
+
+def _scores(row: dict[str, Any]) -> tuple[str, ...]:
+    dt_us = row["dt_median_us"]
+    values = [_spread(row, name) for name in ("f1", "strict_f1", "precision", "recall")]
+    return (*values, "–" if dt_us is None else f"{dt_us / 1e3:.2f} ms")
+
+
+def _spread(row: dict[str, Any], name: str) -> str:
+    sd = row.get(f"{name}_sd")
+    return f"{row[name]:.3f}" + ("" if sd is None else f" ± {sd:.3f}")
+
+
+def _knob_row(knob: str, base: dict[str, Any], row: dict[str, Any]) -> tuple[str, ...]:
+    def name(of: dict[str, Any]) -> str:
+        return str(of["gate"] or of["method"]) if knob == "method" else str(of[knob])
+
+    return (
+        "gate" if knob == "method" else knob.replace("_", " "),
+        name(base),
+        name(row),
+        f"× {row['cpu_s'] / base['cpu_s']:.2f}",
+        f"× {row['detect_cpu_s'] / base['detect_cpu_s']:.2f}",
+        f"{row['f1'] - base['f1']:+.3f}",
+        f"{row['strict_f1'] - base['strict_f1']:+.3f}",
+    )
