@@ -67,7 +67,7 @@ def draw(scene: str, sheet: Sheet) -> RGB:
     tracer.fill(sheet.frames // 2, frame)
     tracer.close()
     picture = ToneMap()(np.stack([frame.plane(name) for name in RADIANCE], axis=-1))
-    options = {"resolution": (sheet.width, sheet.height), "frames": sheet.frames + 1, "fps": sheet.fps}
+    options = {"resolution": (sheet.width, sheet.height), "frame_count": sheet.frames + 1, "fps": sheet.fps}
     events = np.concatenate(list(clsim.stream(scene, spp=sheet.spp, **options)))
     image = colour_indices(signed_image(events, sheet.width, sheet.height), full=2.0)
     shown = lut()[image][..., :3]

@@ -65,10 +65,10 @@ def detect(
     from clsim.cli.status import run_session
     from clsim.detect.config import DetectorConfig
     from clsim.live.options import RecordingOptions
-    from clsim.live.outputs import FileOptions
+    from clsim.live.outputs import FileOptions, is_standard_output
     from clsim.live.session import open_recording
 
-    if as_json and "-" in out:
+    if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
     on, off = parse.threshold(threshold)
     config = DetectorConfig(

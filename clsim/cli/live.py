@@ -79,10 +79,10 @@ def live(
     Example: `clsim live two-boxes --out events.aedat4 --out tcp://127.0.0.1:7777 --loop`
     """
     from clsim.live.options import LiveOptions
-    from clsim.live.outputs import FileOptions
+    from clsim.live.outputs import FileOptions, is_standard_output
 
     outputs = tuple(out or ())
-    if as_json and "-" in outputs:
+    if as_json and any(map(is_standard_output, outputs)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
     options = LiveOptions(
         scene=scene,
@@ -115,7 +115,7 @@ def live(
 
     if view is None:
         view = default_view(outputs, as_json=as_json)
-    if view == "terminal" and "-" in outputs:
+    if view == "terminal" and any(map(is_standard_output, outputs)):
         raise InputError("--view terminal and --out - would both write to standard output; give --out a file instead")
     check(view, port, as_json=as_json)
     session = open_live(options)

@@ -46,6 +46,14 @@ FORMATS = (
 """Every format, in the order help texts list them."""
 
 
+def promises() -> str:
+    """Return one sentence that tells, ending by ending, what a kill costs."""
+    endings: dict[str, list[str]] = {}
+    for each in FORMATS:
+        endings.setdefault(each.promise, []).extend(each.endings)
+    return "; ".join(f"{', '.join(names)}: {promise}" for promise, names in endings.items()) + "."
+
+
 def open_sink(
     path: str | os.PathLike[str],
     width: int,

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from clsim.errors import InputError
 from clsim.events.address import Address, parse_address
 from clsim.events.batch import Sink
 
 
-def open_socket_sink(url: str, width: int, height: int) -> Sink:
+def open_socket_sink(url: str, width: int, height: int, **options: Any) -> Sink:
     """Open an address for the events of a sensor of ``width`` × ``height`` pixels.
 
     ``tcp://HOST:PORT`` and ``unix://PATH`` serve DV's protocol (``?compression=lz4|none&queue_mb=64``),
-    ``udp://HOST:PORT`` sends datagrams (``?format=t64|t32|spif``), ``-`` is standard output (``?format=text|aedat4``).
+    ``udp://HOST:PORT`` sends datagrams (``?format=t64|t32|spif``), ``-`` is standard output (``?format=text|aedat4``;
+    ``options`` are the format's, as in clsim.events.files.open_sink).
 
     Raises:
         InputError: the address is malformed, in use, or not fit for the sensor.
@@ -31,14 +33,14 @@ def open_socket_sink(url: str, width: int, height: int) -> Sink:
         from clsim.events.udp import UdpSink
 
         return UdpSink(address, width, height)
-    return _open_stdout(address, width, height)
+    return _open_stdout(address, width, height, options)
 
 
-def _open_stdout(address: Address, width: int, height: int) -> Sink:
+def _open_stdout(address: Address, width: int, height: int, options: dict[str, Any]) -> Sink:
     from clsim.events.files import open_sink
 
     address.allow(format=("text", "aedat4"))
     kind = address.options.get("format", "text")
     if kind != "text" and os.isatty(1):
         raise InputError(f"{address.text}: standard output is a terminal; expected a pipe or a file for binary events")
-    return open_sink("-", width, height, format=kind)
+    return open_sink("-", width, height, format=kind, **options)

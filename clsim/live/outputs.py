@@ -52,7 +52,12 @@ class FileOptions:
 
 def is_address(name: str) -> bool:
     """Tell whether an output is a socket address or standard output rather than a file."""
-    return name == "-" or "://" in name
+    return is_standard_output(name) or "://" in name
+
+
+def is_standard_output(name: str) -> bool:
+    """Tell whether an output is ``-``, perhaps with options as in ``-?format=aedat4``."""
+    return name.partition("?")[0] == "-"
 
 
 def check_output(name: str, options: FileOptions) -> None:

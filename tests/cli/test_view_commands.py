@@ -208,6 +208,6 @@ def test_a_view_that_cannot_be_had_costs_no_file(
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
         words = [word.replace("{taken}", port) for word in arguments]
-        outcome = clsim("live", "still", "--frames", "2", "--out", tmp_path / "events.txt", *words)
+        outcome = clsim("live", "still", "--frame-count", "2", "--out", tmp_path / "events.txt", *words)
     assert outcome.status == 2 and sentence.replace("{taken}", port) in outcome.stderr
     assert (tmp_path / "events.txt").read_text() == "precious"

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-SMALL = ("--resolution", "16x12", "--frames", "2")
+SMALL = ("--resolution", "16x12", "--frame-count", "2")
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--gate", "published"], "'published' is not one of"),
         (["live", "still", "--seed", "-1"], "--seed must not be negative, got -1"),
         (["live", "still", "--ring", "drop-oldest"], "--ring drop-oldest needs --pace real"),
-        (["live", "still", "--frames", "3", "--duration", "1s"], "--frames and --duration"),
+        (["live", "still", "--frame-count", "3", "--duration", "1s"], "--frame-count and --duration"),
         (["live", "still", "--render-device", "cuda:99"], "cuda:99"),
         (["live", "still", "--opencl", "no such device"], "no such device"),
         (["live", "still", *SMALL, "--out", "{}/nowhere/x.aedat4"], "nowhere"),
@@ -53,6 +53,15 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", *SMALL, "--out", "gopher://127.0.0.1:70"], "gopher"),
         (["live", "still", *SMALL, "--out", "tcp://127.0.0.1:99999"], "99999"),
         (["live", "still", *SMALL, "--json", "--out", "-"], "--json and --out - would both write"),
+        (["live", "still", *SMALL, "--json", "--out", "-?format=aedat4"], "--json and --out - would both write"),
+        (["detect", "{}/frames", "--json", "--out", "-?format=aedat4"], "--json and --out - would both write"),
+        (["live", "still", *SMALL, "--frames", "--out", "{}/x.txt"], "--frames go into an AEDAT4 file"),
+        (["live", "still", *SMALL, "--frames", "--out", "-?format=aedat4"], "--frames go into an AEDAT4 file"),
+        (["live", "still", *SMALL, "--text-time", "s", "--out", "{}/x.es"], "--text-time is for text"),
+        (["live", "still", *SMALL, "--format", "evt9", "--out", "{}/x.raw"], '--format "evt9" is unknown'),
+        (["live", "still", *SMALL, "--format", "evt2", "--out", "-"], "--format is for files"),
+        (["detect", "{}/frames", "--text-time", "s", "--out", "{}/x.es"], "--text-time is for text"),
+        (["convert", "{}/a.txt", "{}/x.es", "--text-time", "s"], "--text-time is for text"),
         (["live"], "Missing argument"),
         (["live", "still", "--no-such-option"], "--no-such-option"),
         (["detect", "{}/frames", "--out", "{}/x.txt"], "no EXR file"),

@@ -41,5 +41,5 @@ def test_links_and_pictures_lead_somewhere(page: Path) -> None:
 
 def test_python_in_the_readme_runs() -> None:
     for block in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL):
-        shortened = block.replace("spp=8, duration_s=0.1", "spp=1, frames=2, resolution=(16, 12)")
+        shortened = block.replace("spp=8, duration_s=0.1", "spp=1, frame_count=2, resolution=(16, 12)")
         exec(compile(shortened, "README.md", "exec"), {})

@@ -104,7 +104,7 @@ def test_a_target_that_fails_later_leaves_nothing_behind(tmp_path: Path, monkeyp
         def close(self) -> None:
             raise SinkError("b.txt: still none")
 
-    def open_full(name: str, width: int, height: int) -> FullDisk:
+    def open_full(name: str, width: int, height: int, options: object) -> FullDisk:
         Path(name).touch()
         return FullDisk()
 

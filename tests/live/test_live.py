@@ -19,7 +19,7 @@ SIZE = (64, 48)
 
 
 def events_of(scene: str, **options: object) -> np.ndarray:
-    settings = {"resolution": SIZE, "frames": 24, "fps": 60.0, "spp": 8} | options
+    settings = {"resolution": SIZE, "frame_count": 24, "fps": 60.0, "spp": 8} | options
     return np.concatenate(list(clsim.stream(scene, **settings)))
 
 
@@ -34,7 +34,7 @@ def test_a_still_scene_fires_nothing() -> None:
 
 
 def test_independent_noise_fires_in_a_still_scene() -> None:
-    assert len(events_of("still", noise="independent", frames=6, method="esim")) > 0
+    assert len(events_of("still", noise="independent", frame_count=6, method="esim")) > 0
 
 
 def test_moving_shadows_are_found() -> None:
@@ -59,15 +59,15 @@ def test_a_box_over_a_uniform_wall_fires_at_its_leading_edge() -> None:
 
 @pytest.mark.parametrize("rule", ["interpolated", "frame"])
 def test_runs_and_thread_counts_are_bit_identical(rule: str) -> None:
-    runs = [events_of("two-boxes", frames=8, event_rule=rule, threads=threads) for threads in (1, 2, 2)]
+    runs = [events_of("two-boxes", frame_count=8, event_rule=rule, threads=threads) for threads in (1, 2, 2)]
     assert len(runs[0]) > 100
     for run in runs[1:]:
         assert run.tobytes() == runs[0].tobytes()
-    assert events_of("two-boxes", frames=8, event_rule=rule, seed=1).tobytes() != runs[0].tobytes()
+    assert events_of("two-boxes", frame_count=8, event_rule=rule, seed=1).tobytes() != runs[0].tobytes()
 
 
 def test_batches_are_sorted_and_inside_the_run() -> None:
-    found = events_of("two-boxes", frames=8)
+    found = events_of("two-boxes", frame_count=8)
     order = np.lexsort((found["x"], found["y"], found["t"]))
     assert (order == np.arange(len(found))).all()
     assert found["t"].min() > 0 and found["t"].max() <= round(7e6 / 60)
@@ -75,7 +75,7 @@ def test_batches_are_sorted_and_inside_the_run() -> None:
 
 
 def test_files_are_written_alike_twice_and_have_sidecars(tmp_path: Path) -> None:
-    options = ("--resolution", "32x24", "--frames", "6", "--fps", "60", "--seed", "3")
+    options = ("--resolution", "32x24", "--frame-count", "6", "--fps", "60", "--seed", "3")
     for name in ("a", "b"):
         outcome = command(
             "live", "cornell", *options, "--out", tmp_path / f"{name}.aedat4", "--out", tmp_path / f"{name}.txt"
@@ -93,7 +93,7 @@ def test_files_are_written_alike_twice_and_have_sidecars(tmp_path: Path) -> None
 
 
 def test_json_summary_and_text_on_standard_output() -> None:
-    options = ("live", "cornell", "--resolution", "32x24", "--frames", "4", "--fps", "30")
+    options = ("live", "cornell", "--resolution", "32x24", "--frame-count", "4", "--fps", "30")
     summary = json.loads(command(*options, "--json").stdout)
     needed = {"frames", "events", "solved_share", "dropped_frames", "wall_s", "cpu_s", "simulated_s"}
     assert needed <= set(summary) and summary["frames"] == 4 and summary["simulated_s"] == 0.1

@@ -183,3 +183,21 @@ def test_the_motion_is_played_once_by_default() -> None:
     assert plan(2.0, 120.0, duration_s=0.5).total == 61
     assert plan(2.0, 120.0, loop=True).total is None
     assert plan(2.0, 120.0, frames=24).total == 24
+
+
+def test_each_watcher_gets_the_frames_it_wants() -> None:
+    class Watcher:
+        def __init__(self, wants: bool) -> None:
+            self.wants, self.times_us = wants, []
+
+        def wants_frame(self) -> bool:
+            return self.wants
+
+        def show_frame(self, frame: Frame, level: object) -> None:
+            self.times_us.append(frame.time_us)
+
+    pipeline, _, _ = run(plan(1.0, 10.0, frames=3))
+    pipeline.watchers += [Watcher(True), Watcher(False), Watcher(True)]
+    pipeline.start()
+    assert pipeline.wait(10)
+    assert [watcher.times_us for watcher in pipeline.watchers] == [[0, 100_000, 200_000], [], [0, 100_000, 200_000]]
