@@ -40,6 +40,7 @@ class Features:
         projection: the camera's.
         distortion: the camera's lens distorts.
         aperture: the camera's lens has a size.
+        sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
         variances: the planes of variances are wanted.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
@@ -67,6 +68,7 @@ class Features:
     projection: Literal["perspective", "fisheye"]
     distortion: bool
     aperture: bool
+    sobol: bool
     variances: bool
     strategy: Strategy
 
@@ -93,6 +95,7 @@ class Features:
             (self.projection == "fisheye", "fisheye projection"),
             (self.distortion, "lens distortion"),
             (self.aperture, "depth of field (thin lens)"),
+            (self.sobol, "Sobol's sequence"),
             (self.variances, "variance planes"),
         )
         return {
@@ -171,7 +174,9 @@ def moves(world: World) -> bool:
     return any(mover.motion.duration_s > 0 for mover in movers)
 
 
-def features_of(world: World, variances: bool, strategy: Strategy, follow_specular: bool = True) -> Features:
+def features_of(
+    world: World, variances: bool, strategy: Strategy, follow_specular: bool = True, sobol: bool = False
+) -> Features:
     """Return the features that the world needs."""
     meshes, materials = _used_meshes(world), _used_materials(world)
     kinds = {material.kind for material in materials} or {"diffuse"}
@@ -200,6 +205,7 @@ def features_of(world: World, variances: bool, strategy: Strategy, follow_specul
         projection=world.camera.lens.model,
         distortion=any(world.camera.lens.distortion),
         aperture=world.camera.lens.aperture_radius_m > 0,
+        sobol=sobol,
         variances=variances,
         strategy=strategy,
     )

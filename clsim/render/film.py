@@ -24,10 +24,17 @@ class Sample:
 
 @wp.struct
 class Moments:
-    """Means and sums of squared deviations of a pixel; radiance over all samples, features over those that hit."""
+    """Means and sums of squared deviations of a pixel; radiance over all samples, features over those that hit.
+
+    ``batches`` and ``hit_batches`` count the batches with any such samples, ``covered`` is the share of those that hit.
+    """
 
     count: float
     hits: float
+    batches: float
+    hit_batches: float
+    covered: float
+    covered_m2: float
     radiance: wp.vec3
     radiance_m2: wp.vec3
     luminance: float
@@ -50,8 +57,47 @@ def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3
     out[plane + 2, pixel] = value[2]
 
 
-def make_film(variances: bool) -> tuple[Any, Any]:
-    """Return the Warp functions ``add(moments, sample)`` and ``store(moments, pixel, out_planes, out_bits)``."""
+def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``add(moments, sample)``, ``merge``, ``store(moments, pixel, out_planes, out_bits)``.
+
+    Where samples are ``batched``, those within a batch depend on each other: each batch is added up by itself, and
+    ``merge(moments, batch)`` adds its means as if they were samples, weighted by their numbers of samples.
+    """
+
+    @wp.func
+    def merge(moments: Moments, batch: Moments) -> Moments:
+        m = moments
+        if batch.count > 0.0:
+            m.batches = m.batches + 1.0
+            m.count = m.count + batch.count
+            share = batch.count / m.count
+            delta = batch.radiance - m.radiance
+            m.radiance = m.radiance + delta * share
+            covered = batch.hits / batch.count
+            covered_delta = covered - m.covered
+            m.covered = m.covered + covered_delta * share
+            if wp.static(variances):
+                m.radiance_m2 = m.radiance_m2 + wp.cw_mul(delta, batch.radiance - m.radiance) * batch.count
+                y = luminance(batch.radiance)
+                y_delta = y - m.luminance
+                m.luminance = m.luminance + y_delta * share
+                m.luminance_m2 = m.luminance_m2 + y_delta * (y - m.luminance) * batch.count
+                m.covered_m2 = m.covered_m2 + covered_delta * (covered - m.covered) * batch.count
+        if batch.hits > 0.0:
+            m.hit_batches = m.hit_batches + 1.0
+            m.hits = m.hits + batch.hits
+            share = batch.hits / m.hits
+            albedo_delta = batch.albedo - m.albedo
+            normal_delta = batch.normal - m.normal
+            depth_delta = batch.depth - m.depth
+            m.albedo = m.albedo + albedo_delta * share
+            m.normal = m.normal + normal_delta * share
+            m.depth = m.depth + depth_delta * share
+            if wp.static(variances):
+                m.albedo_m2 = m.albedo_m2 + wp.cw_mul(albedo_delta, batch.albedo - m.albedo) * batch.hits
+                m.normal_m2 = m.normal_m2 + wp.cw_mul(normal_delta, batch.normal - m.normal) * batch.hits
+                m.depth_m2 = m.depth_m2 + depth_delta * (batch.depth - m.depth) * batch.hits
+        return m
 
     @wp.func
     def add(moments: Moments, sample: Sample) -> Moments:
@@ -59,7 +105,7 @@ def make_film(variances: bool) -> tuple[Any, Any]:
         m.count = m.count + 1.0
         delta = sample.radiance - m.radiance
         m.radiance = m.radiance + delta / m.count
-        if wp.static(variances):
+        if wp.static(variances and not batched):
             m.radiance_m2 = m.radiance_m2 + wp.cw_mul(delta, sample.radiance - m.radiance)
             y = luminance(sample.radiance)
             y_delta = y - m.luminance
@@ -73,7 +119,7 @@ def make_film(variances: bool) -> tuple[Any, Any]:
             m.albedo = m.albedo + albedo_delta / m.hits
             m.normal = m.normal + normal_delta / m.hits
             m.depth = m.depth + depth_delta / m.hits
-            if wp.static(variances):
+            if wp.static(variances and not batched):
                 m.albedo_m2 = m.albedo_m2 + wp.cw_mul(albedo_delta, sample.albedo - m.albedo)
                 m.normal_m2 = m.normal_m2 + wp.cw_mul(normal_delta, sample.normal - m.normal)
                 m.depth_m2 = m.depth_m2 + depth_delta * (sample.depth - m.depth)
@@ -90,24 +136,31 @@ def make_film(variances: bool) -> tuple[Any, Any]:
         out_planes[10, pixel] = coverage
         out_planes[11, pixel] = moments.count
         if wp.static(variances):
+            parts = moments.count
+            hit_parts = moments.hits
+            coverage_m2 = moments.hits * (1.0 - coverage)
+            if wp.static(batched):
+                parts = moments.batches
+                hit_parts = moments.hit_batches
+                coverage_m2 = moments.covered_m2
             # NaN is written as bits: the kernel is compiled as if there were no NaN.
-            if moments.count < 2.0:
+            if parts < 2.0:
                 for i in range(3):
                     out_bits[12 + i, pixel] = _NAN_BITS
                 out_bits[22, pixel] = _NAN_BITS
                 out_bits[23, pixel] = _NAN_BITS
             else:
-                scale = 1.0 / (moments.count * (moments.count - 1.0))
+                scale = 1.0 / (moments.count * (parts - 1.0))
                 _store3(out_planes, 12, pixel, moments.radiance_m2 * scale)
-                out_planes[22, pixel] = coverage * (1.0 - coverage) / (moments.count - 1.0)
+                out_planes[22, pixel] = coverage_m2 * scale
                 out_planes[23, pixel] = moments.luminance_m2 * scale
-            if moments.hits < 2.0:
+            if hit_parts < 2.0:
                 for i in range(7):
                     out_bits[15 + i, pixel] = _NAN_BITS
             else:
-                scale = 1.0 / (moments.hits * (moments.hits - 1.0))
+                scale = 1.0 / (moments.hits * (hit_parts - 1.0))
                 _store3(out_planes, 15, pixel, moments.albedo_m2 * scale)
                 _store3(out_planes, 18, pixel, moments.normal_m2 * scale)
                 out_planes[21, pixel] = moments.depth_m2 * scale
 
-    return add, store
+    return add, merge, store

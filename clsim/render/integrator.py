@@ -21,6 +21,7 @@ from clsim.render.geometry import Geometry, Hit, Surface, Tree, face, make_inter
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
+from clsim.render.sobol import make_sampler, reverse_bits
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 
@@ -30,6 +31,7 @@ class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame)."""
 
     samples: int
+    batches: int
     max_depth: int
     roulette_start: int
     width: int
@@ -75,7 +77,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return radiance
 
     sample_light, triangle_pdf, sphere_pdf, environment = make_lights(features, surface, shining)
-    add, store = make_film(features.variances)
+    add, merge, store = make_film(features.variances, features.sobol)
+    uniform2 = make_sampler(features.sobol)
     camera_ray = make_camera(features)
     by_light = features.strategy != "scatter"
     by_scatter = features.strategy != "light"
@@ -83,10 +86,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     @wp.func
     def closest_opaque(
-        scene: Scene, origin: wp.vec3, direction: wp.vec3, time: float, key: wp.uint64, depth: int
+        scene: Scene, origin: wp.vec3, direction: wp.vec3, time: float, stream: sampling.Stream, depth: int
     ) -> Hit:
         if wp.static(features.alpha):
-            word = sampling.stream_word(key, depth * _DIMENSIONS + sampling.LOBE)
+            word = sampling.stream_word(stream.key, depth * _DIMENSIONS + sampling.LOBE)
             return pierce(scene.geometry, scene.materials, origin, direction, time, word)
         return closest(scene.geometry, origin, direction, time)
 
@@ -117,7 +120,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return w
 
     @wp.func
-    def trace(scene: Scene, start: wp.vec3, toward: wp.vec3, time: float, settings: Settings, key: wp.uint64) -> Sample:
+    def trace(
+        scene: Scene, start: wp.vec3, toward: wp.vec3, time: float, settings: Settings, stream: sampling.Stream
+    ) -> Sample:
         sample = Sample()
         origin = start
         direction = toward
@@ -134,7 +139,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         last_position = start
         last_normal = toward
         for depth in range(settings.max_depth):
-            hit = closest_opaque(scene, origin, direction, time, key, depth)
+            hit = closest_opaque(scene, origin, direction, time, stream, depth)
             if hit.triangle < 0:
                 if wp.static(features.sphere_lights):
                     if hit.sphere >= 0:
@@ -179,10 +184,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 break
 
             dimension = (depth + 1) * _DIMENSIONS
-            choice = sampling.uniform2(key, dimension + sampling.CHOICE)
+            choice = uniform2(stream, dimension + sampling.CHOICE)
             if wp.static(by_light and has_lights):
                 if not bsdf.mirror:
-                    u = sampling.uniform2(key, dimension + sampling.LIGHT)
+                    u = uniform2(stream, dimension + sampling.LIGHT)
                     light = sample_light(scene.lights, scene.geometry, scene.materials, point, choice[0], u, time)
                     if light.pdf > 0.0 and agree(point, light.direction):
                         scattering = scatter_value(
@@ -200,8 +205,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
             lobe = float(0.0)
             if wp.static(glossy):
-                lobe = sampling.uniform2(key, dimension + sampling.LOBE)[0]
-            u = sampling.uniform2(key, dimension + sampling.SCATTER)
+                lobe = uniform2(stream, dimension + sampling.LOBE)[0]
+            u = uniform2(stream, dimension + sampling.SCATTER)
             scattered = scatter(scene.materials, bsdf, point.shading_normal, -direction, lobe, u)
             if (scattered.pdf <= 0.0 and not scattered.delta) or not agree(point, scattered.direction):
                 break
@@ -228,6 +233,23 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             origin = offset_origin(point.position, side(point.normal, direction), scene.geometry.scale_m)
         return sample
 
+    @wp.func
+    def shoot(scene: Scene, camera: View, settings: Settings, pixel: int, stream: sampling.Stream) -> Sample:
+        jitter = uniform2(stream, sampling.CAMERA)
+        lens = wp.vec2()
+        if wp.static(features.aperture):
+            lens = uniform2(stream, sampling.LENS)
+        time = float(0.0)
+        if wp.static(features.motion_blur):
+            time = uniform2(stream, sampling.TIME)[0]
+        x = float(pixel % settings.width)
+        y = float(pixel // settings.width)
+        ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, time)
+        sample = Sample()
+        if ray.exists:
+            sample = trace(scene, ray.origin, ray.direction, time, settings, stream)
+        return sample
+
     @wp.kernel(
         module="unique",
         enable_backward=False,
@@ -242,26 +264,28 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         out_bits: wp.array2d(dtype=wp.uint32),
     ):
         pixel = first_pixel + wp.tid()
-        x = float(pixel % settings.width)
-        y = float(pixel // settings.width)
-        stream = sampling.absorb(settings.stream, pixel)
+        state = sampling.absorb(settings.stream, pixel)
+        stream = sampling.Stream()
         moments = Moments()
-        for i in range(settings.samples):
-            key = sampling.stream_key(sampling.absorb(stream, i))
-            jitter = sampling.uniform2(key, sampling.CAMERA)
-            lens = wp.vec2()
-            if wp.static(features.aperture):
-                lens = sampling.uniform2(key, sampling.LENS)
-            time = float(0.0)
-            if wp.static(features.motion_blur):
-                time = sampling.uniform2(key, sampling.TIME)[0]
-            ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, time)
-            sample = Sample()
-            if ray.exists:
-                sample = trace(scene, ray.origin, ray.direction, time, settings, key)
-            # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
-            if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                moments = add(moments, sample)
+        if wp.static(features.sobol):
+            for batch in range(settings.batches):
+                # No sample has a negative number.
+                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1 - batch))
+                part = Moments()
+                for i in range(batch, settings.samples, settings.batches):
+                    stream.key = sampling.stream_key(sampling.absorb(state, i))
+                    stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
+                    sample = shoot(scene, camera, settings, pixel, stream)
+                    if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                        part = add(part, sample)
+                moments = merge(moments, part)
+        else:
+            for i in range(settings.samples):
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                sample = shoot(scene, camera, settings, pixel, stream)
+                # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
+                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    moments = add(moments, sample)
         store(moments, pixel, out_planes, out_bits)
 
     return render

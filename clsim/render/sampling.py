@@ -72,6 +72,21 @@ def uniform_of(word: wp.uint64, index: int) -> float:
     return float(wp.int32(absorb(word, index) >> wp.uint64(40))) * (1.0 / 16777216.0)
 
 
+@wp.struct
+class Stream:
+    """The random numbers of one sample: ``key`` for independent ones, the rest for Sobol's sequence."""
+
+    key: wp.uint64
+    scrambling: wp.uint64
+    reversed_index: wp.uint32
+
+
+@wp.func
+def pair(stream: Stream, dimension: int) -> wp.vec2:
+    """Return ``uniform2`` of the stream."""
+    return uniform2(stream.key, dimension)
+
+
 @wp.func
 def tangent_frame(n: wp.vec3) -> wp.mat33:
     """Return a rotation whose columns are two tangents and the unit normal (Duff et al., JCGT 6(1), 2017)."""

@@ -26,6 +26,8 @@ _TILE_PATHS = 4096
 """Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
+SOBOL_BATCHES = 4
+"""Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
 _MASK64 = (1 << 64) - 1
 
 
@@ -61,6 +63,12 @@ class RenderOptions:
     """Whether frames have the planes of variances."""
     strategy: Strategy = "mis"
     """How light is found; other than "mis" only to check it."""
+    sampler: Literal["pcg", "sobol"] = "pcg"
+    """Whether samples are independent ("pcg") or spread evenly by Owen-scrambled Sobol points, in four batches.
+
+    With "sobol", sample i belongs to batch i mod 4; batches are independent, and variances are estimated from their
+    means: that is honest, but noisier. A multiple of 4 samples that is a power of 2 is spread best.
+    """
     follow_specular: bool = True
     """Whether the planes of albedo, normal and depth show what mirrors and clear glass show instead of themselves.
 
@@ -74,6 +82,7 @@ class RenderOptions:
     def __post_init__(self) -> None:
         """Refuse values that cannot work, in the command line's spelling."""
         require_choice("--noise", self.noise, ("common", "independent"))
+        require_choice("sampler", self.sampler, ("pcg", "sobol"))
         require_choice("tree", self.tree, (None, "bvh8", "warp"))
         for option, value in (
             ("--spp", self.spp),
@@ -94,7 +103,9 @@ class RenderOptions:
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
     """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported"."""
-    facts = features_of(world, options.variances, options.strategy, options.follow_specular).describe()
+    facts = features_of(
+        world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
+    ).describe()
     return facts | {"not supported": list(unsupported(world))}
 
 
@@ -126,7 +137,9 @@ class PathTracer:
         self._options = options
         self._device = wp.get_device(options.device)
         self.warnings = unsupported(world)
-        features = features_of(world, options.variances, options.strategy, options.follow_specular)
+        features = features_of(
+            world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
+        )
         tree = options.tree or ("bvh8" if self._device.is_cpu else "warp")
         if tree == "bvh8" and not self._device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')
@@ -135,6 +148,7 @@ class PathTracer:
         self._data = SceneData(world, features, tree, self._device)
         self._settings: Any = Settings()
         self._settings.samples = options.spp
+        self._settings.batches = SOBOL_BATCHES
         self._settings.max_depth = options.max_depth
         self._settings.roulette_start = options.roulette_start
         self._settings.width = camera.width

@@ -294,7 +294,7 @@ def test_the_build_is_described():
     )
     others = ("diffuse", "conductor", "dielectric", "thin-dielectric")
     lenses = ["environment map", "fisheye projection", "lens distortion"]
-    assert facts["left out"] == [*(f"{kind} materials" for kind in others), *lenses]
+    assert facts["left out"] == [*(f"{kind} materials" for kind in others), *lenses, "Sobol's sequence"]
     mapped = replace(rich, environment_map=EnvironmentMap(np.ones((1, 1, 3), np.float32), np.eye(3)))
     assert "constant environment" in describe_build(mapped, RenderOptions())["left out"]
     tracer = PathTracer(rich, RenderOptions())
