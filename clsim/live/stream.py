@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from clsim.events import EventBatch
+from clsim.events import EventBatch, SinkError
 from clsim.live.options import LiveOptions
 from clsim.live.queue_sink import QueueSink
 from clsim.live.session import open_live
@@ -24,6 +24,7 @@ def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
 
     Raises:
         InputError: a scene or option cannot be used.
+        SinkError: in the end, if one of ``outputs`` failed on the way; the events of the run were all yielded.
     """
     queue = QueueSink(capacity=4)
     session = open_live(LiveOptions(scene=scene, **options), extra_sinks=(queue,))
@@ -38,6 +39,9 @@ def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
         while (batch := queue.get(timeout_s=0.0)) is not None:
             yield batch
         session.write_sidecars(complete=True)
+        failures = [output.error for output in session.pipeline.outputs if output.error is not None]
+        if failures:
+            raise SinkError("; ".join(failures))
     finally:
         queue.close()
         session.pipeline.stop()

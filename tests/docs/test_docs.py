@@ -1,10 +1,12 @@
 """The documents say what is so."""
 
 import re
+import shutil
 from pathlib import Path
 
 import pytest
 
+import clsim
 from clsim.events.files import FORMATS
 from clsim.scene import load_world
 from tools.scene_keys import text
@@ -37,6 +39,37 @@ def test_links_and_pictures_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
         if "://" not in target:
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
+
+
+LIBRARY = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), re.DOTALL)
+(READ_ALL,) = (
+    block for block in LIBRARY if block.endswith('events = np.concatenate(list(clsim.open("events.aedat4")))\n')
+)
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with events.aedat4, of the size that the examples name."""
+    folder = tmp_path_factory.mktemp("library")
+    for _ in clsim.stream(
+        "cornell", resolution=(64, 48), spp=1, frame_count=4, outputs=(str(folder / "events.aedat4"),)
+    ):
+        pass
+    return folder
+
+
+@pytest.mark.parametrize("block", LIBRARY, ids=range(len(LIBRARY)))
+def test_python_in_the_page_on_the_library_runs(
+    block: str, recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for library in re.findall(r"^(?:import|from) (\w+)", block, re.MULTILINE):
+        pytest.importorskip(library, reason=f"{library} is not installed")
+    shutil.copy(recorded / "events.aedat4", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for code in (READ_ALL, block):
+        exec(compile(code, "library.md", "exec"), names)
+    assert len(names["events"]) > 0
 
 
 def test_python_in_the_readme_runs() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.events import SinkError
 from clsim.events.files import open_source
 from clsim.score import score
 
@@ -145,6 +146,18 @@ def test_stopping_to_iterate_ends_the_run() -> None:
     import threading
 
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+
+
+def test_an_output_that_fails_is_told_when_the_stream_has_ended(tmp_path: Path) -> None:
+    lost, kept = tmp_path / "lost.txt", tmp_path / "kept.txt"
+    yielded = 0
+    with pytest.raises(SinkError, match=r"lost.txt: writing failed \(the file or its folder was deleted meanwhile\)"):
+        for batch in clsim.stream(
+            "two-boxes", resolution=(32, 24), spp=2, frame_count=20, outputs=(str(lost), str(kept))
+        ):
+            lost.unlink(missing_ok=True)
+            yielded += len(batch)
+    assert yielded == len(np.concatenate(list(open_source(kept)))) > 0
 
 
 @pytest.mark.slow
