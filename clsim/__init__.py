@@ -7,19 +7,16 @@
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 from clsim.errors import InputError
+from clsim.version import VERSION
 
 if TYPE_CHECKING:
     from clsim.live.open import open_events as open
     from clsim.live.stream import stream
 
-try:
-    __version__ = version("clsim")
-except PackageNotFoundError:  # a plain checkout, not installed
-    __version__ = "0+unknown"
+__version__ = VERSION
 
 __all__ = ["InputError", "__version__", "open", "stream"]
 

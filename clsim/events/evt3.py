@@ -1,7 +1,7 @@
 """EVT3, Prophesee's RAW format of 16-bit words: time, row and column are sent when they change.
 
-All of it is read. Only single events are written (EVT_ADDR_X), no vectors: faery writes VECT words on their own, which
-Prophesee's decoder does not expect. The 24 bits of time wrap every 16.8 s. Decoders count the wraps, so the last and
+All of it is read (evt3_words.py). Only single events are written (EVT_ADDR_X), no vectors: faery writes VECT words on
+their own, which Prophesee's decoder does not expect. The 24 bits of time wrap every 16.8 s. Decoders count the wraps, so the last and
 the first time word of every lap are always sent; a file that begins late begins with two words for each earlier lap.
 
 Source: https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html
@@ -9,31 +9,19 @@ Source: https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from clsim.events.batch import EventBatch, empty_batch
+from clsim.events.batch import EventBatch
+from clsim.events.evt3_words import ADDR_X, ADDR_Y, TIME_HIGH, TIME_LOW
 from clsim.events.filesink import ByteFile, FileSink, FlushPolicy, Limits
-from clsim.events.filesource import open_binary
 from clsim.events.prophesee import open_raw_source, raw_header
 
 # 65536 laps: at most 256 KiB of time words in a row.
 LIMITS = Limits("EVT3", size=2**11, end_us=2**40)
 
-_ADDR_Y, _ADDR_X, _BASE_X, _VECT_12, _VECT_8, _TIME_LOW, _TIME_HIGH = (
-    0x0,
-    0x2000,
-    0x3000,
-    0x4000,
-    0x5000,
-    0x6000,
-    0x8000,
-)
-_BLOCK_WORDS = 1 << 16  # up to 12 events each
-_LAP = np.array([_TIME_HIGH | 0xFFF, _TIME_HIGH], "<u2")
+_LAP = np.array([TIME_HIGH | 0xFFF, TIME_HIGH], "<u2")
 
 
 class Evt3Sink(FileSink):
@@ -61,10 +49,10 @@ class Evt3Sink(FileSink):
         low = row - new_row
         high = low - new_low
         words = np.empty(int(column[-1]) + 1, "<u2")
-        words[column] = _ADDR_X | events["on"].astype("<u2") << 11 | events["x"]
-        words[row[new_row]] = _ADDR_Y | y[new_row]
-        words[low[new_low]] = _TIME_LOW | (t[new_low] & 0xFFF)
-        words[high[new_high]] = _TIME_HIGH | (t[new_high] >> 12 & 0xFFF)
+        words[column] = ADDR_X | events["on"].astype("<u2") << 11 | events["x"]
+        words[row[new_row]] = ADDR_Y | y[new_row]
+        words[low[new_low]] = TIME_LOW | (t[new_low] & 0xFFF)
+        words[high[new_high]] = TIME_HIGH | (t[new_high] >> 12 & 0xFFF)
         for index in np.flatnonzero(laps):
             end = high[index]
             words[end - 2 * laps[index] : end] = np.tile(_LAP, laps[index])
@@ -80,72 +68,3 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Evt3Si
 
 
 open_source = open_raw_source
-
-
-def decode_file(path: Path, start: int) -> Iterator[EventBatch]:
-    """Yield the events of an EVT3 file whose first word is at byte ``start``; a torn last word is left out."""
-    decoder = Evt3Decoder()
-    with open_binary(path) as file:
-        file.seek(start)
-        while data := file.read(2 * _BLOCK_WORDS):
-            yield decoder.decode(np.frombuffer(data, "<u2", len(data) // 2))
-
-
-class Evt3Decoder:
-    """Turns words into events; time, row and vector base live on from one block of words to the next."""
-
-    def __init__(self) -> None:
-        """Start before the first word; events ahead of the first time word are left out."""
-        self._laps = -1
-        self._high = 0x1000  # above all: the first time word begins lap 0
-        self._low = 0
-        self._row = 0
-        self._base = 0
-        self._base_on = 0
-
-    def decode(self, words: npt.NDArray[np.uint16]) -> EventBatch:
-        """Return the events of a block of words."""
-        kind = words & 0xF000
-        value = (words & 0xFFF).astype(np.int64)
-        is_high, is_base = kind == _TIME_HIGH, kind == _BASE_X
-
-        highs = np.concatenate(([self._high], value[is_high]))
-        laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) < 0)
-        clock = laps << 12 | highs
-        at_high = np.cumsum(is_high)
-        # An upper time word sets the lower bits to 0; a lower one, if they are not, follows.
-        lows = _held(np.where(is_high, 0, value), is_high | (kind == _TIME_LOW), self._low)
-        rows = _held(value & 0x7FF, kind == _ADDR_Y, self._row)
-
-        # A vector word describes the next 12 or 8 pixels of the row, from the base on.
-        step = np.where(kind == _VECT_12, 12, np.where(kind == _VECT_8, 8, 0))
-        walked = np.cumsum(step) - step
-        bases = _held(value & 0x7FF, is_base, self._base) + walked - _held(walked, is_base, 0)
-        base_on = _held(value >> 11, is_base, self._base_on)
-
-        masks = np.where(kind == _ADDR_X, 1, np.where(step == 8, value & 0xFF, np.where(step == 12, value, 0)))
-        masks[clock[at_high] < 0] = 0
-        source = np.flatnonzero(masks)
-        if step.any():
-            word, bit = np.nonzero(masks[source, None] >> np.arange(12) & 1)
-            word = source[word]
-        else:
-            word, bit = source, np.zeros_like(source)
-        single = kind[word] == _ADDR_X
-        events = empty_batch(len(word))
-        events["t"] = clock[at_high[word]] << 12 | lows[word]
-        events["x"] = np.where(single, value[word] & 0x7FF, bases[word] + bit)
-        events["y"] = rows[word]
-        events["on"] = np.where(single, value[word] >> 11, base_on[word])
-
-        if len(words):
-            self._laps, self._high = int(laps[-1]), int(highs[-1])
-            self._low, self._row, self._base_on = int(lows[-1]), int(rows[-1]), int(base_on[-1])
-            self._base = int(bases[-1] + step[-1])
-        return events
-
-
-def _held(values: npt.NDArray[np.int64], new: npt.NDArray[np.bool_], before: int) -> npt.NDArray[np.int64]:
-    """Return at each word the latest of the values marked ``new``, ``before`` ahead of the first."""
-    latest = np.maximum.accumulate(np.where(new, np.arange(1, len(new) + 1), 0)) if len(new) else np.zeros(0, np.int64)
-    return np.concatenate(([before], values))[latest]

@@ -6,6 +6,7 @@ import abc
 import contextlib
 import errno
 import os
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -236,11 +237,15 @@ def naming_failures(path: Path) -> Iterator[None]:
 
 
 class PartFile:
-    """A temporary name beside ``path`` for what is useless before it is complete; a killed process leaves it behind."""
+    """A temporary name beside ``path`` for what is useless before it is complete.
+
+    A killed process leaves it behind; who writes ``path`` next removes it.
+    """
 
     def __init__(self, path: Path) -> None:
         """Create the file ``part``; raises InputError when its folder cannot be written or ``path`` is a folder."""
         self.path = path
+        _remove_left_parts(path)
         self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
         try:
             if path.is_dir():
@@ -257,3 +262,23 @@ class PartFile:
         """Remove what is left of it."""
         with contextlib.suppress(OSError):
             self.part.unlink(missing_ok=True)
+
+
+def _remove_left_parts(path: Path) -> None:
+    """Remove what killed processes left of earlier attempts at ``path``, and nothing of processes that still run."""
+    name = re.compile(re.escape(f".{path.name}.") + r"([0-9]+)\.(part|events)")
+    with contextlib.suppress(OSError):  # the attempt to write will tell what is wrong with the folder
+        for entry in os.scandir(path.parent):
+            match = name.fullmatch(entry.name)
+            if match and entry.is_file(follow_symlinks=False) and not _runs(int(match[1])):
+                os.unlink(entry)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:  # it is somebody else's
+        pass
+    return True

@@ -12,6 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
+from clsim.events.evt3_words import decode_file
 from clsim.events.filesource import EventSource, damaged, open_binary
 
 # faery falls back to this size where the header has none; no sensor has it, so it means "unknown".
@@ -45,8 +46,6 @@ def open_raw_source(path: Path) -> EventSource:
         header = _read_raw_header(path, file)
         start = file.tell()
     if header.version.startswith("3"):
-        from clsim.events.evt3 import decode_file
-
         return EventSource(path, header.width, header.height, decode_file(path, start))
 
     if header.version not in ("2", "2.0"):

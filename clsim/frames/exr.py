@@ -7,7 +7,6 @@ import glob
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from clsim.errors import InputError
 from clsim.frames.frame import COVERAGE, DEPTH, FloatArray, Frame, frame_time_us, page_aligned
 from clsim.frames.layouts import FAR_M, POSITION, Layout, recognise
 from clsim.frames.positions import Space, camera_matrix, depth_of, position_space
+from clsim.version import VERSION
 
 
 class ExrSequence:
@@ -163,7 +163,6 @@ class ExrWriter:
         existing = next(self.folder.glob("*.exr"), None)
         if existing is not None:
             raise InputError(f"the folder {self.folder} holds EXR files already, such as {existing.name}")
-        self._version = _version()
 
     def write(self, frame: Frame) -> Path:
         """Write one frame and return its file.
@@ -180,7 +179,7 @@ class ExrWriter:
             "type": OpenEXR.scanlineimage,
             "time_us": str(frame.time_us),
             "index": frame.index,
-            "clsim_version": self._version,
+            "clsim_version": VERSION,
         }
         channels = {name: np.ascontiguousarray(frame.plane(name)) for name in frame.names}
         try:
@@ -192,13 +191,6 @@ class ExrWriter:
                 partial.unlink()
             raise InputError(f"cannot write {target}: {error}") from None
         return target
-
-
-def _version() -> str:
-    try:
-        return version("clsim")
-    except PackageNotFoundError:
-        return "unknown"
 
 
 def _sequence_files(path: str | Path) -> list[Path]:

@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.live.open import open_events, sensor_size
 from clsim.live.outputs import FileOptions, is_address, open_output, sidecar_path, write_sidecar
+from clsim.version import VERSION
 
 
 def convert_events(
@@ -85,7 +86,5 @@ def _write_sidecar(source: str, target: str, about: dict[str, Any], size: tuple[
     path = sidecar_path(target)
     if path is None:
         return
-    from clsim import __version__
-
-    about = {"clsim_version": __version__, "camera": {"width": size[0], "height": size[1]}} | about
+    about = {"clsim_version": VERSION, "camera": {"width": size[0], "height": size[1]}} | about
     write_sidecar(path, about | {"converted_from": source, "events": events})

@@ -19,6 +19,7 @@ from clsim.live.pipeline import Output, Pipeline
 from clsim.live.recorder import FrameRecorder
 from clsim.live.schedule import Schedule, plan
 from clsim.scene import Camera, Motion, World, load_world
+from clsim.version import VERSION
 
 
 @dataclass
@@ -193,10 +194,8 @@ def _open_outputs(
 
 
 def _about(options: dict[str, Any], config: DetectorConfig, schedule: Schedule) -> dict[str, Any]:
-    from clsim import __version__
-
     return {
-        "clsim_version": __version__,
+        "clsim_version": VERSION,
         "options": options,
         "thresholds": {"on": config.threshold_on, "off": config.threshold_off},
         "fps": schedule.fps,

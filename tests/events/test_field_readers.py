@@ -18,7 +18,7 @@ from expelliarmus import Wizard
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.dv_stream import AEDAT4_MAGIC, Compression, pack_header
-from clsim.events.evt3 import Evt3Decoder
+from clsim.events.evt3_words import Evt3Decoder
 from clsim.events.files import open_source
 from clsim.events.filesink import FlushPolicy
 

@@ -1,0 +1,88 @@
+"""The words of EVT3 and their decoder.
+
+Source: https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.events.batch import EventBatch, empty_batch
+from clsim.events.filesource import open_binary
+
+ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2000, 0x3000, 0x4000, 0x5000
+TIME_LOW, TIME_HIGH = 0x6000, 0x8000
+_BLOCK_WORDS = 1 << 16  # up to 12 events each
+
+
+def decode_file(path: Path, start: int) -> Iterator[EventBatch]:
+    """Yield the events of an EVT3 file whose first word is at byte ``start``; a torn last word is left out."""
+    decoder = Evt3Decoder()
+    with open_binary(path) as file:
+        file.seek(start)
+        while data := file.read(2 * _BLOCK_WORDS):
+            yield decoder.decode(np.frombuffer(data, "<u2", len(data) // 2))
+
+
+class Evt3Decoder:
+    """Turns words into events; time, row and vector base live on from one block of words to the next."""
+
+    def __init__(self) -> None:
+        """Start before the first word; events ahead of the first time word are left out."""
+        self._laps = -1
+        self._high = 0x1000  # above all: the first time word begins lap 0
+        self._low = 0
+        self._row = 0
+        self._base = 0
+        self._base_on = 0
+
+    def decode(self, words: npt.NDArray[np.uint16]) -> EventBatch:
+        """Return the events of a block of words."""
+        kind = words & 0xF000
+        value = (words & 0xFFF).astype(np.int64)
+        is_high, is_base = kind == TIME_HIGH, kind == BASE_X
+
+        highs = np.concatenate(([self._high], value[is_high]))
+        laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) < 0)
+        clock = laps << 12 | highs
+        at_high = np.cumsum(is_high)
+        # An upper time word sets the lower bits to 0; a lower one, if they are not, follows.
+        lows = _held(np.where(is_high, 0, value), is_high | (kind == TIME_LOW), self._low)
+        rows = _held(value & 0x7FF, kind == ADDR_Y, self._row)
+
+        # A vector word describes the next 12 or 8 pixels of the row, from the base on.
+        step = np.where(kind == VECT_12, 12, np.where(kind == VECT_8, 8, 0))
+        walked = np.cumsum(step) - step
+        bases = _held(value & 0x7FF, is_base, self._base) + walked - _held(walked, is_base, 0)
+        base_on = _held(value >> 11, is_base, self._base_on)
+
+        masks = np.where(kind == ADDR_X, 1, np.where(step == 8, value & 0xFF, np.where(step == 12, value, 0)))
+        masks[clock[at_high] < 0] = 0
+        source = np.flatnonzero(masks)
+        if step.any():
+            word, bit = np.nonzero(masks[source, None] >> np.arange(12) & 1)
+            word = source[word]
+        else:
+            word, bit = source, np.zeros_like(source)
+        single = kind[word] == ADDR_X
+        events = empty_batch(len(word))
+        events["t"] = clock[at_high[word]] << 12 | lows[word]
+        events["x"] = np.where(single, value[word] & 0x7FF, bases[word] + bit)
+        events["y"] = rows[word]
+        events["on"] = np.where(single, value[word] >> 11, base_on[word])
+
+        if len(words):
+            self._laps, self._high = int(laps[-1]), int(highs[-1])
+            self._low, self._row, self._base_on = int(lows[-1]), int(rows[-1]), int(base_on[-1])
+            self._base = int(bases[-1] + step[-1])
+        return events
+
+
+def _held(values: npt.NDArray[np.int64], new: npt.NDArray[np.bool_], before: int) -> npt.NDArray[np.int64]:
+    """Return at each word the latest of the values marked ``new``, ``before`` ahead of the first."""
+    latest = np.maximum.accumulate(np.where(new, np.arange(1, len(new) + 1), 0)) if len(new) else np.zeros(0, np.int64)
+    return np.concatenate(([before], values))[latest]
