@@ -1,8 +1,9 @@
 """EVT3, Prophesee's RAW format of 16-bit words: time, row and column are sent when they change.
 
 All of it is read (evt3_words.py). Only single events are written (EVT_ADDR_X), no vectors: faery writes VECT words on
-their own, which Prophesee's decoder does not expect. The 24 bits of time wrap every 16.8 s. Decoders count the wraps, so the last and
-the first time word of every lap are always sent; a file that begins late begins with two words for each earlier lap.
+their own, which Prophesee's decoder does not expect. The 24 bits of time wrap every 16.8 s. Decoders count the wraps,
+so the last and the first time word of every lap are always sent; a file that begins late begins with two words for
+each earlier lap.
 
 Source: https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html
 """
