@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import Annotated, Literal
 
 import typer
@@ -29,7 +30,7 @@ from clsim.cli.options import (
     THRESHOLD,
     WINDOW,
 )
-from clsim.cli.watch import PORT, VIEW, attach, check, default_view
+from clsim.cli.watch import PORT, VIEW, attach, check, default_view, reserve
 from clsim.errors import InputError
 
 
@@ -117,7 +118,12 @@ def live(
         view = default_view(outputs, as_json=as_json)
     if view == "terminal" and any(map(is_standard_output, outputs)):
         raise InputError("--view terminal and --out - would both write to standard output; give --out a file instead")
-    check(view, port, as_json=as_json)
-    session = open_live(options)
-    screen = attach(session, view, port, as_json=as_json)
+    check(view, as_json=as_json)
+    with contextlib.ExitStack() as undo:
+        listener = reserve(view, port)
+        if listener is not None:
+            undo.callback(listener.close)
+        session = open_live(options)
+        undo.pop_all()
+    screen = attach(session, view, port, listener, as_json=as_json)
     return run_session(session, as_json=as_json, screen=screen)

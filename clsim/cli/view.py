@@ -57,7 +57,7 @@ def view(
         if not 0 < value < float("inf"):
             raise InputError(f"{option} must be a positive number, got {value}")
     if to is None:
-        check(where, port)
+        check(where)
     with open_events(events) as source:
         size = sensor_size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:

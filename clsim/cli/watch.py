@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import threading
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO, get_args
@@ -76,26 +77,40 @@ def default_view(outputs: tuple[str, ...], *, as_json: bool) -> View:
     return "terminal" if not outputs and not as_json and suits_terminal(sys.stdout) else "none"
 
 
-def check(view: View, port: str | None, *, as_json: bool = False) -> None:
+def check(view: View, *, as_json: bool = False) -> None:
     """Raise InputError for a view that cannot be had: asked before any file is opened, so that none is replaced."""
     if view == "terminal" and not _terminal_stream(as_json).isatty():
         raise InputError("--view terminal needs a terminal, but the output goes elsewhere; expected --view web or none")
     if view == "web":
-        from clsim.live.view.server import check_page
+        from clsim.live.view.server import require_aiohttp
 
-        check_page(**host_and_port(port))
+        require_aiohttp()
     if view == "rerun":
         from clsim.live.view.rerun import load_rerun
 
         load_rerun()
 
 
+def reserve(view: View, port: str | None) -> socket.socket | None:
+    """Return the socket of a page to come, listening already, so that nobody takes its port while files are opened."""
+    if view != "web":
+        return None
+    from clsim.live.view.server import listen
+
+    return listen(**host_and_port(port))
+
+
 def _terminal_stream(as_json: bool) -> TextIO:
     return sys.stderr if as_json else sys.stdout
 
 
-def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> TerminalScreen | None:
-    """Let a session be watched; returns the screen that has to be painted, if it is the terminal's."""
+def attach(
+    session: Session, view: View, port: str | None, listener: socket.socket | None, *, as_json: bool
+) -> TerminalScreen | None:
+    """Let a session be watched; returns the screen that has to be painted, if it is the terminal's.
+
+    ``listener`` is what ``reserve`` returned.
+    """
     from clsim.live.pipeline import Output
 
     size = session.width, session.height
@@ -108,7 +123,7 @@ def attach(session: Session, view: View, port: str | None, *, as_json: bool) -> 
     if view == "web":
         from clsim.live.view.sink import ViewSink
 
-        page = ViewSink(session.name, *size, **host_and_port(port))
+        page = ViewSink(session.name, *size, **host_and_port(port), listener=listener)
         page.status = lambda: {key: session.summary()[key] for key in PAGE_NUMBERS}
         session.pipeline.outputs.append(Output(page.url, page))
         session.pipeline.watchers.append(page)

@@ -6,6 +6,7 @@ import abc
 import contextlib
 import errno
 import os
+import platform
 import re
 import time
 from collections.abc import Iterator
@@ -245,8 +246,9 @@ class PartFile:
     def __init__(self, path: Path) -> None:
         """Create the file ``part``; raises InputError when its folder cannot be written or ``path`` is a folder."""
         self.path = path
-        _remove_left_parts(path)
-        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        begin = f".{path.name}.{platform.node()}."
+        _remove_left_parts(path.parent, begin)
+        self.part = path.with_name(f"{begin}{os.getpid()}.part")
         try:
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
@@ -264,17 +266,19 @@ class PartFile:
             self.part.unlink(missing_ok=True)
 
 
-def _remove_left_parts(path: Path) -> None:
-    """Remove what killed processes left of earlier attempts at ``path``, and nothing of processes that still run."""
-    name = re.compile(re.escape(f".{path.name}.") + r"([0-9]+)\.(part|events)")
+def _remove_left_parts(folder: Path, begin: str) -> None:
+    """Remove what killed processes of this machine left of earlier attempts, and nothing of processes that run."""
+    name = re.compile(re.escape(begin) + r"([0-9]+)\.(part|events)")
     with contextlib.suppress(OSError):  # the attempt to write will tell what is wrong with the folder
-        for entry in os.scandir(path.parent):
+        for entry in os.scandir(folder):
             match = name.fullmatch(entry.name)
             if match and entry.is_file(follow_symlinks=False) and not _runs(int(match[1])):
                 os.unlink(entry)
 
 
 def _runs(pid: int) -> bool:
+    if os.name != "posix":
+        return True  # elsewhere signal 0 is a real one
     try:
         os.kill(pid, 0)
     except (ProcessLookupError, OverflowError):

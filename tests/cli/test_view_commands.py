@@ -211,3 +211,27 @@ def test_a_view_that_cannot_be_had_costs_no_file(
         outcome = clsim("live", "still", "--frame-count", "2", "--out", tmp_path / "events.txt", *words)
     assert outcome.status == 2 and sentence.replace("{taken}", port) in outcome.stderr
     assert (tmp_path / "events.txt").read_text() == "precious"
+
+
+def test_a_port_lost_while_outputs_are_opened_cannot_be(
+    clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The page's port is held before any output is opened, and given back if one of them cannot be."""
+    from clsim.live import session
+
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    seen = []
+
+    def open_outputs(*arguments: object) -> None:
+        with pytest.raises(OSError, match="in use"):
+            socket.create_server(("127.0.0.1", port), reuse_port=False)
+        seen.append(port)
+        raise InputError("an output that cannot be opened")
+
+    monkeypatch.setattr(session, "_open_outputs", open_outputs)
+    words = ("live", "still", "--frame-count", "2", "--out", tmp_path / "events.txt", "--view", "--port", port)
+    outcome = clsim(*words)
+    assert outcome.status == 2 and "an output that cannot be opened" in outcome.stderr and seen == [port]
+    assert list(tmp_path.iterdir()) == []
+    socket.create_server(("127.0.0.1", port)).close()

@@ -1,5 +1,6 @@
 """SIGKILL at random moments costs at most the last flush."""
 
+import os
 import random
 import signal
 import subprocess
@@ -16,7 +17,7 @@ import pytest
 from event_data import KILL_SAFE, read
 from event_writer import numbered
 
-from clsim.events.files import FORMATS
+from clsim.events.files import FORMATS, open_sink
 from clsim.events.filesink import FlushPolicy
 
 
@@ -90,3 +91,35 @@ def test_the_fields_own_readers_open_what_a_kill_left(tmp_path):
 def test_what_is_all_or_nothing_leaves_no_file_under_its_name(tmp_path, ending):
     path, _ = kill_a_writer(tmp_path, ending, 2000, 0.05, 0.1)
     assert not path.exists()
+
+
+@pytest.mark.parametrize("ending", [".parquet", ".npz"])
+def test_the_next_writer_of_a_name_removes_what_killed_ones_left(tmp_path, ending):
+    path, _ = kill_a_writer(tmp_path, ending, 2000, 0.05, 0.1)
+    left = {entry for entry in tmp_path.iterdir() if entry.name.startswith(f".a{ending}.")}
+    assert left
+    (some,) = {entry for entry in left if entry.suffix == ".part"}
+    dead, host = (
+        some.name.split(".")[-2],
+        some.name.removeprefix(f".a{ending}.").rpartition(f".{some.name.split('.')[-2]}.")[0],
+    )
+    alive = tmp_path / f".a{ending}.{host}.{os.getppid()}.part"
+    others = [
+        tmp_path / name
+        for name in (
+            f".b{ending}.{host}.{dead}.part",
+            f".a{ending}.elsewhere.{dead}.part",
+            f".a{ending}.{host}.part",
+            f".a{ending}",
+        )
+    ]
+    for file in (alive, *others):
+        file.write_text("not ours to remove")
+    folder = tmp_path / f".a{ending}.{host}.99999999.part"
+    folder.mkdir()
+    sink = open_sink(path, 346, 260)
+    sink.write(numbered(0, 10))
+    sink.close()
+    assert np.array_equal(read(path), numbered(0, 10))
+    assert not any(entry.exists() for entry in left)
+    assert all(entry.exists() for entry in (alive, folder, *others))

@@ -35,6 +35,7 @@ class PageServer:
         on_command: called in the server's thread with each command of a page.
         host: address to listen on; only loopback is safe, because nothing is encrypted and anybody may watch.
         port: None takes the usual port or, if that is in use, a free one; 0 takes a free one.
+        listener: what ``listen`` returned for them, if it was asked before; the server closes it.
     """
 
     def __init__(
@@ -44,15 +45,16 @@ class PageServer:
         on_command: Callable[[dict[str, Any]], None],
         host: str = "127.0.0.1",
         port: int | None = None,
+        listener: socket.socket | None = None,
     ) -> None:
         """Start to serve.
 
         Raises:
             InputError: aiohttp is missing, or the address cannot be used.
         """
-        _require_aiohttp()
+        require_aiohttp()
         self._hello, self._status, self._on_command = hello, status, on_command
-        self._listener = _listen(host, port)
+        self._listener = listener or listen(host, port)
         self._host = host
         self.port: int = self._listener.getsockname()[1]
         shown = "localhost" if host in ("0.0.0.0", "::") else f"[{host}]" if ":" in host else host
@@ -191,13 +193,8 @@ async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:
                 await socket.send_bytes(packet)
 
 
-def check_page(host: str = "127.0.0.1", port: int | None = None) -> None:
-    """Raise the InputError that serving the page there would raise."""
-    _require_aiohttp()
-    _listen(host, port).close()
-
-
-def _require_aiohttp() -> None:
+def require_aiohttp() -> None:
+    """Raise InputError if the page cannot be served for lack of aiohttp."""
     try:
         import aiohttp.web  # noqa: F401
     except ImportError:
@@ -228,7 +225,8 @@ def _static(body: bytes, kind: str) -> Any:
     return handler
 
 
-def _listen(host: str, port: int | None) -> socket.socket:
+def listen(host: str = "127.0.0.1", port: int | None = None) -> socket.socket:
+    """Return a socket that listens where the page is to be served; raises InputError if the address cannot be used."""
     for attempt in (DEFAULT_PORT, 0) if port is None else (port,):
         try:
             family, _, _, _, name = socket.getaddrinfo(host, attempt, type=socket.SOCK_STREAM)[0]

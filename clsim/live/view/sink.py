@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 import time
 from collections.abc import Callable
@@ -26,12 +27,19 @@ class ViewSink:
     """
 
     def __init__(
-        self, title: str, width: int, height: int, *, host: str = "127.0.0.1", port: int | None = None
+        self,
+        title: str,
+        width: int,
+        height: int,
+        *,
+        host: str = "127.0.0.1",
+        port: int | None = None,
+        listener: socket.socket | None = None,
     ) -> None:
-        """Start the server; raises InputError if aiohttp is missing or the port cannot be used."""
+        """Start a PageServer, which takes the same; raises InputError if aiohttp is missing or the port is taken."""
         self.status: Callable[[], dict[str, Any]] = dict
         hello = {"title": title, "width": width, "height": height, "live": True}
-        self._server = PageServer(hello, lambda: self.status(), lambda command: None, host, port)
+        self._server = PageServer(hello, lambda: self.status(), lambda command: None, host, port, listener)
         self.url, self.warning = self._server.url, self._server.warning
         self._now_us = 0
         self._next_frame_s = 0.0
