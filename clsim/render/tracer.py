@@ -67,7 +67,8 @@ class RenderOptions:
     """Whether samples are independent ("pcg") or spread evenly by Owen-scrambled Sobol points, in four batches.
 
     With "sobol", sample i belongs to batch i mod 4; batches are independent, and variances are estimated from their
-    means: that is honest, but noisier. A multiple of 4 samples that is a power of 2 is spread best.
+    means: that is honest, but noisier, and up to a fifth too large where the number of samples is not a multiple of 4.
+    A power of 2 from 4 is spread best.
     """
     follow_specular: bool = True
     """Whether the planes of albedo, normal and depth show what mirrors and clear glass show instead of themselves.
