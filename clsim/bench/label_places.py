@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 _ANGLES_DEG = (-45, 45, 135, -135, -90, 90, 0, 180, -20, 20, -160, 160, -70, 70, -110, 110)
-_DISTANCES = (11, 20, 32, 46, 62)
+_DISTANCES = (11, 20, 32, 46, 62, 80, 100)
 """Distances tried, from point to label [points]."""
-_CLEAR_PX = 6.0
+_CLEAR_PX = 4.0
 """Room left around a point [pixels]."""
 
 

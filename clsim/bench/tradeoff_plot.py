@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from clsim.bench.label_places import place_labels
 from clsim.errors import InputError
@@ -11,6 +14,7 @@ from clsim.errors import InputError
 _COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
 """Blue and vermilion of Okabe and Ito, which colour-blind people tell apart; fillings tell them apart in grey."""
 _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D"}
+_SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": ""}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
 _MANY = 40
@@ -88,7 +92,7 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
 
 
 def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
-    """Name the points of the front and the paper's; colour tells the noise and shape the method, so names are short."""
+    """Name the points of the front and the paper's; colour tells the noise, so names leave it out."""
     rows = results["settings"]
     named = [row for row in rows if row[f"front_{value}"] or row["icip_2023"]]
     seen = rows if len(rows) <= _MANY else named
@@ -96,12 +100,23 @@ def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
         panel,
         [(row["cpu_s"], row[value]) for row in named],
         ["ICIP 2023\n" * row["icip_2023"] + _short(row) for row in named],
-        [(row["cpu_s"], row[value]) for row in seen],
+        [(row["cpu_s"], row[value]) for row in seen] + _along_lines(panel, results, value),
     )
 
 
+def _along_lines(panel: Any, results: dict[str, Any], value: str) -> list[tuple[float, float]]:
+    """Return places along the front and the ceilings, which labels should not cover."""
+    left, right = panel.get_xlim()
+    places = [(x, scores[value]) for scores in results["ceiling"].values() for x in np.geomspace(left, right, 60)]
+    front = [(row["cpu_s"], row[value]) for row in results["settings"] if row[f"front_{value}"]]
+    for (cost, score), (next_cost, next_score) in itertools.pairwise(front):
+        places += [(x, score) for x in np.geomspace(cost, next_cost, 20)]
+        places += [(next_cost, y) for y in np.linspace(score, next_score, 20)]
+    return places
+
+
 def _short(row: dict[str, Any]) -> str:
-    parts = [f"{row['spp']} spp"]
+    parts = [f"{row['spp']} spp", _SHORT_NAMES[row["gate"] or row["method"]]]
     if row["window"] is not None:
         parts.append(f"K{row['window']}")
     if row["history"] is not None and row["history"] > 1:
@@ -110,7 +125,7 @@ def _short(row: dict[str, Any]) -> str:
         parts.append(f"/{row['stride']}")
     if row["arithmetic"] != "float32":
         parts.append("f64")
-    return " ".join(parts)
+    return " ".join(part for part in parts if part)
 
 
 def _limits(panel: Any, results: dict[str, Any]) -> None:

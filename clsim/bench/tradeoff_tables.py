@@ -10,7 +10,7 @@ from typing import Any
 from clsim.bench.tradeoff_summary import turned_knobs
 
 _FRONT_HEAD = ("Setting", "CPU s", "of it detection", "F1", "strict F1", "precision", "recall", "median Δt",
-               "CPU ms per true event", "front")  # fmt: skip
+               "CPU µs per true event", "front")  # fmt: skip
 _KNOB_HEAD = ("Knob", "from", "to", "CPU time", "detection's CPU time", "F1", "strict F1")
 
 
@@ -62,7 +62,7 @@ def _about(results: dict[str, Any]) -> str:
     return (
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames at "
         f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; reference: "
-        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by rule frame)."
+        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame)."
     )
 
 
@@ -72,10 +72,10 @@ def _front_row(row: dict[str, Any]) -> tuple[str, ...]:
     each = row["cpu_s_per_true_event"]
     return (
         label,
-        f"{row['cpu_s']:.2f}",
-        f"{row['detect_cpu_s']:.2f}",
+        f"{row['cpu_s']:.3g}",
+        f"{row['detect_cpu_s']:.3g}",
         *_scores(row),
-        "–" if each is None else f"{1e3 * each:.2f}",
+        "–" if each is None else f"{1e6 * each:.3g}",
         " and ".join(fronts) or "–",
     )
 

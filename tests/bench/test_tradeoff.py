@@ -1,0 +1,119 @@
+"""The sweep from end to end, on a tiny scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clsim.bench import tradeoff, tradeoff_measure
+from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
+from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
+from clsim.errors import InputError
+from clsim.score import Score
+
+COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
+POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
+COSTS = {
+    "paths", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s", "detect_wall_s", "cpu_s", "wall_s",
+    "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
+}  # fmt: skip
+
+
+def options(cache: Path, **changes: Any) -> TradeoffOptions:
+    given = {"points": POINTS, "reference_spp": 16, "resolution": (16, 12), "frames": 4, "fps": 20.0} | changes
+    return TradeoffOptions("two-boxes", cache, **given)
+
+
+def ignore(what: str, done: float, total: float) -> None:
+    """Tell nobody."""
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    return run_tradeoff(options(tmp_path_factory.mktemp("cache")), ignore)
+
+
+def test_all_figures_are_there(results: dict[str, Any]) -> None:
+    scores = set(Score.__dataclass_fields__)
+    assert len(results["points"]) == len(POINTS) == len(results["settings"])
+    for point, wanted in zip(results["points"], POINTS, strict=True):
+        assert set(point) == set(wanted.as_dict()) | scores | COSTS
+        assert point["paths"] == 16 * 12 * 4 * wanted.rendering.spp
+        assert point["events"] > 0 and point["detect_cpu_s"] > 0 and point["render_cpu_s"] > 0
+        assert point["cpu_s"] == point["render_cpu_s"] + point["detect_cpu_s"]
+        assert point["reference_events"] == results["reference"]["events"][point["event_rule"]]
+    assert results["points"][0]["render_cpu_s"] == results["points"][1]["render_cpu_s"], "rendered twice"
+    assert 0 < results["points"][1]["solved_share"] <= 1
+    for rule in ("frame", "interpolated"):
+        ceiling = results["ceiling"][rule]
+        assert set(ceiling) == scores
+        assert 0 < ceiling["strict_f1"] < 1, "the ceiling is the reference itself"
+    assert json.loads(json.dumps(results)) == results
+
+
+def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
+    import clsim
+
+    batches = clsim.stream("two-boxes", spp=2, resolution=(16, 12), duration_s=0.15, fps=20.0)
+    assert results["points"][1]["events"] == sum(len(batch) for batch in batches)
+
+
+def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rendered: list[int] = []
+    detected: list[str] = []
+    render_each, detect = tradeoff_measure.render_each, tradeoff_measure.detect
+
+    def count_render(world: Any, options: Any, take: Any) -> Any:
+        rendered.append(options.spp)
+        return render_each(world, options, take)
+
+    def count_detect(config: Any, frames: Any, device: Any) -> Any:
+        if len(detected) == 2:
+            raise KeyboardInterrupt
+        detected.append(config.gate)
+        return detect(config, frames, device)
+
+    monkeypatch.setattr(tradeoff, "render_each", count_render)
+    monkeypatch.setattr("clsim.bench.reference_cache.render_each", count_render)
+    monkeypatch.setattr(tradeoff, "detect", count_detect)
+    with pytest.raises(KeyboardInterrupt):
+        run_tradeoff(options(tmp_path), ignore)
+    assert rendered == [16, 16, 2, 4] and len(detected) == 2
+    rendered.clear()
+    detected.clear()
+    told: list[tuple[float, float]] = []
+    results = run_tradeoff(options(tmp_path), lambda what, done, total: told.append((done, total)))
+    assert rendered == [4] and detected == ["delta-r"]
+    assert told[-1][0] == told[-1][1] == 16 * 12 * 4 * (4 + 4), "the work told is not the work done"
+    assert len(results["points"]) == 3
+    rendered.clear()
+    assert run_tradeoff(options(tmp_path), ignore) == results
+    assert rendered == []
+    run_tradeoff(options(tmp_path, points=POINTS[:1], reference_spp=8), ignore)
+    assert rendered == [8, 8, 2], "points scored against another reference were taken for these"
+
+
+def test_a_still_scene_has_nothing_to_score(tmp_path: Path) -> None:
+    wanted = TradeoffOptions("still", tmp_path, points=POINTS[:1], reference_spp=1, resolution=(16, 12), frames=2)
+    with pytest.raises(InputError, match="no event fires in 2 frames of still"):
+        run_tradeoff(wanted, ignore)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"fps": 0.0}, "--fps must be a positive number"),
+        ({"frames": 1}, "--frames must be at least 2"),
+        ({"reference_spp": 0}, "--reference-spp must be at least 1"),
+        ({"seeds": (1, 1)}, "--seeds must be different"),
+        ({"seeds": ()}, "got none"),
+        ({"seeds": (tradeoff.CEILING_SEED,)}, "--seeds must be different"),
+        ({"seeds": (0, 1), "quick": True}, "--quick measures one seed"),
+    ],
+)
+def test_wrong_options_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        options(tmp_path, **changes)

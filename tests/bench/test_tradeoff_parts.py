@@ -1,0 +1,153 @@
+"""The parts of the sweep: fronts, keys, stored points, labels, what is swept."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clsim.bench.content_key import content_key, world_key
+from clsim.bench.pareto import pareto_front
+from clsim.bench.point_store import PointStore
+from clsim.bench.reference_cache import reference_key
+from clsim.bench.tradeoff_settings import BASE, QUICK_POINTS, full_points, quick_points
+from clsim.bench.tradeoff_summary import summarise, turned_knobs
+from clsim.render import RenderOptions
+from clsim.scene import load_world
+
+_few = st.integers(0, 5).map(float)
+
+
+@given(st.lists(st.tuples(_few, _few), max_size=12))
+def test_the_front_is_what_nothing_dominates(points: list[tuple[float, float]]) -> None:
+    def dominated(i: int) -> bool:
+        cost, value = points[i]
+        return any(c <= cost and v >= value and (c, v) != (cost, value) for c, v in points)
+
+    front = pareto_front([cost for cost, _ in points], [value for _, value in points])
+    assert sorted(front) == [i for i in range(len(points)) if not dominated(i)]
+    assert [points[i][0] for i in front] == sorted(points[i][0] for i in front)
+
+
+def test_a_reference_has_another_key_when_anything_that_went_in_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    world, options = load_world("two-boxes", resolution=(16, 12)), RenderOptions(spp=4, frames=4)
+    camera, material = world.camera, world.materials[0]
+    red = (dataclasses.replace(material, color=(0.9, 0.1, 0.1)), *world.materials[1:])
+    moved = dataclasses.replace(camera, motion=load_world("moving-light").camera.motion)
+    mesh = dataclasses.replace(world.meshes[0], vertices=world.meshes[0].vertices + np.float32(1e-4))
+    variants = [
+        (load_world("moving-light", resolution=(16, 12)), options),
+        (load_world("two-boxes", resolution=(16, 11)), options),
+        (dataclasses.replace(world, materials=red), options),
+        (dataclasses.replace(world, camera=moved), options),
+        (dataclasses.replace(world, meshes=(mesh, *world.meshes[1:])), options),
+        (dataclasses.replace(world, sensor=dataclasses.replace(world.sensor, threshold_on=0.21)), options),
+        *((world, dataclasses.replace(options, **{name: value})) for name, value in _OTHER_OPTIONS.items()),
+    ]
+    keys = [reference_key(world, options), *(reference_key(*variant) for variant in variants)]
+    monkeypatch.setattr("clsim.__version__", "999")
+    _forget_code()
+    keys.append(reference_key(world, options))
+    monkeypatch.undo()
+    _forget_code()
+    assert len(set(keys)) == len(keys)
+    again = dataclasses.replace(load_world("two-boxes", resolution=(16, 12)), name="a copy")
+    assert reference_key(again, options) == reference_key(world, options)
+
+
+_OTHER_OPTIONS = {"spp": 5, "frames": 5, "fps": 60.0, "seed": 1, "noise": "independent", "max_depth": 3}
+
+
+def _forget_code() -> None:
+    from clsim.bench.content_key import code_key
+
+    code_key.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (("ab", "c"), ("a", "bc")),
+        ((1, (2, 3)), (1, 2, (3,))),
+        (1, 1.0),
+        (np.zeros(2), np.zeros((2, 1))),
+        (np.zeros(2, np.float32), np.zeros(2, np.int32)),
+        (None, "None"),
+        ({"a": None}, {}),
+    ],
+)
+def test_different_contents_have_different_keys(one: object, other: object) -> None:
+    assert content_key(one) != content_key(other)
+
+
+def test_what_cannot_be_seen_is_refused() -> None:
+    with pytest.raises(TypeError, match="object"):
+        content_key(object())
+
+
+def test_every_bundled_motion_has_a_key() -> None:
+    keys = {world_key(load_world(name)) for name in ("two-boxes", "moving-light", "cornell", "still")}
+    assert len(keys) == 4
+
+
+def test_whole_lines_survive_a_cut(tmp_path: Path) -> None:
+    path = tmp_path / "cache" / "points.jsonl"
+    store = PointStore(path)
+    store.append("a", {"f1": 0.5})
+    store.append("b", {"f1": 0.25})
+    path.write_text(path.read_text()[:-8])
+    store = PointStore(path)
+    assert "a" in store and "b" not in store and store["a"] == {"f1": 0.5}
+    store.append("c", {"f1": 0.75})
+    store = PointStore(path)
+    assert store["c"] == {"f1": 0.75} and "a" in store and "b" not in store
+    assert json.loads(path.read_text().splitlines()[-1])["key"] == "c"
+
+
+def test_the_sweeps_have_each_point_once() -> None:
+    quick, full = quick_points(7), full_points((0, 1))
+    assert len(set(quick)) == len(quick) <= QUICK_POINTS
+    assert len(set(full)) == len(full) and {point.rendering.seed for point in full} == {0, 1}
+    labels = {(point.rendering.spp, point.rendering.noise, point.detector.label) for point in full}
+    assert len(labels) == len(full) / 2, "two settings have one name"
+    sensor = load_world("two-boxes").sensor
+    for point in {*quick, *full}:
+        assert point.detector.config(sensor).threshold_on == sensor.threshold_on
+
+
+def test_means_fronts_and_knobs() -> None:
+    quick = quick_points(0)
+    costs = {8: 1.0, 2: 0.5, 32: 4.0}
+
+    def figures(spp: int, f1: float) -> dict[str, float | None]:
+        return {"cpu_s": costs[spp], "detect_cpu_s": 0.1, "f1": f1, "strict_f1": f1 / 2, "dt_median_us": None}
+
+    base = [point for point in quick if point.detector == BASE and point.rendering.noise == "common"]
+    f1 = {2: 0.5, 8: 0.8, 32: 0.7}
+    points = [
+        point.as_dict() | {"seed": seed} | figures(point.rendering.spp, f1[point.rendering.spp] + spread)
+        for seed, spread in ((0, -0.01), (1, 0.01))
+        for point in base
+    ]
+    rows = summarise(points)
+    assert [row["spp"] for row in rows] == [2, 8, 32]
+    assert [row["front_f1"] for row in rows] == [True, True, False]
+    assert rows[1]["f1"] == pytest.approx(0.8) and rows[1]["f1_sd"] == pytest.approx(0.02 / 2**0.5)
+    assert rows[1]["seeds"] == [0, 1] and rows[1]["dt_median_us"] is None
+    assert [(knob, at["spp"], other["spp"]) for knob, at, other in turned_knobs(rows)] == [
+        ("spp", 8, 2),
+        ("spp", 8, 32),
+    ]
+
+
+def test_quick_turns_single_knobs() -> None:
+    rows = [
+        point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in quick_points(0)
+    ]
+    knobs = [knob for knob, _, _ in turned_knobs(summarise(rows))]
+    assert knobs == ["method", "method", "method", "spp", "spp", "window", "stride", "arithmetic"]

@@ -1,0 +1,50 @@
+"""``clsim bench tradeoff``: its files, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clsim.bench import tradeoff
+from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
+
+POINTS = [
+    Point(Rendering(2, "common", 0), ESIM),
+    Point(Rendering(2, "common", 0), BASE),
+    Point(Rendering(4, "independent", 0), ICIP_2023),
+]
+
+
+def test_the_files_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., Any]) -> None:
+    monkeypatch.setattr(tradeoff, "quick_points", lambda seed: POINTS)
+    files = {name: tmp_path / f"out.{name}" for name in ("json", "csv", "plot", "markdown")}
+    outcome = clsim(
+        "bench", "tradeoff", "two-boxes", "--quick", "--resolution", "16x12", "--frames", 4, "--fps", 20,
+        "--reference-spp", 16, "--cache", tmp_path / "cache", *(x for n, f in files.items() for x in (f"--{n}", f)),
+    )  # fmt: skip
+    assert outcome.status == 0 and "ceiling" in outcome.stdout
+    stored = json.loads(files["json"].read_text())
+    rows = list(csv.DictReader(files["csv"].open()))
+    assert [row["gate"] for row in rows] == ["", "radiance", "delta-r"]
+    assert [float(row["f1"]) for row in rows] == [point["f1"] for point in stored["points"]]
+    assert float(rows[0]["ceiling_f1"]) == stored["ceiling"]["interpolated"]["f1"]
+    markdown = files["markdown"].read_text()
+    assert "(ICIP 2023)" in markdown and "ceiling, rule frame" in markdown and "| gate | radiance | esim |" in markdown
+    tables = [[line.count("|") for line in part.splitlines()] for part in markdown.split("\n\n") if part[0] == "|"]
+    assert len(tables) == 2 and all(len(set(counts)) == 1 for counts in tables), "ragged tables"
+    assert files["plot"].read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(
+    tmp_path: Path, clsim: Callable[..., Any]
+) -> None:
+    outcome = clsim("bench", "tradeoff", "two-boxes", "--csv", tmp_path / "none" / "a.csv", "--cache", tmp_path / "c")
+    assert outcome.status == 2 and "there is no folder" in outcome.stderr
+    assert not (tmp_path / "c").exists()
+    outcome = clsim("bench", "tradeoff", "two-boxes", "--seeds", "1,x")
+    assert outcome.status == 2 and "--seeds must be whole numbers" in outcome.stderr
