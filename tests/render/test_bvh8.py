@@ -24,12 +24,15 @@ def search(
     out_triangle: wp.array(dtype=int),
     out_weights: wp.array(dtype=wp.vec3),
     out_any: wp.array(dtype=int),
+    out_vertices: wp.array2d(dtype=float),
 ):
     i = wp.tid()
     hit = closest_in_tree(tree, origins[i], directions[i], near[i], far[i])
     out_triangle[i] = hit[0]
     out_weights[i] = wp.vec3(wp.cast(hit[1], float), wp.cast(hit[2], float), wp.cast(hit[3], float))
     out_any[i] = int(any_in_tree(tree, origins[i], directions[i], near[i], far[i]))
+    for k in range(9):
+        out_vertices[i, k] = wp.cast(hit[4 + k], float)
 
 
 @wp.kernel(enable_backward=False, module="test_bvh8")
@@ -58,8 +61,8 @@ def build(mesh):
     return Bvh8(*arrays(mesh.vertices, mesh.triangles))
 
 
-def shoot(tree, origins, directions, near=0.0, far=FAR):
-    """Triangle, t and weights of the nearest hits, and whether there is any."""
+def shoot(tree, origins, directions, near=0.0, far=FAR, corners=None):
+    """Triangle, t and weights of the nearest hits, and whether there is any; checks the vertices if told them."""
     origins, directions = np.broadcast_arrays(np.asarray(origins, np.float32), np.asarray(directions, np.float32))
     n = len(origins)
     rays = [wp.array(np.ascontiguousarray(a), dtype=wp.vec3, device="cpu") for a in (origins, directions)]
@@ -68,8 +71,12 @@ def shoot(tree, origins, directions, near=0.0, far=FAR):
     ]
     triangle, found = (wp.zeros(n, dtype=int, device="cpu") for _ in range(2))
     weights = wp.zeros(n, dtype=wp.vec3, device="cpu")
-    outputs = [triangle, weights, found]
+    vertices = wp.zeros((n, 9), dtype=float, device="cpu")
+    outputs = [triangle, weights, found, vertices]
     wp.launch(search, dim=n, inputs=[wp.uint64(tree.id), *rays, *limits], outputs=outputs, device="cpu")
+    if corners is not None:
+        hit = triangle.numpy() >= 0
+        np.testing.assert_array_equal(vertices.numpy().reshape(n, 3, 3)[hit], corners[triangle.numpy()[hit]])
     return triangle.numpy(), weights.numpy()[:, 0], weights.numpy()[:, 1:], found.numpy() != 0
 
 
@@ -107,7 +114,7 @@ def test_nearest_hits_are_those_of_brute_force(triangles):
     origins = rng.uniform(-1.5, 1.5, (2000, 3)).astype(np.float32)
     aims = vertices[indices[rng.integers(triangles, size=2000)]].mean(axis=1) + rng.normal(scale=0.3, size=(2000, 3))
     toward = aims - origins
-    triangle, t, weights, found = shoot(Bvh8(*arrays(vertices, indices)), origins, toward)
+    triangle, t, weights, found = shoot(Bvh8(*arrays(vertices, indices)), origins, toward, corners=vertices[indices])
     true_t, true_weights, margin = brute_force(vertices, indices, origins, toward)
     # Rays within rounding of an edge, or that meet two triangles at one place, have no certain answer.
     clear = (np.abs(margin) > 1e-4).all(axis=1)
