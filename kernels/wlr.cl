@@ -256,7 +256,9 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
         // Rounding can leave a constant feature with a variance just below 0.
         m[j][j] = (m[j][j] > 0 ? m[j][j] : (realv)0) * (1 + in->ridge) + (real)1e-12;
     }
-    // LDL^T without pivoting: the ridge keeps the matrix positive.
+    // LDL^T without pivoting: the ridge keeps the matrix positive. A pivot of C + ridge cannot be below the ridge
+    // itself; where rounding takes it there (ridges below 1e-6 in float32), nothing is known of that direction and it
+    // is left out: divided by, its rounding would grow from pivot to pivot until it overflows.
     realv inverse[D];
 #pragma unroll
     for (int j = 0; j < D; j++) {
@@ -267,16 +269,15 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
 #pragma unroll
             for (int l = 0; l < k; l++) row[k] -= row[l] * m[k][l];
         }
-        // A pivot of C + ridge cannot be below the ridge itself; in float32 rounding may take it there.
-        const realv least = (diagonal - (real)1e-12) * (in->ridge / (1 + in->ridge)) + (real)1e-12;
+        const real share = (real)0.5 * in->ridge / (1 + in->ridge);
+        const realv least = (diagonal - (real)1e-12) * MAX(share, (real)ROUNDING);
 #pragma unroll
         for (int k = 0; k < j; k++) {
             m[j][k] = row[k] * inverse[k];
             diagonal -= row[k] * m[j][k];
             right[j] -= m[j][k] * right[k];
         }
-        diagonal = MAX(diagonal, least);
-        inverse[j] = (real)1 / diagonal;
+        inverse[j] = diagonal > least ? (real)1 / diagonal : (realv)0;
     }
 #pragma unroll
     for (int j = D - 1; j >= 0; j--) {

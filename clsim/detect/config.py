@@ -15,6 +15,12 @@ Response = Literal["ln", "lin-log"]
 Bandwidth = Literal["fixed", "tsvd", "optimised"]
 Luminance = Literal["rec709", "rec601"]
 Precision = Literal["float32", "float64"]
+SMALLEST_THRESHOLD = 1e-36
+"""The number of crossings in a step, up to 160 / C, must be a number in float32."""
+LARGEST_THRESHOLD = 1e30
+"""So must be C itself, and sums with it."""
+SMALLEST_FLOOR = 1.2e-38
+"""Smaller numbers are subnormal in float32: some devices take them for 0."""
 KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
 """Gates that need the window of each pixel's last event, and so recorded frames."""
 
@@ -64,7 +70,16 @@ class DetectorConfig:
         require_choice("response", self.response, get_args(Response))
         require_choice("luminance", self.luminance, get_args(Luminance))
         require_choice("precision", self.precision, get_args(Precision))
-        for name in ("threshold_on", "threshold_off", "bandwidth_h", "gate_scale", "scale", "floor"):
+        for name in ("threshold_on", "threshold_off"):
+            value = getattr(self, name)
+            if not SMALLEST_THRESHOLD <= value <= LARGEST_THRESHOLD:
+                raise InputError(
+                    f"{name.replace('_', ' ')} must be a positive number from {SMALLEST_THRESHOLD:g} to "
+                    f"{LARGEST_THRESHOLD:g}, got {value:g}"
+                )
+        if 0 < self.floor < SMALLEST_FLOOR:
+            raise InputError(f"floor must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
+        for name in ("bandwidth_h", "gate_scale", "scale", "floor"):
             value = getattr(self, name)
             if not 0 < value < float("inf"):
                 raise InputError(f"{name.replace('_', ' ')} must be a positive number, got {value}")

@@ -83,8 +83,7 @@ class Pack:
         self._source = workplace.allocate((len(planes),), np.int32)
         workplace.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
         self._weights = [weight * config.scale for weight in LUMINANCE_WEIGHTS[config.luminance]]
-        # Subnormal floors would be lost by devices that flush them.
-        self._floor = max(config.floor, float(np.finfo(np.float32).tiny))
+        self._floor = config.floor
         height = workplace.layout.height
         self.packed = workplace.allocate((slots, *workplace.layout.packed_shape))
         self._invalid = workplace.allocate((height,), np.int32)
