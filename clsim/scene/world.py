@@ -101,12 +101,14 @@ class Material:
             F0 = ``color`` where ``eta`` is None); ``dielectric`` (glass, refracting, index ``ior``);
             ``thin-dielectric`` (a pane); ``plastic`` (a dielectric coat of index ``ior`` over a diffuse base);
             ``principled`` (glTF metallic-roughness with clearcoat and transmission).
-        color: diffuse reflectance or base colour (multiplied by the texture where there is one).
+        color: diffuse reflectance or base colour, Schlick's F0 of a metal, what glass lets pass (multiplied by the
+            texture where there is one).
         emission: radiance that the surface emits; a triangle that emits is an area light.
         two_sided: whether the back scatters and emits as the front does.
         alpha: GGX roughness α of the specular lobe; 0 is a perfect mirror or smooth glass.
         roughness_texture: G is perceptual roughness (α = (G·√alpha)²), B metalness, as in glTF.
-        specular_color: multiplies the specular lobe.
+        specular_color: multiplies the specular lobe; of glass and panes what they reflect, of ``principled`` F0 and
+            F90 of its dielectric layer.
         nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
         alpha_mode: ``opaque``; ``mask`` cuts where opacity < ``alpha_cutoff``; ``blend`` lets that share through.
         opacity_texture: opacity is ``opacity`` times this texture's alpha channel.

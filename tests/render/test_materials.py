@@ -83,6 +83,22 @@ def test_a_pane_dims_and_mirrors_as_fresnel_says():
         assert np.all(np.abs(mean - share * np.array(glow.emission)) < 4 * error)
 
 
+@pytest.mark.parametrize("kind", ["principled", "dielectric"])
+def test_lamps_behind_rough_panes_are_found_both_ways(kind):
+    pane = hw.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    lamp = hw.quad((-0.5, -0.5, -1), (1, 0, 0), (0, 1, 0), material=1)
+    rough = Material(kind=kind, color=WHITE, alpha=0.3, ior=1.2, transmission=1.0)
+    view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)), 8, 8, fov_deg=10)
+    scene = hw.world(pane, lamp, materials=(rough, replace(GLOW, two_sided=True)), view=view)
+    by_light, scattered, mis = (
+        hw.mean_and_error(hw.render(scene, spp=512, seed=i, strategy=strategy))
+        for i, strategy in enumerate(("light", "scatter", "mis"))
+    )
+    for mean, error in (by_light, scattered):
+        assert np.all(np.abs(mean - mis[0]) < 4 * np.hypot(error, mis[1]))
+    assert np.all(mis[0] > 0.5) and np.all(mis[1] < 0.05 * mis[0])
+
+
 def test_light_comes_back_through_single_sided_glass():
     """A one-sided material that passes light must not be black from within."""
     glass = Material(kind="principled", color=WHITE, transmission=1.0, two_sided=False)

@@ -200,6 +200,8 @@ def test_normal_maps_tilt_to_u_and_v():
     normals = shown_normals(hw.render(replace(mirrored, meshes=(flipped,)), spp=4))
     expected = np.array((-0.3, 0, 0.8)) / np.hypot(0.3, 0.8)
     np.testing.assert_allclose(normals[:, 3], np.tile(expected, (4, 1)), atol=0.01)
+    # Mirrored u turns the frame left-handed; v still points up.
+    np.testing.assert_allclose(normals[:, 0], np.tile(expected[[1, 0, 2]] * (1, -1, 1), (4, 1)), atol=0.01)
 
 
 def test_a_bump_is_a_dent_from_behind():
