@@ -13,11 +13,11 @@ from collections import deque
 from clsim.errors import InputError
 from clsim.events.address import Address, exposure_warning, parse_address, resolve, unusable
 from clsim.events.batch import EventBatch
+from clsim.events.closing import CLOSE_TIMEOUT_S, HURRY_S, PATIENCE_S
 from clsim.events.dv_stream import Compression, DvEncoder
 
 QUEUE_BYTES = 64 << 20
 MAX_CLIENTS = 64
-CLOSE_TIMEOUT_S = 0.3
 _RECEIVED_LIMIT_BYTES = 1 << 16
 _PACKETS_A_TURN = 4  # so that nobody holds the lock for long
 _COMPRESSIONS = {"lz4": Compression.LZ4, "none": Compression.NONE}
@@ -36,20 +36,26 @@ class _Client:
         self.received_bytes = 0
         self.watched = selectors.EVENT_READ
 
-    def send(self) -> None:
-        """Send until the socket is full, nothing is left or some packets went; raises OSError if the client is gone."""
+    def send(self) -> bool:
+        """Send until the socket is full, nothing is left or some packets went; tell whether it took anything.
+
+        Raises OSError if the client is gone.
+        """
+        took = False
         for _ in range(_PACKETS_A_TURN):
             while self.sending:
                 try:
                     self.sending = self.sending[self.connection.send(self.sending) :]
+                    took = True
                 except (BlockingIOError, InterruptedError):
-                    return
+                    return took
             self.sending_events = 0
             if not self.queue:
-                return
+                return took
             packet, self.sending_events = self.queue.popleft()
             self.queued_bytes -= len(packet)
             self.sending = memoryview(packet)
+        return took
 
     @property
     def waiting(self) -> bool:
@@ -79,6 +85,7 @@ class StreamServer:
         self._clients: set[_Client] = set()
         self._changed = threading.Condition()
         self._closing_at_s: float | None = None
+        self._taken_at_s = 0.0
         self._selector = selectors.DefaultSelector()
         self._wake_reader, self._wake_writer = socket.socketpair()
         for watched in (listener, self._wake_reader, self._wake_writer):
@@ -122,12 +129,25 @@ class StreamServer:
                         self._send(client)
 
     def close(self) -> None:
-        """Refuse new clients, send what waits for at most 0.3 s, and disconnect; what is left counts as dropped."""
-        with self._changed:
-            if self._closing_at_s is None:
-                self._closing_at_s = time.monotonic() + CLOSE_TIMEOUT_S
-                self._wake()
+        """Refuse new clients, send what waits, and disconnect.
+
+        Clients that take nothing for a second are stuck and not waited for; what is left counts as dropped.
+        """
+        self._begin_to_close(CLOSE_TIMEOUT_S)
         self._thread.join()
+
+    def hurry(self) -> None:
+        """Begin to close, and have that last no longer than 0.3 s."""
+        self._begin_to_close(HURRY_S)
+
+    def _begin_to_close(self, timeout_s: float) -> None:
+        with self._changed:
+            now_s = time.monotonic()
+            if self._closing_at_s is None:
+                self._closing_at_s, self._taken_at_s = now_s + timeout_s, now_s
+            self._closing_at_s = min(self._closing_at_s, now_s + timeout_s)
+            if self._wake_writer.fileno() != -1:  # it has not ended yet
+                self._wake()
 
     def _wake(self) -> None:
         with contextlib.suppress(BlockingIOError):  # full: the thread will wake anyway
@@ -145,7 +165,8 @@ class StreamServer:
     def _send(self, client: _Client) -> None:
         """Send what the socket takes; have the thread do the rest when there is room again."""
         try:
-            client.send()
+            if client.send():
+                self._taken_at_s = time.monotonic()
         except OSError:
             self._remove(client)
             return
@@ -163,8 +184,7 @@ class StreamServer:
 
     def _serve(self) -> None:
         while True:
-            left_s = None if self._closing_at_s is None else max(0.0, self._closing_at_s - time.monotonic())
-            ready = self._selector.select(left_s)
+            ready = self._selector.select(self._left_s())
             connection = self._accept() if any(key.fileobj is self._listener for key, _ in ready) else None
             with self._changed:
                 if connection is not None:
@@ -177,10 +197,15 @@ class StreamServer:
                     else:
                         self._attend(key.data, events)
                 if self._closing_at_s is not None and (
-                    time.monotonic() >= self._closing_at_s or not any(client.waiting for client in self._clients)
+                    self._left_s() == 0.0 or not any(client.waiting for client in self._clients)
                 ):
                     self._end()
                     return
+
+    def _left_s(self) -> float | None:
+        if self._closing_at_s is None:
+            return None
+        return max(0.0, min(self._closing_at_s, self._taken_at_s + PATIENCE_S) - time.monotonic())
 
     def _accept(self) -> socket.socket | None:
         try:

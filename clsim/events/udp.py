@@ -10,10 +10,10 @@ from collections import deque
 from clsim.errors import InputError
 from clsim.events.address import Address, exposure_warning, parse_address, resolve, unusable
 from clsim.events.batch import EventBatch
+from clsim.events.closing import CLOSE_TIMEOUT_S, HURRY_S
 from clsim.events.udp_layouts import LAYOUTS
 
 QUEUE_BYTES = 16 << 20
-CLOSE_TIMEOUT_S = 0.3
 # A receiver's socket holds some 90 datagrams by default and the system drops what is over without a word, so bursts are
 # followed by pauses in which a receiver, be it in Python, can empty it. In a hurry the pauses are short.
 _BURST = 16
@@ -93,12 +93,19 @@ class UdpSink:
         return self._queued_bytes
 
     def close(self) -> None:
-        """Send what waits for at most 0.3 s; what is left counts as dropped."""
-        with self._changed:
-            if self._closing_at_s is None:
-                self._closing_at_s = time.monotonic() + CLOSE_TIMEOUT_S
-            self._changed.notify()
+        """Send what waits, which a full queue makes a second or two; what is left after 30 s counts as dropped."""
+        self._begin_to_close(CLOSE_TIMEOUT_S)
         self._thread.join()
+
+    def hurry(self) -> None:
+        """Begin to close, and have that last no longer than 0.3 s."""
+        self._begin_to_close(HURRY_S)
+
+    def _begin_to_close(self, timeout_s: float) -> None:
+        with self._changed:
+            end_s = time.monotonic() + timeout_s
+            self._closing_at_s = end_s if self._closing_at_s is None else min(self._closing_at_s, end_s)
+            self._changed.notify()
 
     def _check(self, batch: EventBatch) -> None:
         if batch["t"][0] < 0:

@@ -41,7 +41,7 @@ class UnixSink(StreamServer):
         super().__init__(listener, encoder, queue_bytes)
 
     def close(self) -> None:
-        """Send what waits for at most 0.3 s, disconnect, and remove the socket file unless another took its place."""
+        """Close as StreamServer does, and remove the socket file unless another took its place."""
         super().close()
         with contextlib.suppress(FileNotFoundError):
             if os.stat(self.path).st_ino == self._inode:

@@ -10,6 +10,7 @@ from typing import Any
 
 from clsim.errors import InputError
 from clsim.events import SinkError
+from clsim.events.closing import close_at_once
 from clsim.live.open import open_events, sensor_size
 from clsim.live.outputs import FileOptions, is_address, open_output, sidecar_path, write_sidecar
 from clsim.version import VERSION
@@ -54,7 +55,7 @@ def convert_events(
             sink.close()
         except BaseException as error:
             with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
-                sink.close()
+                close_at_once(sink)
             if records_stream and isinstance(error, KeyboardInterrupt):
                 _write_sidecar(source_name, target_name, about, size, events)
             elif not is_address(target_name):

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Literal, Protocol
 
 from clsim.events import EventBatch, Sink, SinkError
+from clsim.events.closing import close_at_once
 from clsim.frames import Frame, FrameRing, FrameSource, Policy, RingClosed
 from clsim.frames.frame import FloatArray
 from clsim.live.schedule import Schedule
@@ -77,6 +78,7 @@ class Output:
     sink: Sink
     error: str | None = None
     sidecar: Path | None = None
+    closed: bool = False
 
 
 @dataclass
@@ -173,7 +175,7 @@ class Pipeline:
         for thread in self._threads:
             if thread.ident is not None:
                 thread.join(max(0.0, deadline - time.monotonic()))
-        self._close_outputs()
+        self._close_outputs(at_once=True)
         return not any(thread.is_alive() for thread in self._threads)
 
     def _guard(self, run: Callable[[], None]) -> None:
@@ -270,13 +272,18 @@ class Pipeline:
         progress.fill = self._ring.fill
         progress.dropped_frames = self._ring.dropped + self._skipped
 
-    def _close_outputs(self) -> None:
+    def _close_outputs(self, *, at_once: bool = False) -> None:
+        """Close what is open still (an earlier call may have been interrupted): files first, for sockets may wait."""
         with self._sink_lock:
-            if self._sinks_closed:
-                return
             self._sinks_closed = True
-            for output in self.outputs:
+            for output in reversed(self.outputs):
+                if output.closed:
+                    continue
                 try:
-                    output.sink.close()
+                    if at_once:
+                        close_at_once(output.sink)
+                    else:
+                        output.sink.close()
                 except (SinkError, OSError) as error:
                     output.error = output.error or str(error)
+                output.closed = True

@@ -38,3 +38,35 @@ def wait_until(condition: Callable[[], object], timeout_s: float = 10.0) -> None
     while not condition():
         assert time.monotonic() < end_s, "the awaited condition did not come true"
         time.sleep(0.005)
+
+
+def free_port() -> int:
+    """A UDP port that nobody uses."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def is_bound(port: int) -> bool:
+    """Whether somebody listens at a UDP port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return True
+    return False
+
+
+AESTREAM = """
+import sys, time
+import numpy as np, aestream
+
+shape, port, count = (int(sys.argv[1]), int(sys.argv[2])), int(sys.argv[3]), int(sys.argv[4])
+image, end = np.zeros(shape), time.monotonic() + 60
+with aestream.UDPInput(shape, port=port) as source:
+    while image.sum() < count and time.monotonic() < end:
+        image += np.asarray(source.read(aestream.Backend.Numpy))
+        time.sleep(0.01)
+np.save(sys.argv[5], image)
+"""
+"""A receiver: WIDTH HEIGHT PORT COUNT FILE; saves the number of events in each pixel [x, y]."""

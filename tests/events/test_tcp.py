@@ -257,7 +257,7 @@ def test_talking_clients_are_heard_out_then_dropped() -> None:
 
 def test_close_delivers_what_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than the system's buffers hold is on its way when the server closes; a client that reads gets it all."""
-    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 30.0)  # for busy machines
+    monkeypatch.setattr("clsim.events.tcp.PATIENCE_S", 30.0)  # for busy machines
     sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
     batch = make_events(60_000)
     with connect_stuck(sink.port) as client:
@@ -287,6 +287,31 @@ def test_close_does_not_wait_for_a_stuck_client() -> None:
         sink.close()
     assert sink.dropped_packets >= 1
     assert sink.dropped_events == sink.dropped_packets * len(batch)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) -> None:
+    """Ctrl-C, be it while a close waits already, does not wait for a stuck client."""
+    monkeypatch.setattr("clsim.events.tcp.PATIENCE_S", 1000.0)
+    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 1000.0)
+    sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
+    batch = make_events(60_000)
+    with connect_stuck(sink.port):
+        assert sink.wait_for_clients(1, timeout_s=10)
+        while sink.queued_bytes == 0:
+            sink.write(batch)
+        closer = threading.Thread(target=sink.close, daemon=True)
+        if late:
+            closer.start()
+            closer.join(0.5)
+            assert closer.is_alive()
+        sink.hurry()
+        if not late:
+            closer.start()
+        closer.join(30)
+        assert not closer.is_alive()
+    sink.hurry()
+    sink.close()
 
 
 def test_too_many_clients_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from socket_help import HEIGHT, WIDTH, make_events, wait_until
+from socket_help import AESTREAM, HEIGHT, WIDTH, free_port, is_bound, make_events, wait_until
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -25,12 +25,6 @@ from clsim.events.udp_layouts import LAYOUTS, Unwrapper
 
 FEW = 6000
 """Their datagrams fit into any receiver's default socket buffer, however late it reads."""
-
-
-@pytest.fixture(autouse=True)
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let ``close`` take its time on a busy machine."""
-    monkeypatch.setattr("clsim.events.udp.CLOSE_TIMEOUT_S", 30.0)
 
 
 @pytest.fixture
@@ -93,21 +87,6 @@ def test_largest_coordinates() -> None:
             UdpSink(f"udp://127.0.0.1:9?format={name}", largest + 2, 10)
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-def is_bound(port: int) -> bool:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(("127.0.0.1", port))
-        except OSError:
-            return True
-    return False
-
-
 @pytest.mark.parametrize(("layout", "theirs"), [("t64", "t64_x16_y16_on8"), ("t32", "t32_x16_y15_on1")])
 def test_faery_receives_every_event(tmp_path: Path, layout: str, theirs: str) -> None:
     batch, port, path = make_events(FEW, start_us=10), free_port(), tmp_path / "got.csv"
@@ -124,20 +103,6 @@ def test_faery_receives_every_event(tmp_path: Path, layout: str, theirs: str) ->
         finally:
             faery.kill()
     assert path.read_bytes()[: len(expected)] == expected.encode()
-
-
-AESTREAM = """
-import sys, time
-import numpy as np, aestream
-
-shape, port, count = (int(sys.argv[1]), int(sys.argv[2])), int(sys.argv[3]), int(sys.argv[4])
-image, end = np.zeros(shape), time.monotonic() + 60
-with aestream.UDPInput(shape, port=port) as source:
-    while image.sum() < count and time.monotonic() < end:
-        image += np.asarray(source.read(aestream.Backend.Numpy))
-        time.sleep(0.01)
-np.save(sys.argv[5], image)
-"""
 
 
 def test_aestream_receives_every_event(tmp_path: Path) -> None:
@@ -192,11 +157,24 @@ def test_full_queue_drops_the_oldest_and_counts(monkeypatch: pytest.MonkeyPatch,
     assert decode_t64(got) == [event for i in (0, 8, 9) for event in batches[i].tolist()]
 
 
-def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket) -> None:
-    monkeypatch.setattr("clsim.events.udp.CLOSE_TIMEOUT_S", 0.0)
+def test_close_sends_a_long_queue(receiver: socket.socket) -> None:
+    """What a short run leaves in the queue takes longer to send than the run itself."""
+    batch = make_events(1_000_000)
+    sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
+    sink.write(batch)
+    assert sink.queued_bytes > 5_000_000
+    sink.close()
+    assert (sink.dropped_packets, sink.dropped_events, sink.queued_bytes) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("in_a_hurry", [False, True])
+def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket, in_a_hurry: bool) -> None:
+    monkeypatch.setattr(f"clsim.events.udp.{'HURRY_S' if in_a_hurry else 'CLOSE_TIMEOUT_S'}", 0.0)
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     for _ in range(5):
         sink.write(make_events(50_000))
+    if in_a_hurry:
+        sink.hurry()
     sink.close()
     sink.close()
     receiver.setblocking(False)

@@ -201,3 +201,29 @@ def test_each_watcher_gets_the_frames_it_wants() -> None:
     pipeline.start()
     assert pipeline.wait(10)
     assert [watcher.times_us for watcher in pipeline.watchers] == [[0, 100_000, 200_000], [], [0, 100_000, 200_000]]
+
+
+def test_ctrl_c_while_a_sink_closes_still_closes_all() -> None:
+    """The first interrupt may come while a socket waits for its readers; no file may be left open by it."""
+
+    class Patient(ListSink):
+        hurried = False
+
+        def close(self) -> None:
+            super().close()
+            if not self.hurried:
+                raise KeyboardInterrupt
+
+        def hurry(self) -> None:
+            self.hurried = True
+
+    patient, first, last = Patient(), ListSink(), ListSink()
+    pipeline, _, _ = run(plan(1.0, 10.0, frames=3), sinks=(first, patient, last))
+    pipeline.start()
+    with pytest.raises(KeyboardInterrupt):
+        while not pipeline.wait(1):
+            pass
+    assert (first.closed, last.closed) == (0, 1)
+    assert pipeline.stop()
+    assert (first.closed, patient.closed, last.closed) == (1, 2, 1)
+    assert patient.hurried

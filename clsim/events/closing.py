@@ -1,0 +1,20 @@
+"""How long a socket may take, when it closes, to hand over what waits for its readers."""
+
+from __future__ import annotations
+
+from clsim.events.batch import Sink
+
+CLOSE_TIMEOUT_S = 30.0
+"""At most, however busy its readers are."""
+PATIENCE_S = 1.0
+"""While no reader takes anything: it is stuck then."""
+HURRY_S = 0.3
+"""At most, once somebody pressed Ctrl-C."""
+
+
+def close_at_once(sink: Sink) -> None:
+    """Close a sink without patience for its readers."""
+    hurry = getattr(sink, "hurry", None)
+    if hurry is not None:
+        hurry()
+    sink.close()
