@@ -170,8 +170,9 @@ def unsupported(world: World) -> tuple[str, ...]:
 
 def moves(world: World) -> bool:
     """Whether the camera, an object or a light moves rigidly."""
-    movers = (world.camera, *world.instances, *world.sphere_lights, *world.punctual_lights)
-    return any(mover.motion.duration_s > 0 for mover in movers)
+    motions = [world.camera.motion, *(instance.motion for instance in world.instances)]
+    motions += [light.motion for light in (*world.sphere_lights, *world.punctual_lights)]
+    return any(motion.duration_s > 0 for motion in motions)
 
 
 def features_of(

@@ -98,8 +98,17 @@ def _camera_problems(camera: Camera) -> Iterator[str]:
             yield f"camera: {key} is {getattr(camera, key)} pixels, expected 1 to {MAX_SIDE}"
     if camera.width * camera.height > MAX_PIXELS:
         yield f"camera: {camera.width}×{camera.height} is more than {MAX_PIXELS} pixels"
-    if not 0 < camera.fov_deg < 180:
-        yield f"camera: fov_deg is {camera.fov_deg}, expected more than 0 and less than 180"
+    lens = camera.lens
+    widest, terms = (360, 4) if lens.model == "fisheye" else (180, 5)
+    if not 0 < camera.fov_deg < widest:
+        yield f"camera: fov_deg is {camera.fov_deg}, expected more than 0 and less than {widest}"
+    if len(lens.distortion) > terms or not all(map(math.isfinite, (*lens.distortion, *lens.principal_point))):
+        yield f"camera: distortion is {lens.distortion}, expected at most {terms} finite numbers"
+    if not _within((lens.aperture_radius_m,)) or not 0 < lens.focus_distance_m < math.inf:
+        yield (
+            f"camera: aperture radius {lens.aperture_radius_m} m and focus distance {lens.focus_distance_m} m, "
+            "expected a number from 0 and a positive one"
+        )
     if not 0 <= camera.shutter_s < math.inf:
         yield f"camera: shutter_s is {camera.shutter_s}, expected a number from 0"
     yield from _motion_problems("camera", camera.motion)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import hand_worlds as hw
@@ -9,10 +10,12 @@ import numpy as np
 import pytest
 import warp as wp
 
+from clsim.errors import InputError
 from clsim.render.camera import CameraData, View, invertible, make_camera, quaternions
 from clsim.render.devices import start_warp
 from clsim.render.features import features_of
 from clsim.scene import Camera, Lens, Material, Static
+from clsim.scene.validate import validate
 
 POSE = hw.look_from((1.0, 2.0, 3.0), (0.2, 0.1, -1.0), up=(0.1, 1.0, 0.2))
 BROWN = (-0.28, 0.09, 0.0012, -0.0008, -0.013)
@@ -232,3 +235,19 @@ def test_quaternions_turn_as_their_matrices():
         turned, np.einsum("nij,nkj->nki", matrices, np.broadcast_to(vectors, (len(q), 7, 3))), atol=1e-12
     )
     assert np.all((q[1:] * q[:-1]).sum(axis=1) >= 0)
+
+
+@pytest.mark.parametrize(
+    ("view", "text"),
+    [
+        (camera(fov_deg=180.0), "fov_deg is 180.0"),
+        (camera(Lens(model="fisheye"), fov_deg=360.0), "fov_deg is 360.0, expected more than 0 and less than 360"),
+        (camera(Lens(distortion=(0.1,) * 6)), "expected at most 5 finite numbers"),
+        (camera(Lens(model="fisheye", distortion=(0.1, np.nan))), "expected at most 4 finite numbers"),
+        (camera(Lens(aperture_radius_m=-1.0)), "aperture radius -1.0 m"),
+        (camera(Lens(0.1, focus_distance_m=0.0)), "focus distance 0.0 m"),
+    ],
+)
+def test_wrong_lenses_are_named(view, text):
+    with pytest.raises(InputError, match=re.escape(text)):
+        validate(hw.world(hw.ball(1.0), view=view), "test")
