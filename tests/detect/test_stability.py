@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -48,6 +49,12 @@ def test_errors_flips_and_bad_values(name):
 
 def test_every_bound_has_its_row():
     assert set(BOUNDS) <= set(ROWS)
+
+
+def test_the_documents_table_has_every_row():
+    page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text()
+    named = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
+    assert named[1:] == list(ROWS), "run: clsim bench stability --markdown FILE, and put the table into the page"
 
 
 def test_the_bench_notices_wrong_values(monkeypatch):
@@ -140,6 +147,8 @@ def compare(options, change=None, brightness=None, mirror=False, negate=False, s
         expected, got = plain.step(a), other.step(b)
         reference.step_observation(observation, a.time_us)
         clear = reference.margin > 1e-6
+        solved = other.solved()[:, ::-1] if mirror else other.solved()
+        np.testing.assert_array_equal(plain.solved()[clear], solved[clear])
         got = got.copy()
         if mirror:
             got["x"] = size[0] - 1 - got["x"]
