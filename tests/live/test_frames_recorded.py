@@ -10,6 +10,8 @@ import textwrap
 import time
 from pathlib import Path
 
+import aedat
+import faery
 import numpy as np
 import pytest
 
@@ -61,6 +63,10 @@ def test_dv_processing_reads_events_and_frames(tmp_path: Path) -> None:
     outputs = {Path(each["name"]).name: each for each in json.loads(outcome.stdout)["outputs"]}
     assert outputs["a.aedat4"]["recorded_frames"] == 6 and outputs["a.aedat4"]["exposure"] > 0
     assert dv.io.MonoCameraRecording(str(path)).getStreamNames() == ["events", "frames"]  # poses are in the sidecar
+    assert set(aedat.Decoder(path).id_to_stream()) == {0, 1}  # which a pose stream would make it refuse
+    with faery.aedat.Decoder(path) as decoder:
+        packets = [packet for track, packet in decoder if track.data_type == "events"]
+    assert rows(np.concatenate(packets), ("t", "x", "y", "on")) == rows(alone, ("t", "x", "y", "on"))
 
 
 def test_frames_are_srgb_of_one_exposure_in_dvs_order(tmp_path: Path) -> None:

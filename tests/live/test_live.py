@@ -102,9 +102,12 @@ def test_json_summary_and_text_on_standard_output() -> None:
     assert len(lines) == summary["events"] and all(len(line.split()) == 4 for line in lines)
 
 
-def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path) -> None:
+@pytest.mark.parametrize("more", [(), ("--frames",)], ids=["events", "frames"])
+def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, more: tuple[str, ...]) -> None:
+    if more:
+        pytest.importorskip("dv_processing", reason="frames beside events need the dv extra")
     out = tmp_path / "events.aedat4"
-    arguments = ["live", "two-boxes", "--resolution", "64x48", "--loop", "--json", "--out", str(out)]
+    arguments = ["live", "two-boxes", "--resolution", "64x48", "--loop", "--json", "--out", str(out), *more]
     run = subprocess.Popen(
         [sys.executable, "-m", "clsim", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
