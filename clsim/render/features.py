@@ -171,7 +171,8 @@ def unsupported(world: World) -> tuple[str, ...]:
 def moves(world: World) -> bool:
     """Whether the camera, an object or a light moves rigidly."""
     motions = [world.camera.motion, *(instance.motion for instance in world.instances)]
-    motions += [light.motion for light in (*world.sphere_lights, *world.punctual_lights)]
+    motions += [light.motion for light in world.sphere_lights]
+    motions += [light.motion for light in world.punctual_lights]
     return any(motion.duration_s > 0 for motion in motions)
 
 
