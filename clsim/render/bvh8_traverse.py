@@ -121,40 +121,35 @@ _SEARCH = """
 """
 
 _CLOSEST = """
-    struct { float t; int child; } stack[STACK];
+    // An entry is where the ray enters, as bits, which sort as the numbers do from 0 on, and below them the child.
+    unsigned long long stack[STACK];
     int top = 0, child = 0, nearest_count = 0;
     const float* nearest = nullptr;
     float nearest_u = 0.0f, nearest_v = 0.0f;
     for (;;) {
         if (child >= 0) {
             const float* node = nodes + 8 * (long long)child;
-            const int* children = (const int*)(node + 48);
-            alignas(32) float enter[8];
+            const unsigned* children = (const unsigned*)(node + 48);
+            alignas(32) unsigned enter[8];
             unsigned met = boxes(node, *(v8*)enter);
             if (met) {
-                int i = __builtin_ctz(met);
+                const auto entry = [&](int i) __attribute__((always_inline)) {
+                    fetch((int)children[i]);
+                    return (unsigned long long)enter[i] << 32 | children[i];
+                };
+                unsigned long long first = entry(__builtin_ctz(met));
                 met &= met - 1;
-                child = children[i];
-                if (!met) continue;
-                fetch(child);
-                float t = enter[i];
                 // The others go to the stack, the farthest first; the nearest is kept in hand.
                 const int base = top;
-                do {
-                    i = __builtin_ctz(met);
-                    met &= met - 1;
-                    float other_t = enter[i];
-                    int other = children[i];
-                    fetch(other);
-                    if (other_t < t) {
-                        const float swap_t = t; t = other_t; other_t = swap_t;
-                        const int swap = child; child = other; other = swap;
-                    }
+                for (; met; met &= met - 1) {
+                    const unsigned long long other = entry(__builtin_ctz(met));
+                    const unsigned long long later = other > first ? other : first;
+                    first = other > first ? first : other;
                     int at = top++;
-                    for (; at > base && stack[at - 1].t < other_t; --at) stack[at] = stack[at - 1];
-                    stack[at].t = other_t;
-                    stack[at].child = other;
-                } while (met);
+                    for (; at > base && stack[at - 1] < later; --at) stack[at] = stack[at - 1];
+                    stack[at] = later;
+                }
+                child = (int)first;
                 continue;
             }
         } else {
@@ -172,6 +167,7 @@ _CLOSEST = """
                 }
             }
         }
+        const unsigned far_bits = __builtin_bit_cast(unsigned, far);
         do {
             if (top == 0) {
                 wp::vec_t<13, int32_t> hit;
@@ -187,8 +183,8 @@ _CLOSEST = """
                 return hit;
             }
             --top;
-        } while (stack[top].t > far);
-        child = stack[top].child;
+        } while ((unsigned)(stack[top] >> 32) > far_bits);
+        child = (int)stack[top];
     }
 """
 
@@ -225,7 +221,8 @@ TreeHit = wp.types.vector(length=13, dtype=wp.int32)
 def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> TreeHit:
     """Return triangle (−1: none) and the bits of t, of the weights of vertices 0 and 1, and of the vertices.
 
-    t is in [t_min, far). The vertices are at hand here, and far away in memory for whoever needs them next.
+    t is in [t_min, far), and t_min is not negative. The vertices are at hand here, and far away in memory for whoever
+    needs them next.
     """
     ...
 
