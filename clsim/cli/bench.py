@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -24,9 +25,11 @@ def throughput(json_file: JSON_FILE = None, opencl: OPENCL = None) -> None:
     Example: `clsim bench throughput --json throughput.json`
     """
     from clsim.bench.throughput_detect import detect_throughput
+    from clsim.bench.throughput_render import render_throughput
     from clsim.detect.device import choose_device
 
     figures: dict[str, Any] = detect_throughput(device=choose_device(opencl))
+    figures["render"] = render_throughput()
     _deliver(figures, json_file)
 
 
@@ -65,5 +68,13 @@ def _deliver(figures: dict[str, Any], json_file: Path | None) -> None:
         return
     if json_file is not None:
         json_file.write_text(json.dumps(figures, indent=1) + "\n")
+    for key, value in _flat(figures):
+        typer.echo(f"{key:<52} {f'{value:,.4g}' if isinstance(value, float) else value}")
+
+
+def _flat(figures: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in figures.items():
-        typer.echo(f"{key:<40} {f'{value:,.4g}' if isinstance(value, float) else value}")
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield prefix + key, value
