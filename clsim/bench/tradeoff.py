@@ -12,12 +12,11 @@ from typing import Any
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
-from clsim.bench.tradeoff_measure import Cost, Detected, detect, render_each, warm_renderer
+from clsim.bench.tradeoff_measure import Cost, Detected, detect, render_sequence, warm_renderer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import summarise
 from clsim.detect.device import Device, choose_device
 from clsim.errors import InputError
-from clsim.frames import Frame
 from clsim.render import RenderOptions
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
@@ -144,13 +143,10 @@ class _Sweep:
         return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
 
     def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:
-        frames: list[Frame] = []
-
-        def take(frame: Frame) -> None:
-            frames.append(frame.copy())
-            self.tell(f"rendering, {rendering.spp} spp {rendering.noise}", rendering.spp)
-
-        render_cost = render_each(self.world, self.render_options(rendering), take)
+        what = f"rendering, {rendering.spp} spp {rendering.noise}"
+        frames, render_cost = render_sequence(
+            self.world, self.render_options(rendering), lambda: self.tell(what, rendering.spp)
+        )
         for point in points:
             self.tell(f"{rendering.spp} spp {rendering.noise}, {point.detector.label}")
             detected = detect(point.detector.config(self.world.sensor), frames, self.device)

@@ -18,7 +18,7 @@ from clsim.render import PathTracer, RenderOptions
 from clsim.scene import World
 
 _ENOUGH_CPU_S = 0.3
-"""Detection is timed again until it took so much in all; the quickest pass counts."""
+"""Short work is timed again until it took so much in all; the quickest pass counts."""
 _MOST_PASSES = 5
 
 
@@ -63,6 +63,22 @@ def render_each(world: World, options: RenderOptions, take: Callable[[Frame], No
     finally:
         tracer.close()
     return Cost(watch.wall_s, watch.cpu_s, peak)
+
+
+def render_sequence(world: World, options: RenderOptions, on_frame: Callable[[], None]) -> tuple[list[Frame], Cost]:
+    """Return all frames and what one rendering of them costs; ``on_frame`` is called after each of the first pass."""
+    frames: list[Frame] = []
+
+    def take(frame: Frame) -> None:
+        frames.append(frame.copy())
+        on_frame()
+
+    passes = [render_each(world, options, take)]
+    while sum(cost.cpu_s for cost in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
+        passes.append(render_each(world, options, lambda frame: None))
+    best = min(passes, key=lambda cost: cost.cpu_s)
+    # Later passes ran beside the frames kept from the first.
+    return frames, Cost(best.wall_s, best.cpu_s, passes[0].peak_bytes)
 
 
 def detect(config: DetectorConfig, frames: list[Frame], device: Device) -> Detected:

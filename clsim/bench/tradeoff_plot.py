@@ -134,7 +134,7 @@ def _limits(panel: Any, results: dict[str, Any]) -> None:
     costs = [row["cpu_s"] for row in rows]
     scores = [row[value] for row in rows for value, _ in _PANELS]
     panel.set_xlim(min(costs) / 1.6, max(costs) * 1.9)
-    panel.set_ylim(max(0.0, min(scores) - 0.05), 1.03)
+    panel.set_ylim(max(-0.04, min(scores) - 0.05), 1.03)
 
 
 def _legend(results: dict[str, Any]) -> list[Any]:

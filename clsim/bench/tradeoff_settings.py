@@ -128,7 +128,7 @@ def quick_points(seed: int) -> list[Point]:
         Point(some, DetectorSetting("wlr-esim", window=13, stride=1, history=1)),
         Point(some, DetectorSetting("esim-ad", "radiance", window=7, stride=1, history=1)),
         Point(some, DetectorSetting("esim-ad", "radiance", window=13, stride=2, history=1)),
-        Point(some, DetectorSetting("esim-ad", "radiance", window=13, stride=1, history=1, arithmetic="float64")),
+        Point(more, ESIM),
         Point(more, BASE),
         Point(fresh, ESIM),
         Point(fresh, ICIP_2023),

@@ -75,7 +75,7 @@ def _front_row(row: dict[str, Any]) -> tuple[str, ...]:
         f"{row['cpu_s']:.3g}",
         f"{row['detect_cpu_s']:.3g}",
         *_scores(row),
-        "–" if each is None else f"{1e6 * each:.3g}",
+        "–" if each is None else f"{1e6 * each:,.0f}",
         " and ".join(fronts) or "–",
     )
 

@@ -64,11 +64,14 @@ def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
 def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rendered: list[int] = []
     detected: list[str] = []
-    render_each, detect = tradeoff_measure.render_each, tradeoff_measure.detect
+    sequence, each, detect = tradeoff_measure.render_sequence, tradeoff_measure.render_each, tradeoff_measure.detect
 
-    def count_render(world: Any, options: Any, take: Any) -> Any:
-        rendered.append(options.spp)
-        return render_each(world, options, take)
+    def counting(render: Any) -> Any:
+        def count_render(world: Any, options: Any, told: Any) -> Any:
+            rendered.append(options.spp)
+            return render(world, options, told)
+
+        return count_render
 
     def count_detect(config: Any, frames: Any, device: Any) -> Any:
         if len(detected) == 2:
@@ -76,8 +79,8 @@ def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch
         detected.append(config.gate)
         return detect(config, frames, device)
 
-    monkeypatch.setattr(tradeoff, "render_each", count_render)
-    monkeypatch.setattr("clsim.bench.reference_cache.render_each", count_render)
+    monkeypatch.setattr(tradeoff, "render_sequence", counting(sequence))
+    monkeypatch.setattr("clsim.bench.reference_cache.render_each", counting(each))
     monkeypatch.setattr(tradeoff, "detect", count_detect)
     with pytest.raises(KeyboardInterrupt):
         run_tradeoff(options(tmp_path), ignore)

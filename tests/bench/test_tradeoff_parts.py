@@ -74,6 +74,7 @@ def _forget_code() -> None:
     [
         (("ab", "c"), ("a", "bc")),
         ((1, (2, 3)), (1, 2, (3,))),
+        (((1,), 2), ((1, 2),)),
         (1, 1.0),
         (np.zeros(2), np.zeros((2, 1))),
         (np.zeros(2, np.float32), np.zeros(2, np.int32)),
@@ -150,4 +151,4 @@ def test_quick_turns_single_knobs() -> None:
         point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in quick_points(0)
     ]
     knobs = [knob for knob, _, _ in turned_knobs(summarise(rows))]
-    assert knobs == ["method", "method", "method", "spp", "spp", "window", "stride", "arithmetic"]
+    assert knobs == ["method", "method", "method", "spp", "spp", "window", "stride"]
