@@ -10,6 +10,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.options import (
     EVENT_RULE,
+    FOLLOW_SPECULAR,
     FORMAT,
     FPS,
     HISTORY,
@@ -21,6 +22,7 @@ from clsim.cli.options import (
     OUT_HELP,
     RENDER_DEVICE,
     RESOLUTION,
+    SAMPLER,
     SCENE,
     SEED,
     SPP,
@@ -60,6 +62,8 @@ def live(
     window: WINDOW = 13,
     history: HISTORY = 1,
     noise: NOISE = "common",
+    sampler: SAMPLER = "pcg",
+    follow_specular: FOLLOW_SPECULAR = True,
     seed: SEED = 0,
     max_depth: MAX_DEPTH = 8,
     threads: THREADS = None,
@@ -101,6 +105,8 @@ def live(
         window=window,
         history=history,
         noise=noise,
+        sampler=sampler,
+        follow_specular=follow_specular,
         seed=seed,
         max_depth=max_depth,
         threads=threads,

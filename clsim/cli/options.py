@@ -27,6 +27,17 @@ NOISE = Annotated[
     Literal["common", "independent"],
     typer.Option(help="Same random numbers in every frame, so that noise cancels in differences; or fresh ones."),
 ]
+SAMPLER = Annotated[
+    Literal["pcg", "sobol"],
+    typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time)."),
+]
+FOLLOW_SPECULAR = Annotated[
+    bool,
+    typer.Option(
+        "--follow-specular/--first-hit",
+        help="Regress on what mirrors and clear glass show, or on the glass itself.",
+    ),
+]
 THRESHOLD = Annotated[
     str | None, typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [scene's own]")
 ]

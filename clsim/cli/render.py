@@ -10,7 +10,21 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FPS, JSON, MAX_DEPTH, NOISE, RENDER_DEVICE, RESOLUTION, SCENE, SEED, SPP, STRICT, THREADS
+from clsim.cli.options import (
+    FOLLOW_SPECULAR,
+    FPS,
+    JSON,
+    MAX_DEPTH,
+    NOISE,
+    RENDER_DEVICE,
+    RESOLUTION,
+    SAMPLER,
+    SCENE,
+    SEED,
+    SPP,
+    STRICT,
+    THREADS,
+)
 
 
 def render(
@@ -21,6 +35,8 @@ def render(
     spp: SPP = 8,
     resolution: RESOLUTION = None,
     noise: NOISE = "common",
+    sampler: SAMPLER = "pcg",
+    follow_specular: FOLLOW_SPECULAR = True,
     seed: SEED = 0,
     max_depth: MAX_DEPTH = 8,
     threads: THREADS = None,
@@ -50,6 +66,8 @@ def render(
         fps=schedule.fps,
         seed=seed,
         noise=noise,
+        sampler=sampler,
+        follow_specular=follow_specular,
         max_depth=max_depth,
         threads=threads,
         device=render_device,

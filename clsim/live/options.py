@@ -13,6 +13,7 @@ from clsim.live.outputs import FileOptions
 from clsim.live.pipeline import Pace
 
 Noise = Literal["common", "independent"]
+Sampler = Literal["pcg", "sobol"]
 LIVE_GATES = ("delta-r", "radiance")
 
 
@@ -45,6 +46,10 @@ class LiveOptions:
     history: int = 1
     noise: Noise = "common"
     seed: int = 0
+    sampler: Sampler = "pcg"
+    """Random numbers: plain, or Sobol's sequence (less noise for a little more time)."""
+    follow_specular: bool = True
+    """Whether depth, normal and albedo are those seen in mirrors and through clear glass."""
     max_depth: int = 8
     """Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce."""
     threads: int | None = None
@@ -61,6 +66,7 @@ class LiveOptions:
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
         require_choice("--noise", self.noise, get_args(Noise))
+        require_choice("--sampler", self.sampler, get_args(Sampler))
         require_choice("--pace", self.pace, get_args(Pace))
         require_choice("--ring", self.ring, get_args(Policy))
         for option, number in (("--duration", self.duration_s), ("--fps", self.fps)):
