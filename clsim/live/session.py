@@ -12,7 +12,7 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.events import Sink
-from clsim.frames import BASE_PLANES
+from clsim.frames import BASE_PLANES, VARIANCE_PLANES
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.outputs import FileOptions, check_output, is_address, open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
@@ -140,6 +140,10 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
 
     started = _now()
     source = ExrSequence(options.frames, options.fps)
+    if options.config.bandwidth == "fixed":
+        # Nothing reads the variances then, so they need not be converted frame by frame.
+        without_variances = [name for name in source.names if name not in VARIANCE_PLANES]
+        source = ExrSequence(options.frames, options.fps, without_variances)
     fps = options.fps or source.recorded_fps
     count = len(source.files)
     schedule = Schedule(fps, count, count, recorded_times=options.fps is None)
