@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
@@ -98,8 +99,11 @@ def _parse(path: Path, body: bytes, seconds: bool, line: int) -> EventBatch:
     if not body.strip():
         return empty_batch()
     try:
-        table = np.loadtxt(io.BytesIO(body), kind, comments="#", ndmin=1, encoding="latin-1")
-    except ValueError as error:
+        with warnings.catch_warnings():
+            # Older numpy only warns where it reads "nan" as an integer.
+            warnings.simplefilter("error", DeprecationWarning)
+            table = np.loadtxt(io.BytesIO(body), kind, comments="#", ndmin=1, encoding="latin-1")
+    except (ValueError, DeprecationWarning) as error:
         raise InputError(f"{path}: {error} (rows counted from line {line}); expected lines of t x y p") from None
     if not len(table):
         return empty_batch()
