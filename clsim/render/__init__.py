@@ -1,6 +1,6 @@
 """The path tracer: a World in, Frames out, in Warp on a CPU or GPU."""
 
-from clsim.render.devices import check_device, list_render_devices
+from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.tracer import PathTracer, RenderCancelled, RenderOptions, describe_build
 
 __all__ = [
@@ -9,5 +9,6 @@ __all__ = [
     "RenderOptions",
     "check_device",
     "describe_build",
+    "fastest_tree",
     "list_render_devices",
 ]

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
 from clsim.render.deform import deforms
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
+from clsim.scene.world import Kind
 
 Strategy = Literal["mis", "light", "scatter"]
-Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
-KINDS: tuple[Kind, ...] = ("diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled")
+KINDS: tuple[Kind, ...] = get_args(Kind)
 """The scattering models; kernels know them by their place here."""
 
 

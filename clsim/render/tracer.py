@@ -13,7 +13,7 @@ import warp as wp
 from clsim.errors import InputError, require_choice
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, frame_time_us
 from clsim.render.camera import CameraData
-from clsim.render.devices import check_device
+from clsim.render.devices import check_device, fastest_tree
 from clsim.render.features import Strategy, features_of, unsupported
 from clsim.render.geometry import Tree
 from clsim.render.integrator import Settings, build_kernel
@@ -103,11 +103,15 @@ class RenderOptions:
 
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
-    """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported"."""
+    """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported".
+
+    With it the "device" and the "tree" that rays search there.
+    """
     facts = features_of(
         world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
     ).describe()
-    return facts | {"not supported": list(unsupported(world))}
+    place = {"device": options.device, "tree": options.tree or fastest_tree(options.device)}
+    return place | facts | {"not supported": list(unsupported(world))}
 
 
 class PathTracer:
@@ -141,7 +145,7 @@ class PathTracer:
         features = features_of(
             world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
         )
-        tree = options.tree or ("bvh8" if self._device.is_cpu else "warp")
+        tree = options.tree or fastest_tree(options.device)
         if tree == "bvh8" and not self._device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')
         self._kernel = build_kernel(features, tree)

@@ -14,6 +14,7 @@ TEXTURES = ("texture", "emission_texture", "roughness_texture", "normal_texture"
 def describe(world: World) -> dict[str, Any]:
     """Return counts, motion and what the scene asks of a renderer, as plain JSON values.
 
+    ``mesh_triangles`` counts triangles as they are stored, ``triangles`` as they stand in the world.
     ``needs`` names the renderer's optional abilities, each True where the scene uses it.
     """
     camera = world.camera
@@ -38,6 +39,7 @@ def describe(world: World) -> dict[str, Any]:
         "moving_objects": len(moving),
         "deforming_objects": sum(instance.mesh in deforming for instance in world.instances),
         "meshes": len(world.meshes),
+        "mesh_triangles": sum(len(mesh.triangles) for mesh in world.meshes),
         "triangles": sum(triangles),
         "materials": len(used),
         "material_kinds": sorted({world.materials[k].kind for k in used}),

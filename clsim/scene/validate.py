@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import get_args
 
 import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
 from clsim.scene.motion import Motion
-from clsim.scene.world import Camera, Material, Mesh, World
+from clsim.scene.world import AlphaMode, Camera, CheckerTexture, Kind, Material, Mesh, Texture, World, Wrap
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
@@ -43,11 +44,9 @@ def _problems(world: World) -> Iterator[str]:
             yield f"{name}: uses mesh {instance.mesh}, expected one of the {len(world.meshes)} meshes"
         yield from _motion_problems(name, instance.motion)
     for k, material in enumerate(world.materials):
-        if not _within(material.color, 1.0):
-            yield f"material {k}: color is {material.color}, expected numbers from 0 to 1"
-        if not _within(material.emission):
-            yield f"material {k}: emission is {material.emission}, expected finite numbers from 0"
-        yield from _material_problems(f"material {k}", material, len(world.textures))
+        yield from _material_problems(f"material {material.name or k}", material, len(world.textures))
+    for k, texture in enumerate(world.textures):
+        yield from _texture_problems(f"texture {k}", texture)
     for k, light in enumerate(world.sphere_lights):
         if not (_within((light.radius_m,)) and light.radius_m > 0):
             yield f"sphere light {k}: radius is {light.radius_m} m, expected a positive number"
@@ -79,17 +78,46 @@ def _problems(world: World) -> Iterator[str]:
 
 
 def _material_problems(name: str, material: Material, textures: int) -> Iterator[str]:
+    if material.kind not in get_args(Kind):
+        yield f"{name}: kind is {material.kind!r}, expected one of {', '.join(get_args(Kind))}"
+    if material.alpha_mode not in get_args(AlphaMode):
+        yield f"{name}: alpha_mode is {material.alpha_mode!r}, expected one of {', '.join(get_args(AlphaMode))}"
     for key in ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture"):
         if not -1 <= getattr(material, key) < textures:
-            yield f"{name}: {key} is {getattr(material, key)}, expected one of the {textures} textures"
+            yield f"{name}: {key} is {getattr(material, key)}, expected -1 or one of the {textures} textures"
+    if not _within(material.color, 1.0):
+        yield f"{name}: color is {material.color}, expected numbers from 0 to 1"
     for key in ("alpha", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "opacity"):
         if not _within((getattr(material, key),), 1.0):
             yield f"{name}: {key} is {getattr(material, key)}, expected a number from 0 to 1"
+    # Beyond 1 a cut-off cuts everything, which glTF allows.
+    if not _within((material.alpha_cutoff,)):
+        yield f"{name}: alpha_cutoff is {material.alpha_cutoff}, expected a finite number from 0"
+    if not math.isfinite(material.normal_scale):
+        yield f"{name}: normal_scale is {material.normal_scale}, expected a finite number"
     if not 0 < material.ior < math.inf:
         yield f"{name}: ior is {material.ior}, expected a positive number"
-    for key in ("eta", "k", "specular_color"):
+    for key in ("emission", "eta", "k", "specular_color"):
         if not _within(getattr(material, key) or ()):
             yield f"{name}: {key} is {getattr(material, key)}, expected finite numbers from 0"
+
+
+def _texture_problems(name: str, texture: Texture) -> Iterator[str]:
+    if isinstance(texture, CheckerTexture):
+        for key in ("color_a", "color_b"):
+            if not _within(getattr(texture, key), 1.0):
+                yield f"{name}: {key} is {getattr(texture, key)}, expected numbers from 0 to 1"
+        if not math.isfinite(texture.scale):
+            yield f"{name}: scale is {texture.scale}, expected a finite number"
+        return
+    pixels = texture.pixels
+    if pixels.dtype != np.uint8 or pixels.ndim != 3 or pixels.shape[2] != 4 or not pixels.size:
+        yield f"{name}: pixels are {pixels.dtype} of shape {pixels.shape}, expected uint8 of height, width and 4"
+    for key in ("wrap_u", "wrap_v"):
+        if getattr(texture, key) not in get_args(Wrap):
+            yield f"{name}: {key} is {getattr(texture, key)!r}, expected one of {', '.join(get_args(Wrap))}"
+    if not np.isfinite(texture.uv_matrix).all():
+        yield f"{name}: uv_matrix is {texture.uv_matrix}, expected finite numbers"
 
 
 def _camera_problems(camera: Camera) -> Iterator[str]:

@@ -17,6 +17,8 @@ Vec3 = tuple[float, float, float]
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
 Wrap = Literal["repeat", "clamp", "mirror"]
+Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
+AlphaMode = Literal["opaque", "mask", "blend"]
 
 
 class Deformation(Protocol):
@@ -114,7 +116,7 @@ class Material:
         opacity_texture: opacity is ``opacity`` times this texture's alpha channel.
     """
 
-    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"] = "diffuse"
+    kind: Kind = "diffuse"
     color: Vec3 = (0.5, 0.5, 0.5)
     texture: int = -1
     emission: Vec3 = (0.0, 0.0, 0.0)
@@ -133,7 +135,7 @@ class Material:
     clearcoat_alpha: float = 0.0
     normal_texture: int = -1
     normal_scale: float = 1.0
-    alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
+    alpha_mode: AlphaMode = "opaque"
     alpha_cutoff: float = 0.5
     opacity: float = 1.0
     opacity_texture: int = -1

@@ -87,7 +87,9 @@ def test_empty_event_file(clsim, tmp_path):
 def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "two-boxes").mkdir()
-    assert told(clsim, "two-boxes")["scene"]["name"]
+    facts = told(clsim, "two-boxes")
+    assert facts["scene"]["triangles"] == facts["scene"]["mesh_triangles"] == 28
+    assert (facts["renderer"]["device"], facts["renderer"]["tree"]) == ("cpu", "bvh8")
     empty = clsim("info", "./two-boxes")
     assert empty.status == 2 and "no EXR file" in empty.stderr
     assert clsim("info", "nothing.at.all").status == 2

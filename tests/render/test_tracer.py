@@ -274,6 +274,10 @@ def test_the_number_of_frames():
 def test_the_build_is_described():
     plain = describe_build(hw.world(hw.ball(1.0)), RenderOptions())
     assert plain["built in"] == ["diffuse materials"] and plain["not supported"] == []
+    assert (plain["device"], plain["tree"]) == ("cpu", "bvh8")
+    chosen = describe_build(hw.world(hw.ball(1.0)), RenderOptions(tree="warp"))
+    assert chosen["tree"] == "warp"
+    assert describe_build(hw.world(hw.ball(1.0)), RenderOptions(device="cuda:0"))["tree"] == "warp"
     scene = moving_world()
     rich = replace(
         scene,

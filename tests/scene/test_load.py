@@ -1,6 +1,7 @@
 """Names, files and bundled scenes."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,6 +88,12 @@ def test_an_unknown_name_lists_the_bundled_ones_and_guesses():
 def test_what_is_no_scene_is_refused(name):
     with pytest.raises(InputError):
         load_world(name)
+
+
+def test_a_mesh_that_stands_twice_counts_twice_but_is_stored_once():
+    world = load_world("cornell")
+    facts = describe(replace(world, instances=world.instances * 2))
+    assert facts["triangles"] == 2 * facts["mesh_triangles"] == 2 * describe(world)["triangles"]
 
 
 def test_describe_counts_the_cornell_box():

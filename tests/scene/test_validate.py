@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.scene import Instance, Material, Sensor, SphereLight, Static, load_world, validate
+from clsim.scene import (
+    CheckerTexture,
+    ImageTexture,
+    Instance,
+    Material,
+    Sensor,
+    SphereLight,
+    Static,
+    load_world,
+    validate,
+)
 
 GOOD = load_world("still")
 IDENTITY = Static(np.eye(4))
@@ -24,6 +34,19 @@ def with_camera(**changes):
 
 def with_pose(matrix):
     return with_camera(motion=Static(np.asarray(matrix, float)))
+
+
+def with_material(**changes):
+    return replace(GOOD, materials=(replace(GOOD.materials[0], name="", **changes), *GOOD.materials[1:]))
+
+
+def with_texture(texture):
+    """Return the good world with one more texture, which nothing uses."""
+    return replace(GOOD, textures=(*GOOD.textures, texture))
+
+
+PIXELS = np.zeros((2, 3, 4), np.uint8)
+LAST = f"texture {len(GOOD.textures)}"
 
 
 def test_a_good_world_passes():
@@ -49,9 +72,38 @@ def test_a_good_world_passes():
         (with_pose(np.diag((1, 2, 1, 1))), ["camera", "rotation"]),
         (with_pose(np.full((4, 4), np.nan)), ["camera", "not finite"]),
         (replace(GOOD, instances=(Instance(7, IDENTITY, "ghost"),)), ["object ghost", "mesh 7"]),
-        (replace(GOOD, materials=(Material(color=(2, 0, 0)), *GOOD.materials[1:])), ["material 0", "color"]),
-        (replace(GOOD, materials=(Material(emission=(-1, 0, 0)), *GOOD.materials[1:])), ["material 0", "emission"]),
-        (replace(GOOD, materials=(Material(texture=5), *GOOD.materials[1:])), ["material 0", "texture is 5"]),
+        (with_material(kind="velvet"), ["material 0", "'velvet'", "plastic"]),
+        (with_material(color=(2, 0, 0)), ["material 0", "color"]),
+        (with_material(emission=(-1, 0, 0)), ["material 0", "emission"]),
+        (with_material(texture=5), ["material 0", "texture is 5", "-1 or one of"]),
+        (with_material(emission_texture=99), ["material 0", "emission_texture is 99"]),
+        (with_material(roughness_texture=-2), ["material 0", "roughness_texture is -2"]),
+        (with_material(normal_texture=len(GOOD.textures)), ["material 0", f"normal_texture is {len(GOOD.textures)}"]),
+        (with_material(opacity_texture=1 << 31), ["material 0", "opacity_texture is 2147483648"]),
+        (with_material(alpha_mode="cutout"), ["material 0", "alpha_mode is 'cutout'", "opaque, mask, blend"]),
+        (with_material(alpha_cutoff=-0.1), ["material 0", "alpha_cutoff is -0.1"]),
+        (with_material(alpha_cutoff=float("nan")), ["material 0", "alpha_cutoff is nan"]),
+        (with_material(opacity=1.5), ["material 0", "opacity is 1.5"]),
+        (with_material(alpha=-0.5), ["material 0", "alpha is -0.5"]),
+        (with_material(metallic=float("nan")), ["material 0", "metallic is nan"]),
+        (with_material(transmission=2.0), ["material 0", "transmission is 2.0"]),
+        (with_material(clearcoat=2.0), ["material 0", "clearcoat is 2.0"]),
+        (with_material(clearcoat_alpha=2.0), ["material 0", "clearcoat_alpha is 2.0"]),
+        (with_material(ior=0.0), ["material 0", "ior is 0.0", "positive"]),
+        (with_material(ior=-1.5), ["material 0", "ior is -1.5"]),
+        (with_material(ior=float("inf")), ["material 0", "ior is inf"]),
+        (with_material(eta=(0.2, float("nan"), 1.0)), ["material 0", "eta is"]),
+        (with_material(k=(-1.0, 0.0, 0.0)), ["material 0", "k is"]),
+        (with_material(specular_color=(-1.0, 0.0, 0.0)), ["material 0", "specular_color is"]),
+        (with_material(normal_scale=float("inf")), ["material 0", "normal_scale is inf"]),
+        (replace(GOOD, materials=(Material(name="brass", ior=0.0), *GOOD.materials[1:])), ["material brass", "ior"]),
+        (with_texture(CheckerTexture((0, 0, 0), (0, 2, 0))), [LAST, "color_b is (0, 2, 0)"]),
+        (with_texture(CheckerTexture((0, 0, 0), (0, 0, 0), scale=np.nan)), [LAST, "scale is nan"]),
+        (with_texture(ImageTexture(PIXELS[..., :3])), [LAST, "uint8 of shape (2, 3, 3)"]),
+        (with_texture(ImageTexture(PIXELS[:0])), [LAST, "shape (0, 3, 4)"]),
+        (with_texture(ImageTexture(PIXELS.astype(np.float32))), [LAST, "float32"]),
+        (with_texture(ImageTexture(PIXELS, wrap_v="tile")), [LAST, "wrap_v is 'tile'", "repeat, clamp, mirror"]),
+        (with_texture(ImageTexture(PIXELS, uv_matrix=((np.nan, 0, 0), (0, 1, 0)))), [LAST, "uv_matrix is"]),
         (replace(GOOD, sphere_lights=(SphereLight(0.0, (1, 1, 1), IDENTITY),)), ["sphere light 0", "radius"]),
         (replace(GOOD, sphere_lights=(SphereLight(1.0, (np.inf, 1, 1), IDENTITY),)), ["sphere light 0", "radiance"]),
         (replace(GOOD, environment=(0, np.nan, 0)), ["environment", "nan"]),
