@@ -1,136 +1,17 @@
-"""glTF accessors, animation, skins, morph targets, materials, lights and cameras against independent arithmetic."""
+"""glTF node animation against scipy, and the motion of cameras and lights."""
 
-import base64
 import math
-from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pygltflib
 import pytest
-from gltf_files import CORNERS, glb, gltf, image_uri, write_gltf
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from gltf_files import ASSETS, CORNERS, animate, decoded, gltf, needs_assets, with_camera, write_gltf
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_scene import load_gltf, read_gltf
-
-ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets" / "gltf"
-needs_assets = pytest.mark.skipif(not ASSETS.is_dir(), reason="the real scenes are not beside this checkout")
-SIZES = {"<f4": 5126, "<u2": 5123, "u1": 5121, "i1": 5120, "<i2": 5122, "<u4": 5125}
-TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
-
-
-def add(tree, values, dtype="<f4", **extra):
-    """Append an array to a file as buffer, view and accessor; return the accessor's index."""
-    array = np.asarray(values, dtype)
-    data = array.tobytes()
-    uri = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
-    tree["buffers"].append({"byteLength": len(data), "uri": uri})
-    tree["bufferViews"].append({"buffer": len(tree["buffers"]) - 1, "byteLength": len(data)})
-    width = array.shape[1] if array.ndim > 1 else 1
-    tree["accessors"].append(
-        {
-            "bufferView": len(tree["bufferViews"]) - 1,
-            "componentType": SIZES[dtype],
-            "count": len(array),
-            "type": TYPES[width],
-            **extra,
-        }
-    )
-    return len(tree["accessors"]) - 1
-
-
-def animate(tree, *channels):
-    """Append an animation of channels (node, path, times, values, interpolation)."""
-    animation = {"channels": [], "samplers": []}
-    for node, path, times, values, interpolation in channels:
-        sampler = {"input": add(tree, times), "output": add(tree, values), "interpolation": interpolation}
-        animation["channels"].append({"sampler": len(animation["samplers"]), "target": {"node": node, "path": path}})
-        animation["samplers"].append(sampler)
-    tree.setdefault("animations", []).append(animation)
-    return tree
-
-
-# Accessors
-
-
-def test_accessors_follow_stride_offset_normalization_and_sparse_replacement(tmp_path):
-    tree = gltf()
-    data = np.arange(64, dtype=np.uint8)
-    add(tree, data, "u1")  # view 1
-    tree["bufferViews"][1]["byteStride"] = 8
-    tree["accessors"].append({"bufferView": 1, "byteOffset": 2, "componentType": 5121, "count": 4, "type": "VEC3"})
-    strided = len(tree["accessors"]) - 1
-    shorts = add(tree, [[-32768, 0], [32767, 16384]], "<i2", normalized=True)
-    add(tree, [2, 0], "<u2")
-    where = len(tree["bufferViews"]) - 1
-    add(tree, [[7, 8], [9, 10]])
-    what = len(tree["bufferViews"]) - 1
-    sparse = {"count": 2, "indices": {"bufferView": where, "componentType": 5123}, "values": {"bufferView": what}}
-    tree["accessors"].append({"componentType": 5126, "count": 3, "type": "VEC2", "sparse": sparse})
-    file = GltfFile(write_gltf(tmp_path, tree))
-    np.testing.assert_array_equal(
-        file.accessor(strided, "test", "VEC3"), [[2, 3, 4], [10, 11, 12], [18, 19, 20], [26, 27, 28]]
-    )
-    np.testing.assert_allclose(file.accessor(shorts, "test", "VEC2"), [[-1, 0], [1, 16384 / 32767]], atol=1e-7)
-    np.testing.assert_array_equal(file.accessor(shorts + 3, "test", "VEC2"), [[9, 10], [0, 0], [7, 8]])
-
-
-@pytest.mark.parametrize(
-    ("sparse", "part"),
-    [
-        ({"count": 0}, "sparse.count is 0"),
-        ({"count": 9}, "sparse.count is 9"),
-        ({"indices": {"bufferView": 1, "componentType": 5121, "byteOffset": 2}}, "ends at byte"),
-        ({"indices": {"bufferView": 1, "componentType": 5121, "byteOffset": 1}}, "has 250, expected 0 to 2"),
-        ({"values": {"bufferView": 77}}, "bufferViews[77]"),
-    ],
-)
-def test_broken_sparse_accessors(tmp_path, sparse, part):
-    tree = gltf()
-    add(tree, [0, 250], "u1")
-    whole = {"count": 1, "indices": {"bufferView": 1, "componentType": 5121}, "values": {"bufferView": 0}}
-    tree["accessors"][0]["sparse"] = whole
-    load_gltf(write_gltf(tmp_path, tree))
-    tree["accessors"][0]["sparse"] = whole | sparse
-    with pytest.raises(InputError, match=r"scene\.gltf") as caught:
-        load_gltf(write_gltf(tmp_path, tree))
-    assert part in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("mode", "triangles"),
-    [(4, [(0, 1, 2)]), (5, [(0, 1, 2), (1, 3, 2), (2, 3, 4)]), (6, [(0, 1, 2), (0, 2, 3), (0, 3, 4)])],
-)
-def test_strips_and_fans_keep_their_winding(tmp_path, mode, triangles):
-    tree = gltf()
-    points = add(tree, np.random.default_rng(0).normal(size=(5, 3)))
-    tree["meshes"] = [{"primitives": [{"attributes": {"POSITION": points}, "mode": mode}]}]
-    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
-    np.testing.assert_array_equal(mesh.triangles, triangles)
-
-
-def test_primitives_of_one_mesh_become_one_with_a_material_each(tmp_path):
-    """One is smooth and textured, the other is neither: it gets flat normals of its own, and coordinates of 0."""
-    tree = gltf(materials=[{"name": "a"}, {"name": "b"}])
-    smooth = {"POSITION": 0, "NORMAL": add(tree, [(0, 1, 0)] * 3), "TEXCOORD_0": add(tree, [(0.25, 0.75)] * 3)}
-    tree["meshes"] = [
-        {"primitives": [{"attributes": {"POSITION": 0}, "material": 1}, {"attributes": smooth, "material": 0}]}
-    ]
-    world = load_gltf(write_gltf(tmp_path, tree))
-    (mesh,) = world.meshes
-    assert [world.materials[k].name for k in mesh.material_ids] == ["b", "a"]
-    np.testing.assert_allclose(mesh.normals, [(0, 0, 1)] * 3 + [(0, 1, 0)] * 3)
-    np.testing.assert_allclose(mesh.uvs, [(0, 0)] * 3 + [(0.25, 0.25)] * 3)
-
-
-# Animation
-
 
 TIMES = [0.5, 1.0, 2.5]
 MOMENTS = [0.0, 0.5, 0.7, 1.0, 1.6, 2.4999, 2.5, 9.0]
@@ -138,14 +19,6 @@ MOMENTS = [0.0, 0.5, 0.7, 1.0, 1.6, 2.4999, 2.5, 9.0]
 
 def position_at(motion, time_s):
     return motion.pose(time_s)[:3, 3]
-
-
-def with_camera(tree):
-    """Make a file a scene of its own: its animation then plays once."""
-    tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.8}}]
-    tree["nodes"].append({"camera": 0, "translation": [0, 0, 30]})
-    tree["scenes"][0]["nodes"].append(len(tree["nodes"]) - 1)
-    return tree
 
 
 def test_step_linear_and_cubic_translations(tmp_path):
@@ -275,109 +148,6 @@ def test_broken_animations(tmp_path, channel, part):
     assert part in str(caught.value)
 
 
-# Deformation
-
-
-def test_morph_targets_move_by_their_weights(tmp_path):
-    tree = with_camera(gltf())
-    a, b = add(tree, [(0, 0, 1), (0, 0, 0), (0, 0, 0)]), add(tree, [(0, 0, 0), (0, 3, 0), (0, 0, 0)])
-    tree["meshes"] = [
-        {
-            "primitives": [{"attributes": {"POSITION": 0}, "targets": [{"POSITION": a}, {"POSITION": b}]}],
-            "weights": [1, 0],
-        }
-    ]
-    still = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
-    assert still.deformation is None
-    np.testing.assert_allclose(still.vertices, np.add(CORNERS, [(0, 0, 1), (0, 0, 0), (0, 0, 0)]))
-    animate(tree, (0, "weights", [0, 2], [0, 0, 1, 0.5], "LINEAR"))
-    moving = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
-    vertices, normals = moving.deformation.vertices_at(1.0)
-    assert normals is None
-    np.testing.assert_allclose(vertices, np.add(CORNERS, [(0, 0, 0.5), (0, 0.75, 0), (0, 0, 0)]))
-    assert moving.deformation.duration_s == 2
-
-
-def test_a_skin_in_its_bind_pose_changes_nothing_and_ignores_its_own_node(tmp_path):
-    tree = with_camera(gltf(nodes=[{"mesh": 0, "skin": 0, "translation": [50, 0, 0]}, {"translation": [1, 2, 3]}]))
-    tree["scenes"][0]["nodes"] = [0, 1, 2]
-    bind = np.eye(4)
-    bind[:3, 3] = (-1, -2, -3)
-    attributes = {
-        "POSITION": 0,
-        "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
-        "WEIGHTS_0": add(tree, [(2, 0, 0, 0)] * 3),
-    }
-    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
-    tree["skins"] = [{"joints": [1], "inverseBindMatrices": add(tree, [bind.T.ravel()])}]
-    world = load_gltf(write_gltf(tmp_path, tree))
-    np.testing.assert_allclose(world.meshes[0].vertices, CORNERS, atol=1e-6)
-    np.testing.assert_array_equal(world.instances[0].motion.pose(0.0), np.eye(4))
-    tree["skins"][0]["joints"] = [9]
-    with pytest.raises(InputError, match="uses node 9"):
-        load_gltf(write_gltf(tmp_path, tree))
-
-
-def decoded(source, index):
-    """Decode an accessor without stride, by pygltflib's own classes."""
-    accessor = source.accessors[index]
-    view = source.bufferViews[accessor.bufferView]
-    dtype = {5126: "<f4", 5123: "<u2", 5121: "u1"}[accessor.componentType]
-    width = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}[accessor.type]
-    start = (view.byteOffset or 0) + (accessor.byteOffset or 0)
-    return np.frombuffer(source.binary_blob(), dtype, accessor.count * width, start).reshape(accessor.count, width)
-
-
-@needs_assets
-@pytest.mark.parametrize("time_s", [0.0, 0.1234, 0.5])
-def test_fox_walks_as_scipy_says(time_s):
-    """Joint by joint and vertex by vertex, in loops, from the file as another library reads it."""
-    source = pygltflib.GLTF2().load(str(ASSETS / "Fox.glb"))
-    animation = next(a for a in source.animations if a.name == "Walk")
-    local = {}
-    for i, node in enumerate(source.nodes):
-        local[i] = [node.translation or [0, 0, 0], Rotation.from_quat(node.rotation or [0, 0, 0, 1])]
-    for channel in animation.channels:
-        sampler = animation.samplers[channel.sampler]
-        times, values = decoded(source, sampler.input)[:, 0].astype(float), decoded(source, sampler.output)
-        if channel.target.path == "rotation":
-            local[channel.target.node][1] = Slerp(times, Rotation.from_quat(values))(
-                np.clip(time_s, times[0], times[-1])
-            )
-        else:
-            assert channel.target.path == "translation"
-            local[channel.target.node][0] = [np.interp(time_s, times, values[:, k]) for k in range(3)]
-
-    def world_of(index):
-        matrix = np.eye(4)
-        matrix[:3, :3], matrix[:3, 3] = local[index][1].as_matrix(), local[index][0]
-        parents = [i for i, node in enumerate(source.nodes) if index in (node.children or [])]
-        return world_of(parents[0]) @ matrix if parents else matrix
-
-    skin, attributes = source.skins[0], source.meshes[0].primitives[0].attributes
-    binds = decoded(source, skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
-    joints = [world_of(joint) @ bind for joint, bind in zip(skin.joints, binds, strict=True)]
-    points = decoded(source, attributes.POSITION)
-    indices, weights = decoded(source, attributes.JOINTS_0), decoded(source, attributes.WEIGHTS_0)
-    expected = [
-        sum(w * (joints[j] @ (*point, 1))[:3] for j, w in zip(js, ws, strict=True))
-        for point, js, ws in zip(points, indices, weights, strict=True)
-    ]
-    mesh = load_world(f"{ASSETS / 'Fox.glb'}#Walk").meshes[0]
-    np.testing.assert_allclose(mesh.deformation.vertices_at(time_s)[0], expected, atol=2e-3)  # of 155 units
-
-
-@needs_assets
-def test_fox_stays_in_view_and_moves():
-    world = load_world(ASSETS / "Fox.glb")
-    deformation = world.meshes[0].deformation
-    moments = [deformation.vertices_at(t)[0] for t in np.linspace(0, deformation.duration_s, 7)]
-    assert all(40 < np.ptp(v, axis=0).max() < 200 for v in moments)
-    assert all(np.abs(b - a).max() > 1 for a, b in pairwise(moments))
-    assert world.meshes[0].normals is None
-    assert not world.warnings
-
-
 @needs_assets
 def test_the_camera_of_a_blender_scene_follows_its_keyframes():
     source = pygltflib.GLTF2().load(str(ASSETS / "anim_camera_lights.glb"))
@@ -401,119 +171,6 @@ def test_the_camera_of_a_blender_scene_follows_its_keyframes():
     assert (spot.inner_deg, spot.outer_deg) == pytest.approx((19.125, 22.5), abs=1e-3)
     assert sun.intensity == pytest.approx((2, 2, 2))
     assert not world.warnings
-
-
-@needs_assets
-def test_flight_helmet_has_its_textures_once_each():
-    world = load_world(ASSETS / "FlightHelmet" / "FlightHelmet.gltf")
-    assert sum(len(mesh.triangles) for mesh in world.meshes) == 94_722
-    assert all(mesh.normals is not None for mesh in world.meshes)
-    assert len(world.textures) == 15
-    kinds = {m.texture: True for m in world.materials} | {m.normal_texture: False for m in world.materials}
-    assert all(world.textures[index].srgb == srgb for index, srgb in kinds.items())
-    assert not world.warnings
-
-
-# Materials
-
-
-def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
-    pixels = np.arange(4 * 4 * 4).reshape(4, 4, 4)
-    transform = {"offset": [0, 1], "rotation": math.pi / 2, "scale": [0.5, 0.5]}
-    tree = gltf(
-        images=[{"uri": image_uri(pixels)}],
-        samplers=[{"wrapS": 33071, "wrapT": 33648, "magFilter": 9728}],
-        textures=[{"source": 0, "sampler": 0}, {"source": 0}],
-        materials=[
-            {
-                "pbrMetallicRoughness": {
-                    "baseColorFactor": [0.1, 0.2, 0.3, 0.4],
-                    "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": transform}},
-                    "metallicFactor": 0.6,
-                    "roughnessFactor": 0.5,
-                    "metallicRoughnessTexture": {"index": 1},
-                },
-                "normalTexture": {"index": 1, "scale": 0.7},
-                "emissiveFactor": [0.5, 0, 1],
-                "alphaMode": "MASK",
-                "alphaCutoff": 0.25,
-                "doubleSided": True,
-                "extensions": {
-                    "KHR_materials_emissive_strength": {"emissiveStrength": 8},
-                    "KHR_materials_clearcoat": {"clearcoatFactor": 0.9, "clearcoatRoughnessFactor": 0.3},
-                    "KHR_materials_transmission": {"transmissionFactor": 0.2},
-                    "KHR_materials_ior": {"ior": 1.33},
-                    "KHR_materials_sheen": {},
-                },
-            }
-        ],
-    )
-    tree["meshes"][0]["primitives"][0]["material"] = 0
-    path = write_gltf(tmp_path, tree)
-    world = load_gltf(path)
-    m = world.materials[0]
-    assert (m.color, m.opacity, m.metallic, m.alpha) == ((0.1, 0.2, 0.3), 0.4, 0.6, 0.25)
-    assert (m.alpha_mode, m.alpha_cutoff, m.two_sided, m.opacity_texture) == ("mask", 0.25, True, m.texture)
-    assert (m.emission, m.ior, m.transmission, m.normal_scale) == ((4, 0, 8), 1.33, 0.2, 0.7)
-    assert (m.clearcoat, m.clearcoat_alpha) == (0.9, pytest.approx(0.09))
-    color, normal = world.textures[m.texture], world.textures[m.normal_texture]
-    assert (color.srgb, color.wrap_u, color.wrap_v, color.nearest) == (True, "clamp", "mirror", True)
-    assert (normal.srgb, normal.wrap_u, normal.nearest) == (False, "repeat", False)
-    assert m.roughness_texture == m.normal_texture  # the same image, read the same way
-    assert color.pixels is normal.pixels
-    # The extension's own example: the lower left quadrant, that is u and v below one half with v up.
-    corners = np.array([(0, 0, 1), (1, 0, 1), (0, 1, 1), (1, 1, 1)]) @ np.array(color.uv_matrix).T
-    assert corners.min() == pytest.approx(0) and corners.max() == pytest.approx(0.5)
-    (warning,) = world.warnings
-    assert "KHR_materials_sheen" in warning
-    with pytest.raises(InputError, match="KHR_materials_sheen"):
-        load_world(path, strict=True)
-
-
-def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
-    tree = gltf(
-        materials=[
-            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1]}, "extensions": {"KHR_materials_unlit": {}}}
-        ]
-    )
-    tree["meshes"][0]["primitives"][0]["material"] = 0
-    material = load_gltf(write_gltf(tmp_path, tree)).materials[0]
-    assert (material.emission, material.color, material.specular_color) == ((1, 0.5, 0), (0, 0, 0), (0, 0, 0))
-
-
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_damaged_bytes_never_raise_anything_but_an_input_error(tmp_path, data):
-    """Bytes of a working file, with animation and a skin, are changed, cut out or repeated."""
-    tree = gltf(buffers=[{"byteLength": 36}], nodes=[{"mesh": 0, "skin": 0}, {}])
-    attributes = {
-        "POSITION": 0,
-        "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
-        "WEIGHTS_0": add(tree, [(1, 0, 0, 0)] * 3),
-    }
-    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
-    tree["skins"] = [{"joints": [1]}]
-    animate(tree, (1, "rotation", [0, 1], [(0, 0, 0, 1), (0, 1, 0, 0)], "LINEAR"))
-    whole = bytearray(glb(tree, np.array(CORNERS, "<f4").tobytes()))
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(whole) - 1))
-        kind = data.draw(st.sampled_from(["set", "cut", "digit"]))
-        if kind == "set":
-            whole[at] = data.draw(st.integers(0, 255))
-        elif kind == "cut":
-            del whole[at : at + data.draw(st.integers(1, 8))]
-        else:
-            digits = [i for i, byte in enumerate(whole) if chr(byte).isdigit()]
-            whole[data.draw(st.sampled_from(digits))] = ord(data.draw(st.sampled_from("0123456789-.e")))
-    path = tmp_path / "fuzz.glb"
-    path.write_bytes(whole)
-    try:
-        world = load_world(path)
-        for mesh in world.meshes:
-            if mesh.deformation is not None:
-                mesh.deformation.vertices_at(0.3)
-    except InputError as error:
-        assert "fuzz.glb" in str(error)
 
 
 def test_files_within_a_toml_keep_their_motion_and_lights(tmp_path):

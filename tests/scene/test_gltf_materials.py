@@ -1,0 +1,86 @@
+"""glTF materials and textures."""
+
+import math
+
+import numpy as np
+import pytest
+from gltf_files import ASSETS, gltf, image_uri, needs_assets, write_gltf
+
+from clsim.errors import InputError
+from clsim.scene import load_world
+from clsim.scene.gltf_scene import load_gltf
+
+
+def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
+    pixels = np.arange(4 * 4 * 4).reshape(4, 4, 4)
+    transform = {"offset": [0, 1], "rotation": math.pi / 2, "scale": [0.5, 0.5]}
+    tree = gltf(
+        images=[{"uri": image_uri(pixels)}],
+        samplers=[{"wrapS": 33071, "wrapT": 33648, "magFilter": 9728}],
+        textures=[{"source": 0, "sampler": 0}, {"source": 0}],
+        materials=[
+            {
+                "pbrMetallicRoughness": {
+                    "baseColorFactor": [0.1, 0.2, 0.3, 0.4],
+                    "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": transform}},
+                    "metallicFactor": 0.6,
+                    "roughnessFactor": 0.5,
+                    "metallicRoughnessTexture": {"index": 1},
+                },
+                "normalTexture": {"index": 1, "scale": 0.7},
+                "emissiveFactor": [0.5, 0, 1],
+                "alphaMode": "MASK",
+                "alphaCutoff": 0.25,
+                "doubleSided": True,
+                "extensions": {
+                    "KHR_materials_emissive_strength": {"emissiveStrength": 8},
+                    "KHR_materials_clearcoat": {"clearcoatFactor": 0.9, "clearcoatRoughnessFactor": 0.3},
+                    "KHR_materials_transmission": {"transmissionFactor": 0.2},
+                    "KHR_materials_ior": {"ior": 1.33},
+                    "KHR_materials_sheen": {},
+                },
+            }
+        ],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    path = write_gltf(tmp_path, tree)
+    world = load_gltf(path)
+    m = world.materials[0]
+    assert (m.color, m.opacity, m.metallic, m.alpha) == ((0.1, 0.2, 0.3), 0.4, 0.6, 0.25)
+    assert (m.alpha_mode, m.alpha_cutoff, m.two_sided, m.opacity_texture) == ("mask", 0.25, True, m.texture)
+    assert (m.emission, m.ior, m.transmission, m.normal_scale) == ((4, 0, 8), 1.33, 0.2, 0.7)
+    assert (m.clearcoat, m.clearcoat_alpha) == (0.9, pytest.approx(0.09))
+    color, normal = world.textures[m.texture], world.textures[m.normal_texture]
+    assert (color.srgb, color.wrap_u, color.wrap_v, color.nearest) == (True, "clamp", "mirror", True)
+    assert (normal.srgb, normal.wrap_u, normal.nearest) == (False, "repeat", False)
+    assert m.roughness_texture == m.normal_texture  # the same image, read the same way
+    assert color.pixels is normal.pixels
+    # The extension's own example: the lower left quadrant, that is u and v below one half with v up.
+    corners = np.array([(0, 0, 1), (1, 0, 1), (0, 1, 1), (1, 1, 1)]) @ np.array(color.uv_matrix).T
+    assert corners.min() == pytest.approx(0) and corners.max() == pytest.approx(0.5)
+    (warning,) = world.warnings
+    assert "KHR_materials_sheen" in warning
+    with pytest.raises(InputError, match="KHR_materials_sheen"):
+        load_world(path, strict=True)
+
+
+def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
+    tree = gltf(
+        materials=[
+            {"pbrMetallicRoughness": {"baseColorFactor": [1, 0.5, 0, 1]}, "extensions": {"KHR_materials_unlit": {}}}
+        ]
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    material = load_gltf(write_gltf(tmp_path, tree)).materials[0]
+    assert (material.emission, material.color, material.specular_color) == ((1, 0.5, 0), (0, 0, 0), (0, 0, 0))
+
+
+@needs_assets
+def test_flight_helmet_has_its_textures_once_each():
+    world = load_world(ASSETS / "FlightHelmet" / "FlightHelmet.gltf")
+    assert sum(len(mesh.triangles) for mesh in world.meshes) == 94_722
+    assert all(mesh.normals is not None for mesh in world.meshes)
+    assert len(world.textures) == 15
+    kinds = {m.texture: True for m in world.materials} | {m.normal_texture: False for m in world.materials}
+    assert all(world.textures[index].srgb == srgb for index, srgb in kinds.items())
+    assert not world.warnings
