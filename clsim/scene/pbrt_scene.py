@@ -12,34 +12,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
-from clsim.scene.geometry import placed_rigidly
-from clsim.scene.images import PixelBudget, read_linear
-from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose, look_at
+from clsim.scene.motion import Matrix, compose, look_at
+from clsim.scene.pbrt_lights import InMirror, light_color, read_environment, read_punctual
 from clsim.scene.pbrt_materials import MaterialReader
-from clsim.scene.pbrt_shapes import latitude_longitude, read_shape
-from clsim.scene.pbrt_tokens import Parameters, Tokens, fail, file_of
-from clsim.scene.rigid import quaternion_of, rotation_about, without_scale
-from clsim.scene.world import (
-    Camera,
-    EnvironmentMap,
-    Instance,
-    Lens,
-    Material,
-    Mesh,
-    PunctualLight,
-    Vec3,
-    World,
-)
+from clsim.scene.pbrt_places import FLIP_Z, Pair, Placed, read_camera, read_instance
+from clsim.scene.pbrt_shapes import read_shape
+from clsim.scene.pbrt_tokens import Parameters, Tokens, fail
+from clsim.scene.rigid import rotation_about
+from clsim.scene.world import EnvironmentMap, Material, Mesh, Vec3, World
 
 MAX_STACK = 10_000
 MAX_INSTANCES = 1_000_000
-FLIP_Z = np.diag((1.0, 1.0, -1.0, 1.0))
-Pair = tuple[Matrix, Matrix]
-"""The transform at the start and at the end of the motion."""
 IGNORED = (
     "Accelerator",
     "ColorSpace",
@@ -61,14 +47,6 @@ class State:
     emission: Vec3 | None = None
     emission_two_sided: bool = False
     reversed: bool = False
-
-
-@dataclass(frozen=True)
-class Placed:
-    """A shape inside an object definition, or in the scene."""
-
-    mesh: int
-    transform: Pair
 
 
 def load_pbrt(path: Path) -> World:
@@ -94,7 +72,7 @@ class _Reader:
         self.stack: list[State] = []
         self.meshes: list[Mesh] = []
         self.placed: list[Placed] = []
-        self.lights: list[Callable[[Matrix], PunctualLight]] = []
+        self.lights: list[InMirror] = []
         self.named_materials: dict[str, Material] = {}
         self.coordinate_systems: dict[str, Pair] = {}
         self.objects: dict[str, list[Placed]] = {}
@@ -103,7 +81,7 @@ class _Reader:
         self.resolution = (1280, 720)
         self.camera: tuple[Pair, Parameters] | None = None
         self.environment: Vec3 = (0.0, 0.0, 0.0)
-        self.environment_image: tuple[npt.NDArray[np.float32], Matrix] | None = None
+        self.environment_image: Callable[[Matrix], EnvironmentMap] | None = None
 
     def _warn(self, sentence: str) -> None:
         text = f"{self.path.name}: {sentence}"
@@ -307,7 +285,7 @@ class _Reader:
             return
         if "filename" in parameters.found or "power" in parameters.found:
             self._warn("the images and powers of area lights are left out")
-        emission = self._light_color(parameters, "L")
+        emission = light_color(self.materials, parameters, "L")
         self.state = replace(self.state, emission=emission, emission_two_sided=parameters.flag("twosided", False))
 
     def _do_Shape(self) -> None:  # noqa: N802
@@ -330,11 +308,6 @@ class _Reader:
         self.meshes.append(replace(mesh, material_ids=ids))
         (self.placed if self.object is None else self.object).append(placed)
 
-    def _light_color(self, parameters: Parameters, name: str) -> Vec3:
-        scale = parameters.number("scale", 1.0)
-        r, g, b = (max(channel * scale, 0.0) for channel in self.materials.color(parameters, name, 1.0))
-        return r, g, b
-
     def _do_LightSource(self) -> None:  # noqa: N802
         kind = self.tokens.string()
         parameters = self.tokens.parameters()
@@ -343,44 +316,17 @@ class _Reader:
                 self._warn(f"the {name} of lights is left out")
         matrix = self.state.transform[0]
         if kind == "infinite":
-            self._add_infinite(parameters, matrix)
+            image = read_environment(parameters, matrix, self.folder)
+            if image is None:
+                self.environment = light_color(self.materials, parameters, "L")
+            else:
+                self.environment_image = image
             return
-        if kind not in ("point", "spot", "distant"):
+        light = read_punctual(kind, self.materials, parameters, matrix)
+        if light is None:
             self._warn(f"lights of type {kind} are left out")
-            return
-        color = self._light_color(parameters, "L" if kind == "distant" else "I")
-        start, target = (
-            np.zeros(3) if rows is None else rows[0] for rows in (parameters.rows(3, "from"), parameters.rows(3, "to"))
-        )
-        if "to" not in parameters.found:
-            target = np.array((0.0, 0.0, 1.0))
-        if kind != "point" and np.allclose(start, target):
-            raise InputError(f"{parameters.place}: the light shines from {start} to itself")
-        ends = [matrix[:3, :3] @ point + matrix[:3, 3] for point in (start, target)]
-        outer = parameters.number("coneangle", 30.0)
-        inner = max(outer - parameters.number("conedeltaangle", 5.0), 0.0)
-
-        def placed(mirror: Matrix) -> PunctualLight:
-            position, aim = (mirror[:3, :3] @ end for end in ends)
-            if kind == "point":
-                return PunctualLight("point", color, Static(compose(position, np.eye(3))))
-            motion = Static(look_at(position, aim))
-            if kind == "distant":
-                return PunctualLight("directional", color, motion)
-            return PunctualLight("spot", color, motion, inner, outer)
-
-        self.lights.append(placed)
-
-    def _add_infinite(self, parameters: Parameters, matrix: Matrix) -> None:
-        name = parameters.word("filename", "")
-        if not name:
-            self.environment = self._light_color(parameters, "L")
-            return
-        image = read_linear(file_of(parameters.place, name, self.folder), PixelBudget())
-        self.environment_image = (image * np.float32(parameters.number("scale", 1.0)), without_scale(matrix))
-        if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror is part of how the image lies
-            u, _, vt = np.linalg.svd(matrix[:3, :3])
-            self.environment_image = (self.environment_image[0], compose((0.0, 0.0, 0.0), u @ vt))
+        else:
+            self.lights.append(light)
 
     # The world
 
@@ -389,20 +335,19 @@ class _Reader:
         mirror = FLIP_Z
         if self.camera is not None and np.linalg.det(self.camera[0][0][:3, :3]) < 0:
             mirror = np.eye(4)
-        instances = [self._instance(placed, mirror) for placed in self.placed]
+        instances = [read_instance(placed, mirror, self.times, self.meshes, self._warn) for placed in self.placed]
         lights = [light(mirror) for light in self.lights]
-        environment_map = None
-        if self.environment_image is not None:
-            image, matrix = self.environment_image
-            radiance = latitude_longitude(image, matrix[:3, :3].T @ mirror[:3, :3])
-            environment_map = EnvironmentMap(radiance, np.eye(3))
+        environment_map = None if self.environment_image is None else self.environment_image(mirror)
         used = {instance.mesh for instance in instances}
         glowing = any(any(self.materials.materials[self.meshes[k].material_ids[0]].emission) for k in used)
         lit = bool(lights or environment_map or any(self.environment) or glowing)
         spheres = []
         if self.camera is None or not lit:
             center, size = bounds(self.path, self.meshes, instances)
-        camera = self._camera(mirror) if self.camera is not None else orbiting_camera(center, size)
+        if self.camera is None:
+            camera = orbiting_camera(center, size)
+        else:
+            camera = read_camera(*self.camera, self.resolution, self.times, mirror, self._warn)
         if not lit:
             spheres = [lamp(center, size)]
         motions = [camera.motion, *(instance.motion for instance in instances)]
@@ -420,47 +365,6 @@ class _Reader:
             duration_s=max(motion.duration_s for motion in motions) or 1.0,
             warnings=tuple(self.warnings),
         )
-
-    def _instance(self, placed: Placed, mirror: Matrix) -> Instance:
-        start, end = (mirror @ matrix for matrix in placed.transform)
-        if np.array_equal(start, end):
-            index, pose = placed_rigidly(self.meshes, placed.mesh, start)
-            return Instance(index, Static(pose), f"shape {placed.mesh}")
-        # The stretch stays with the mesh, as it is at the start; the rest moves.
-        turn = FLIP_Z if np.linalg.det(start[:3, :3]) < 0 else np.eye(4)
-        stretch = without_scale(start @ turn).T[:3, :3] @ start[:3, :3]
-        if not np.allclose(without_scale(end @ turn)[:3, :3] @ stretch, end[:3, :3], atol=1e-6):
-            self._warn("shapes that change their stretch over time keep that of the start")
-        index, offset = placed_rigidly(self.meshes, placed.mesh, compose((0.0, 0.0, 0.0), stretch))
-        motion = self._between(start @ turn, end @ turn)
-        return Instance(index, Nested(motion, Static(offset)), f"shape {placed.mesh}")
-
-    def _between(self, start: Matrix, end: Matrix) -> Motion:
-        """Return the motion between two transforms, without their stretch."""
-        poses = [without_scale(matrix) for matrix in (start, end)]
-        positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
-        return Keyframes(self.times, tuple(positions), tuple(quaternion_of(pose[:3, :3]) for pose in poses))
-
-    def _camera(self, mirror: Matrix) -> Camera:
-        assert self.camera is not None
-        transforms, parameters = self.camera
-        width, height = self.resolution
-        fov = parameters.number("fov", 90.0)
-        if not 0 < fov < 180:
-            raise InputError(f"{parameters.place}: fov is {fov:g}, expected more than 0 and less than 180")
-        for name in ("screenwindow", "frameaspectratio"):
-            if name in parameters.found:
-                self._warn(f"the camera's {name} is left out")
-        start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
-        motion: Motion = Static(without_scale(start))
-        if not np.array_equal(start, end):
-            motion = self._between(start, end)
-        across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
-        radius = parameters.number("lensradius", 0.0)
-        lens = Lens()
-        if radius:
-            lens = Lens(aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
-        return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
 
 
 def _inverse(matrix: Matrix) -> Matrix:
