@@ -5,28 +5,33 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
 from clsim.bench.point_store import PointStore
+from clsim.bench.ray_counts import RaysPerPath, rays_per_path
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
-from clsim.bench.tradeoff_measure import Cost, Detected, detect, render_sequence, warm_renderer
+from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, warm_renderer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import summarise
+from clsim.detect.config import EventRule
 from clsim.detect.device import Device, choose_device
 from clsim.errors import InputError
+from clsim.events import EventBatch
 from clsim.render import RenderOptions
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
 
-SCHEMA = 1
+SCHEMA = 2
 REFERENCE_SEED = 0x5EED_0001
 CEILING_SEED = 0x5EED_0002
 _POINT_ROOMS = (*FRAME_ROOMS, "score", "bench")
 _DETECTION_PATHS = 4
 """A detector's pass over a pixel is taken for so many paths, where time left is estimated."""
+_RAYS_KEY = "rays-per-path"
 
 Report = Callable[[str, float, float], None]
 """Told what is being done, how much work is done, and how much there is in all [paths]."""
@@ -100,7 +105,12 @@ class _Sweep:
 
     def render_options(self, rendering: Rendering) -> RenderOptions:
         return RenderOptions(
-            spp=rendering.spp, noise=rendering.noise, seed=rendering.seed, fps=self.fps, frames=self.frames
+            spp=rendering.spp,
+            noise=rendering.noise,
+            seed=rendering.seed,
+            sampler=rendering.sampler,
+            fps=self.fps,
+            frames=self.frames,
         )
 
     def run(self) -> dict[str, Any]:
@@ -121,7 +131,10 @@ class _Sweep:
         for point in missing:
             by_rendering.setdefault(point.rendering, []).append(point)
         for rendering, group in by_rendering.items():
-            self.measure(rendering, group, reference)
+            if rendering.sampling == "adaptive":
+                self.measure_in_turns(group, reference)
+            else:
+                self.measure(rendering, group, reference)
         return self.results(reference, ceiling)
 
     def plan(self, missing: list[Point]) -> None:
@@ -143,51 +156,51 @@ class _Sweep:
         return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
 
     def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:
-        what = f"rendering, {rendering.spp} spp {rendering.noise}"
-        frames, render_cost = render_sequence(
+        """Render once and let each detector see the frames."""
+        what = f"rendering, {rendering.label}"
+        frames, rendered = render_sequence(
             self.world, self.render_options(rendering), lambda: self.tell(what, rendering.spp)
         )
+        paths = self.world.camera.width * self.world.camera.height * self.frames * rendering.spp
         for point in points:
-            self.tell(f"{rendering.spp} spp {rendering.noise}, {point.detector.label}")
+            self.tell(point.label)
             detected = detect(point.detector.config(self.world.sensor), frames, self.device)
-            scored = self.score(detected, reference, point)
-            self.store.append(
-                content_key(point.as_dict()), scored.as_dict() | self.costs(point, render_cost, detected, scored)
-            )
-            self.tell(f"{rendering.spp} spp {rendering.noise}", _DETECTION_PATHS * self.frames)
+            self.keep(point, Run(detected, rendered, paths), reference)
+            self.tell(rendering.label, _DETECTION_PATHS * self.frames)
 
-    def score(self, detected: Detected, reference: Reference, point: Point) -> Score:
-        camera, rule = self.world.camera, point.detector.event_rule
-        return score(detected.events, reference.events[rule], camera.width, camera.height, self.fps)
+    def measure_in_turns(self, points: list[Point], reference: Reference) -> None:
+        """Render anew for each detector, which says where."""
+        for point in points:
+            options = self.render_options(point.rendering)
+            config = point.detector.config(self.world.sensor)
+            on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
+            done = run_in_turns(self.world, options, config, self.device, on_frame)
+            self.keep(point, done, reference)
 
-    def costs(self, point: Point, rendered: Cost, detected: Detected, scored: Score) -> dict[str, Any]:
-        camera, cost = self.world.camera, detected.cost
-        cpu_s = rendered.cpu_s + cost.cpu_s
-        true_events = round(scored.strict_precision * scored.events)
-        return {
-            "paths": camera.width * camera.height * self.frames * point.rendering.spp,
-            "solved_share": detected.solved_share,
-            "render_cpu_s": rendered.cpu_s,
-            "render_wall_s": rendered.wall_s,
-            "detect_cpu_s": cost.cpu_s,
-            "detect_wall_s": cost.wall_s,
-            "cpu_s": cpu_s,
-            "wall_s": rendered.wall_s + cost.wall_s,
-            "true_events": true_events,
-            "cpu_s_per_true_event": cpu_s / true_events if true_events else None,
-            "render_peak_bytes": rendered.peak_bytes,
-            "detect_peak_bytes": cost.peak_bytes,
-        }
+    def keep(self, point: Point, done: Run, reference: Reference) -> None:
+        """Score a point and store its figures."""
+        scored = self.score(done.detected.events, reference, point.detector.event_rule)
+        self.store.append(content_key(point.as_dict()), scored.as_dict() | _costs(done, scored))
+
+    def score(self, events: EventBatch, reference: Reference, rule: EventRule) -> Score:
+        camera = self.world.camera
+        return score(events, reference.events[rule], camera.width, camera.height, self.fps)
+
+    def rays(self) -> RaysPerPath:
+        """Return the rays that a path takes here, counted once."""
+        if _RAYS_KEY not in self.store:
+            self.tell("counting rays")
+            self.store.append(_RAYS_KEY, asdict(rays_per_path(self.world, self.reference_options)))
+        return RaysPerPath(**self.store[_RAYS_KEY])
 
     def results(self, reference: Reference, ceiling: Reference) -> dict[str, Any]:
         from clsim import __version__
 
         camera, sensor = self.world.camera, self.world.sensor
+        rays = self.rays()
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
-        scores = {
-            rule: score(ceiling.events[rule], reference.events[rule], camera.width, camera.height, self.fps).as_dict()
-            for rule in RULES
-        }
+        points = [point | {"rays": round(point["paths"] * rays.total)} for point in points]
+        scores = {rule: self.score(ceiling.events[rule], reference, rule).as_dict() for rule in RULES}
         return {
             "schema": SCHEMA,
             "clsim_version": __version__,
@@ -208,10 +221,31 @@ class _Sweep:
                 "cpu_s": reference.cpu_s,
                 "wall_s": reference.wall_s,
             },
+            "rays_per_path": asdict(rays),
             "ceiling": scores,
             "points": points,
             "settings": summarise(points),
         }
+
+
+def _costs(done: Run, scored: Score) -> dict[str, Any]:
+    rendered, detected = done.rendered, done.detected.cost
+    cpu_s = rendered.cpu_s + detected.cpu_s
+    true_events = round(scored.strict_precision * scored.events)
+    return {
+        "paths": done.paths,
+        "solved_share": done.detected.solved_share,
+        "render_cpu_s": rendered.cpu_s,
+        "render_wall_s": rendered.wall_s,
+        "detect_cpu_s": detected.cpu_s,
+        "detect_wall_s": detected.wall_s,
+        "cpu_s": cpu_s,
+        "wall_s": rendered.wall_s + detected.wall_s,
+        "true_events": true_events,
+        "cpu_s_per_true_event": cpu_s / true_events if true_events else None,
+        "render_peak_bytes": rendered.peak_bytes,
+        "detect_peak_bytes": detected.peak_bytes,
+    }
 
 
 def machine(device: Device) -> dict[str, Any]:

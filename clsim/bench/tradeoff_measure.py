@@ -13,7 +13,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device
 from clsim.events import EventBatch
-from clsim.frames import Frame, page_aligned
+from clsim.frames import BASE_PLANES, SAMPLES, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import World
 
@@ -38,6 +38,15 @@ class Detected:
     events: EventBatch
     solved_share: float
     cost: Cost
+
+
+@dataclass(frozen=True)
+class Run:
+    """What detection gave and cost, what rendering cost, and the number of paths traced."""
+
+    detected: Detected
+    rendered: Cost
+    paths: int
 
 
 def warm_renderer(world: World, options: RenderOptions) -> None:
@@ -101,6 +110,67 @@ def detect(config: DetectorConfig, frames: list[Frame], device: Device) -> Detec
         detector.close()
     best = min(passes, key=lambda watch: watch.cpu_s)
     return Detected(events, solved_share, Cost(best.wall_s, best.cpu_s, None if peak is None else peak - stored))
+
+
+def run_in_turns(
+    world: World, options: RenderOptions, config: DetectorConfig, device: Device, on_frame: Callable[[], None]
+) -> Run:
+    """Render a frame, detect in it, render the next: for renderings that depend on what was detected before.
+
+    A first pass gives the events and builds kernels, and ``on_frame`` is called after each of its frames; further
+    passes are timed, rendering and detection apart, and the quickest counts.
+    """
+    gc.collect()
+    detector = Detector(config, world.camera.width, world.camera.height, BASE_PLANES, device=device)
+    reset_peak_memory()
+    try:
+        first = _turns(world, options, detector, on_frame)
+        solved_share = detector.stats.solved_share
+        passes = [_turns(world, options, detector, lambda: None)]
+        while sum(each.cpu_s for each in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
+            passes.append(_turns(world, options, detector, lambda: None))
+        peak = peak_memory_bytes()
+    finally:
+        detector.close()
+    best = min(passes, key=lambda each: each.cpu_s)
+    detected = Detected(first.events, solved_share, Cost(best.detecting.wall_s, best.detecting.cpu_s, peak))
+    return Run(detected, Cost(best.rendering.wall_s, best.rendering.cpu_s, peak), first.paths)
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One pass over a sequence, frame by frame."""
+
+    events: EventBatch
+    paths: int
+    rendering: Stopwatch
+    detecting: Stopwatch
+
+    @property
+    def cpu_s(self) -> float:
+        return self.rendering.cpu_s + self.detecting.cpu_s
+
+
+def _turns(world: World, options: RenderOptions, detector: Detector, on_frame: Callable[[], None]) -> _Pass:
+    rendering, detecting = Stopwatch(), Stopwatch()
+    tracer = PathTracer(world, options)
+    frame = _new_frame(tracer)
+    samples = frame.plane(SAMPLES[0])
+    batches: list[EventBatch] = []
+    paths = 0.0
+    detector.reset()
+    try:
+        for index in range(tracer.frame_count or 0):
+            with rendering:
+                tracer.fill(index, frame)
+            with detecting:
+                events = detector.step(frame)
+            batches.append(events)
+            paths += float(samples.sum(dtype=np.float64))
+            on_frame()
+    finally:
+        tracer.close()
+    return _Pass(np.concatenate(batches), round(paths), rendering, detecting)
 
 
 def _timed_pass(detector: Detector, frames: list[Frame]) -> Stopwatch:

@@ -10,22 +10,41 @@ from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precisi
 from clsim.scene import Sensor
 
 Noise = Literal["common", "independent"]
+Sampler = Literal["pcg", "sobol"]
+Sampling = Literal["uniform", "adaptive"]
 
 SPP = (1, 2, 4, 8, 16, 32, 64, 128, 512)
 NOISES: tuple[Noise, ...] = ("common", "independent")
 WINDOWS = (5, 9, 13)
 STRIDES = (1, 2)
 HISTORIES = (1, 3)
+SOBOL_SPP = (4, 16, 64)
+"""Sobol points are set against their like here alone: they multiply the rest."""
 QUICK_POINTS = 12
 
 
 @dataclass(frozen=True)
 class Rendering:
-    """How one sequence of frames is rendered; all detector settings of a rendering see the same frames."""
+    """How one sequence of frames is rendered.
+
+    All detector settings of a uniform rendering see the same frames; an adaptive one goes by what its detector finds.
+    """
 
     spp: int
     noise: Noise
     seed: int
+    sampler: Sampler = "pcg"
+    sampling: Sampling = "uniform"
+
+    @property
+    def label(self) -> str:
+        """A short name, such as ``8 spp common sobol``."""
+        parts = [f"{self.spp} spp {self.noise}"]
+        if self.sampler != "pcg":
+            parts.append(self.sampler)
+        if self.sampling != "uniform":
+            parts.append(self.sampling)
+        return " ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -85,15 +104,22 @@ class Point:
     rendering: Rendering
     detector: DetectorSetting
 
+    @property
+    def label(self) -> str:
+        """A short name, such as ``8 spp common, radiance K13``."""
+        return f"{self.rendering.label}, {self.detector.label}"
+
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name, as they stand in the results."""
         return asdict(self.rendering) | asdict(self.detector)
 
 
 def full_points(seeds: tuple[int, ...]) -> list[Point]:
-    """Return all points of the sweep: renderings times detectors."""
+    """Return all points of the sweep: renderings times detectors, and some renderings by Sobol points."""
     renderings = [Rendering(spp, noise, seed) for spp, noise, seed in product(SPP, NOISES, seeds)]
-    return [Point(rendering, detector) for rendering in renderings for detector in full_detectors()]
+    even = [Rendering(spp, noise, seed, "sobol") for spp, noise, seed in product(SOBOL_SPP, NOISES, seeds)]
+    points = [Point(rendering, detector) for rendering in renderings for detector in full_detectors()]
+    return points + [Point(rendering, detector) for rendering in even for detector in (ESIM, BASE)]
 
 
 def full_detectors() -> list[DetectorSetting]:

@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from clsim.bench.pareto import pareto_front
-from clsim.bench.tradeoff_settings import BASE, ICIP_2023, DetectorSetting, Rendering
+from clsim.bench.tradeoff_settings import BASE, ICIP_2023, DetectorSetting, Point, Rendering
 
 VALUES = ("f1", "strict_f1")
 """Scores that have a front."""
@@ -39,8 +39,9 @@ def summarise(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def _mean(group: list[dict[str, Any]]) -> dict[str, Any]:
     first = group[0]
     detector = DetectorSetting(**{name: first[name] for name in _DETECTOR})
+    rendering = Rendering(seed=first["seed"], **{name: first[name] for name in _RENDERING})
     row: dict[str, Any] = {name: first[name] for name in AXES}
-    row["label"] = f"{first['spp']} spp {first['noise']}, {detector.label}"
+    row["label"] = Point(rendering, detector).label
     row["seeds"] = [point["seed"] for point in group]
     row["icip_2023"] = first["noise"] == "independent" and detector == ICIP_2023
     for name in first:
@@ -54,11 +55,11 @@ def _mean(group: list[dict[str, Any]]) -> dict[str, Any]:
 def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
     """Return the pairs (knob, base, other) where ``other`` differs from a base row in one knob alone.
 
-    A base row has the detector of ``clsim live`` and common noise, at the median spp that was measured so.
-    An axis that one of the two has no use for does not count as a difference.
+    A base row has the detector of ``clsim live``, common noise, the plain sampler and as many samples everywhere, at
+    the median spp that was measured so. An axis that one of the two has no use for does not count as a difference.
     """
-    live = asdict(BASE)
-    bases = [row for row in rows if row["noise"] == "common" and all(row[name] == live[name] for name in live)]
+    live = asdict(BASE) | {"noise": "common", "sampler": "pcg", "sampling": "uniform"}
+    bases = [row for row in rows if all(row[name] == live[name] for name in live)]
     if not bases:
         return []
     bases.sort(key=lambda row: row["spp"])

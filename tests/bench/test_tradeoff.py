@@ -6,19 +6,23 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from clsim.bench import tradeoff, tradeoff_measure
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
+from clsim.detect.device import choose_device
 from clsim.errors import InputError
+from clsim.render import RenderOptions
+from clsim.scene import load_world
 from clsim.score import Score
 
 COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
 POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
 COSTS = {
-    "paths", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s", "detect_wall_s", "cpu_s", "wall_s",
-    "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
+    "paths", "rays", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s", "detect_wall_s", "cpu_s",
+    "wall_s", "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
 }  # fmt: skip
 
 
@@ -42,6 +46,7 @@ def test_all_figures_are_there(results: dict[str, Any]) -> None:
     for point, wanted in zip(results["points"], POINTS, strict=True):
         assert set(point) == set(wanted.as_dict()) | scores | COSTS
         assert point["paths"] == 16 * 12 * 4 * wanted.rendering.spp
+        assert point["rays"] == pytest.approx(point["paths"] * sum(results["rays_per_path"].values()), abs=1)
         assert point["events"] > 0 and point["detect_cpu_s"] > 0 and point["render_cpu_s"] > 0
         assert point["cpu_s"] == point["render_cpu_s"] + point["detect_cpu_s"]
         assert point["reference_events"] == results["reference"]["events"][point["event_rule"]]
@@ -97,6 +102,42 @@ def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch
     assert rendered == []
     run_tradeoff(options(tmp_path, points=POINTS[:1], reference_spp=8), ignore)
     assert rendered == [8, 8, 2], "points scored against another reference were taken for these"
+
+
+def test_frames_and_detection_in_turns_are_the_same_as_one_after_the_other() -> None:
+    world, device = load_world("two-boxes", resolution=(16, 12)), choose_device()
+    options, config = RenderOptions(spp=2, frames=4, fps=20.0), BASE.config(world.sensor)
+    frames, _ = tradeoff_measure.render_sequence(world, options, lambda: None)
+    after = tradeoff_measure.detect(config, frames, device)
+    seen: list[int] = []
+    run = tradeoff_measure.run_in_turns(world, options, config, device, lambda: seen.append(1))
+    assert len(after.events) > 0 and np.array_equal(run.detected.events, after.events)
+    assert run.detected.solved_share == after.solved_share
+    assert run.paths == 16 * 12 * 4 * 2 and len(seen) == 4
+    assert run.rendered.cpu_s > 0 and run.detected.cost.cpu_s > 0
+
+
+def test_samplers_and_sampling_are_axes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    in_turns: list[str] = []
+
+    def run_in_turns(*given: Any) -> Any:
+        in_turns.append(given[2].gate)
+        return tradeoff_measure.run_in_turns(*given)
+
+    monkeypatch.setattr(tradeoff, "run_in_turns", run_in_turns)
+    renderings = [
+        Rendering(4, "common", 0),
+        Rendering(4, "common", 0, "sobol"),
+        Rendering(4, "common", 0, sampling="adaptive"),
+    ]
+    results = run_tradeoff(options(tmp_path, points=[Point(each, BASE) for each in renderings]), ignore)
+    assert in_turns == ["radiance"]
+    plain, even, adaptive = results["points"]
+    assert (plain["sampler"], even["sampler"], adaptive["sampling"]) == ("pcg", "sobol", "adaptive")
+    assert even["f1"] != plain["f1"], "the sampler did not reach the tracer"
+    assert {row["label"] for row in results["settings"]} == {
+        "4 spp common, radiance K13", "4 spp common sobol, radiance K13", "4 spp common adaptive, radiance K13",
+    }  # fmt: skip
 
 
 def test_a_still_scene_has_nothing_to_score(tmp_path: Path) -> None:

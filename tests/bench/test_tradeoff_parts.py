@@ -114,7 +114,7 @@ def test_the_sweeps_have_each_point_once() -> None:
     quick, full = quick_points(7), full_points((0, 1))
     assert len(set(quick)) == len(quick) <= QUICK_POINTS
     assert len(set(full)) == len(full) and {point.rendering.seed for point in full} == {0, 1}
-    labels = {(point.rendering.spp, point.rendering.noise, point.detector.label) for point in full}
+    labels = {point.label for point in full}
     assert len(labels) == len(full) / 2, "two settings have one name"
     sensor = load_world("two-boxes").sensor
     for point in {*quick, *full}:
@@ -152,3 +152,11 @@ def test_quick_turns_single_knobs() -> None:
     ]
     knobs = [knob for knob, _, _ in turned_knobs(summarise(rows))]
     assert knobs == ["method", "method", "method", "spp", "spp", "window", "stride"]
+
+
+def test_the_full_sweep_turns_the_sampler() -> None:
+    points = [point.as_dict() | {"cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in full_points((0,))]
+    pairs = [
+        (base["spp"], other["sampler"]) for knob, base, other in turned_knobs(summarise(points)) if knob == "sampler"
+    ]
+    assert pairs == [(16, "sobol")]

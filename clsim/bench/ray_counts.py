@@ -1,0 +1,82 @@
+"""How many rays a path takes in a scene: the rays that the renderer's own kernel searches are counted."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+from unittest.mock import patch
+
+from clsim.bench.rays import count_searches
+from clsim.frames import Frame, page_aligned
+from clsim.render import PathTracer, RenderOptions
+from clsim.render.features import Features
+from clsim.render.geometry import Tree, make_intersection
+from clsim.render.integrator import build_kernel
+from clsim.scene import World
+
+_SPP = 4
+_SIZE = (64, 48)
+_FRAMES = 3
+
+
+@dataclass(frozen=True)
+class RaysPerPath:
+    """Rays that a path takes on average, by kind.
+
+    Attributes:
+        primary: from the camera: 1.
+        bounce: on from a surface, to the nearest hit. Where surfaces are cut out or translucent, a ray starts anew
+            behind each, and rays to lights, which then look for the nearest hit too, count here.
+        shadow: to a light, to any hit.
+    """
+
+    primary: float
+    bounce: float
+    shadow: float
+
+    @property
+    def total(self) -> float:
+        """Rays of all kinds."""
+        return self.primary + self.bounce + self.shadow
+
+
+def rays_per_path(world: World, options: RenderOptions) -> RaysPerPath:
+    """Count the rays of a few frames spread over ``options.frames``, in a small picture on the CPU."""
+    width, height = _SIZE
+    small = replace(world, camera=replace(world.camera, width=width, height=height))
+    counts = (ctypes.c_ulonglong * 2)()
+    with _counting(counts):
+        tracer = PathTracer(small, replace(options, spp=_SPP, device="cpu", variances=False))
+        try:
+            frame = Frame(page_aligned((len(tracer.names), height, width)), tracer.names)
+            last = (tracer.frame_count or 1) - 1
+            frames = sorted({last * i // (_FRAMES - 1) for i in range(_FRAMES)})
+            for index in frames:
+                tracer.fill(index, frame)
+        finally:
+            tracer.close()
+    paths = width * height * _SPP * len(frames)
+    nearest, any_hit = counts[0] / paths, counts[1] / paths
+    primary = min(nearest, 1.0)  # a lens may leave pixels dark
+    return RaysPerPath(primary, nearest - primary, any_hit)
+
+
+@contextlib.contextmanager
+def _counting(counts: ctypes.Array[ctypes.c_ulonglong]) -> Iterator[None]:
+    """Have kernels built meanwhile add each search for the nearest hit to ``counts[0]``, for any hit to ``counts[1]``.
+
+    The place of the counts in memory is built into the kernel, so none of these may be kept for later.
+    """
+
+    def counted(features: Features, tree: Tree) -> Any:
+        return count_searches(make_intersection(features, tree), ctypes.addressof(counts))
+
+    build_kernel.cache_clear()
+    try:
+        with patch("clsim.render.integrator.make_intersection", counted):
+            yield
+    finally:
+        build_kernel.cache_clear()
