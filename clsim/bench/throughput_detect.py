@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 
+from clsim.bench.plain_wlr import cut_window, solve_window
 from clsim.detect.config import DetectorConfig, Precision
 from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
@@ -175,24 +175,9 @@ def noise_frame(width: int, height: int) -> Frame:
 
 def plain_fits(frame: Frame, window: int) -> None:
     """Fit every pixel's window as one would first write it: numpy, one pixel at a time, pseudo-inverse."""
-    y_all = np.log(np.maximum(np.tensordot((0.2126, 0.7152, 0.0722), frame.planes[:3].astype(float), axes=1), 1e-4))
+    y = np.log(np.maximum(np.tensordot((0.2126, 0.7152, 0.0722), frame.planes[:3].astype(float), axes=1), 1e-4))
     ys, xs = np.mgrid[0 : frame.height, 0 : frame.width].astype(float)
-    x_all = np.stack([xs, ys, *frame.planes[3:].astype(float)], axis=-1)
-    reach = window // 2
+    x = np.stack([xs, ys, *frame.planes[3:].astype(float)], axis=-1)
     for row in range(frame.height):
-        rows = slice(max(row - reach, 0), row + reach + 1)
         for column in range(frame.width):
-            columns = slice(max(column - reach, 0), column + reach + 1)
-            plain_fit(x_all[rows, columns], y_all[rows, columns], x_all[row, column])
-
-
-def plain_fit(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], centre: npt.NDArray[np.float64]) -> float:
-    """Return α of one window ``[h, w, D]``, ``[h, w]`` by weighted least squares with a pseudo-inverse."""
-    x = x.reshape(-1, x.shape[-1])
-    extent = x.max(axis=0) - x.min(axis=0)
-    scaled = (x - centre) * np.where(extent > 0, 1 / np.where(extent > 0, extent, 1), 0)
-    weight = np.exp(-0.5 * (scaled * scaled).sum(axis=1))
-    design = np.column_stack([np.ones(len(x)), scaled])
-    weighted = design * weight[:, None]
-    solution = np.linalg.pinv(weighted.T @ design, rcond=1e-8) @ (weighted.T @ y.ravel())
-    return float(solution[0])
+            solve_window(cut_window(x, y, row, column, window), "gaussian")
