@@ -36,7 +36,8 @@ class Features:
         punctual_lights: the number of point, spot and directional lights is not zero.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
-        motion_blur: the exposure lasts, and something moves.
+        motion_blur: the exposure lasts, and something moves or deforms.
+        deforming_blur: the exposure lasts, and something deforms.
         projection: the camera's.
         distortion: the camera's lens distorts.
         aperture: the camera's lens has a size.
@@ -65,6 +66,7 @@ class Features:
     environment: bool
     environment_map: bool
     motion_blur: bool
+    deforming_blur: bool
     projection: Literal["perspective", "fisheye"]
     distortion: bool
     aperture: bool
@@ -92,6 +94,7 @@ class Features:
             (self.environment and not self.environment_map, "constant environment"),
             (self.environment_map, "environment map"),
             (self.motion_blur, "motion blur"),
+            (self.deforming_blur, "motion blur of deforming objects"),
             (self.projection == "fisheye", "fisheye projection"),
             (self.distortion, "lens distortion"),
             (self.aperture, "depth of field (thin lens)"),
@@ -154,15 +157,11 @@ def used_textures(world: World) -> list[int]:
 
 def unsupported(world: World) -> tuple[str, ...]:
     """Return what the world asks for and the tracer does not do, one sentence each."""
-    meshes, materials = _used_meshes(world), _used_materials(world)
+    materials = _used_materials(world)
     rows = (
         (
             any(m.roughness_texture >= 0 and m.kind == "plastic" for m in materials),
             "textures of plastic's roughness are left out",
-        ),
-        (
-            world.camera.shutter_s > 0 and any(deforms(mesh) for mesh in meshes),
-            "deforming meshes keep the shape of the exposure's middle, and blur only by their motion as a whole",
         ),
     )
     return tuple(text for lacks, text in rows if lacks)
@@ -184,8 +183,9 @@ def features_of(
     kinds = {material.kind for material in materials} or {"diffuse"}
     uses = {use for material in materials for use in textures_of(material)}
     textures = [world.textures[index] for index in used_textures(world)]
+    deforming = any(deforms(mesh) for mesh in meshes)
     return Features(
-        two_level=any(i.motion.duration_s > 0 or deforms(world.meshes[i.mesh]) for i in world.instances),
+        two_level=deforming or any(instance.motion.duration_s > 0 for instance in world.instances),
         smooth_normals=any(mesh.normals is not None for mesh in meshes),
         kinds=tuple(kind for kind in KINDS if kind in kinds),
         textures=bool(textures),
@@ -203,7 +203,8 @@ def features_of(
         punctual_lights=bool(world.punctual_lights),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,
-        motion_blur=world.camera.shutter_s > 0 and moves(world),
+        motion_blur=world.camera.shutter_s > 0 and (deforming or moves(world)),
+        deforming_blur=world.camera.shutter_s > 0 and deforming,
         projection=world.camera.lens.model,
         distortion=any(world.camera.lens.distortion),
         aperture=world.camera.lens.aperture_radius_m > 0,

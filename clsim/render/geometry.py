@@ -11,7 +11,7 @@ import warp as wp
 
 from clsim.render.bvh8_traverse import TreeHit, any_in_tree, closest_in_tree
 from clsim.render.features import Features
-from clsim.render.shutter import shutter_key, shutter_weight
+from clsim.render.shutter import nearest_key, shutter_key, shutter_weight
 
 Tree = Literal["bvh8", "warp"]
 """How a mesh is searched: by the 8-wide tree, which is faster but for CPUs alone, or by Warp's own."""
@@ -28,7 +28,8 @@ class Geometry:
     """The triangles of all meshes one after the other, their instances and the analytic spheres.
 
     Maps of instances, and spheres, one after the other for each key of the exposure; without motion blur there is one,
-    and only without it ``to_object``.
+    and only without it ``to_object``. Where deforming meshes blur, each has a mesh for each key, which differ in their
+    vertices alone, and ``instance_mesh`` goes on for each key.
     """
 
     mesh_handles: wp.array(dtype=wp.uint64)
@@ -146,8 +147,12 @@ def make_sphere_at(features: Features) -> Any:
     return sphere_at
 
 
-def make_placement(features: Features) -> tuple[Any, Any]:
-    """Return the Warp functions ``to_world_at(geometry, instance, time)`` and its inverse ``to_object_at``."""
+def make_placement(features: Features) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``to_world_at``, its inverse ``to_object_at``, and ``mesh_at``.
+
+    All take (geometry, instance, time). The last gives the place of an instance's mesh, as it is shaped at that time,
+    in the table of meshes.
+    """
 
     @wp.func
     def to_world_at(geometry: Geometry, instance: int, time: float) -> mat34:
@@ -179,7 +184,14 @@ def make_placement(features: Features) -> tuple[Any, Any]:
             to_object = geometry.to_object[instance]
         return to_object
 
-    return to_world_at, to_object_at
+    @wp.func
+    def mesh_at(geometry: Geometry, instance: int, time: float) -> int:
+        entry = instance
+        if wp.static(features.deforming_blur):
+            entry = nearest_key(time) * geometry.instance_count + instance
+        return geometry.instance_mesh[entry]
+
+    return to_world_at, to_object_at, mesh_at
 
 
 @wp.struct
@@ -251,7 +263,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
     """
     closest_in_mesh, any_in_mesh = make_search(tree)
     sphere_at = make_sphere_at(features)
-    to_world_at, to_object_at = make_placement(features)
+    to_world_at, to_object_at, mesh_at = make_placement(features)
 
     @wp.func
     def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
@@ -265,7 +277,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
             instance = int(0)
             while wp.bvh_query_next(candidates, instance, hit.t):
                 to_object = to_object_at(geometry, instance, time)
-                mesh = geometry.instance_mesh[instance]
+                mesh = mesh_at(geometry, instance, time)
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
                 found = closest_in_mesh(geometry, mesh, local_origin, local_direction, hit.t)
@@ -312,16 +324,16 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 to_object = to_object_at(geometry, instance, time)
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
-                if any_in_mesh(geometry, geometry.instance_mesh[instance], local_origin, local_direction, far):
+                if any_in_mesh(geometry, mesh_at(geometry, instance, time), local_origin, local_direction, far):
                     return True
             return False
         return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func
-    def vertex_numbers(geometry: Geometry, instance: int, triangle: int) -> wp.vec3i:
+    def vertex_numbers(geometry: Geometry, instance: int, triangle: int, time: float) -> wp.vec3i:
         first = int(0)
         if wp.static(features.two_level):
-            first = geometry.mesh_first_vertex[geometry.instance_mesh[instance]]
+            first = geometry.mesh_first_vertex[mesh_at(geometry, instance, time)]
         return wp.vec3i(
             first + geometry.indices[3 * triangle],
             first + geometry.indices[3 * triangle + 1],
@@ -350,7 +362,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         point.position = p0 * hit.weight0 + p1 * hit.weight1 + p2 * weight2
         point.shading_normal = point.normal
         if wp.static(features.smooth_normals):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             blend = (
                 geometry.normals[at[0]] * hit.weight0
                 + geometry.normals[at[1]] * hit.weight1
@@ -362,12 +374,12 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 else:
                     point.shading_normal = wp.normalize(blend)
         if wp.static(features.textures):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             point.uv = (
                 geometry.uvs[at[0]] * hit.weight0 + geometry.uvs[at[1]] * hit.weight1 + geometry.uvs[at[2]] * weight2
             )
         if wp.static(features.normal_maps):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle)
+            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             uv1 = geometry.uvs[at[1]] - geometry.uvs[at[0]]
             uv2 = geometry.uvs[at[2]] - geometry.uvs[at[0]]
             determinant = uv1[0] * uv2[1] - uv1[1] * uv2[0]
@@ -381,7 +393,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
     def surface(
         geometry: Geometry, instance: int, triangle: int, weight0: float, weight1: float, time: float
     ) -> Surface:
-        at = vertex_numbers(geometry, instance, triangle)
+        at = vertex_numbers(geometry, instance, triangle, time)
         hit = Hit()
         hit.instance = instance
         hit.triangle = triangle

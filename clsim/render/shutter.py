@@ -2,7 +2,8 @@
 """The exposure: what moves has a table of poses at equal steps through it, and a path blends two of them.
 
 Between keys, matrices are blended linearly: at ``SHUTTER_KEYS`` = 9, something that turns by 90° within the exposure
-shrinks by .5 % between keys.
+shrinks by .5 % between keys. What deforms has a shape at each key instead, and a path sees the nearest one: an eighth
+of the way that a vertex goes within the exposure should be less than a pixel, or edges show in steps.
 """
 
 from __future__ import annotations
@@ -20,6 +21,12 @@ _SEGMENTS = wp.constant(SHUTTER_KEYS - 1)
 def shutter_key(time: float) -> int:
     """Return the key before a time, which goes from 0 to 1 through the exposure."""
     return wp.min(int(time * float(_SEGMENTS)), _SEGMENTS - 1)
+
+
+@wp.func
+def nearest_key(time: float) -> int:
+    """Return the key nearest to a time."""
+    return wp.clamp(int(time * float(_SEGMENTS) + 0.5), 0, _SEGMENTS)
 
 
 @wp.func

@@ -19,7 +19,7 @@ from clsim.render.geometry import Geometry, Tree, mat34
 from clsim.render.integrator import Scene
 from clsim.render.lights import Lights
 from clsim.render.lights_punctual import Punctual
-from clsim.render.shutter import key_times
+from clsim.render.shutter import SHUTTER_KEYS, key_times
 from clsim.render.upload_materials import upload_materials
 from clsim.scene import Instance, Mesh, Static, World
 
@@ -112,9 +112,9 @@ class SceneData:
     def update(self, time_s: float) -> None:
         """Move everything to where it is at that time; work only where something moves."""
         times_s = key_times(time_s, self._shutter_s)
-        for i, deforming in self._deforming.items():
-            self._boxes[i] = deforming.update(time_s)
-            self._trees[i] = deforming.tree
+        for entry, (key, deforming) in self._deforming.items():
+            self._boxes[entry] = deforming.update(float(times_s[key]))
+            self._trees[entry] = deforming.tree
         if self._deforming:
             self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
         if self._features.two_level:
@@ -146,28 +146,34 @@ class SceneData:
 
     def _geometry(self, placement: _Placement, world: World) -> Any:
         meshes = placement.meshes
-        first_vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)])
+        # A mesh that deforms within the exposure stands in the table once for each key.
+        counts = [SHUTTER_KEYS if self._features.deforming_blur and deforms(mesh) else 1 for mesh in meshes]
+        first_entry = np.cumsum([0, *counts])
+        owner = np.repeat(np.arange(len(meshes)), counts)
+        shapes = [meshes[i] for i in owner]
+        first_vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in shapes)])
         geometry = Geometry()
         geometry.mesh_first_vertex = self._array(first_vertex[:-1], wp.int32)
-        geometry.mesh_first_triangle = self._array(first_triangle[:-1], wp.int32)
-        geometry.vertices = self._array(np.concatenate([mesh.vertices for mesh in meshes]), wp.vec3)
+        geometry.mesh_first_triangle = self._array(first_triangle[owner], wp.int32)
+        geometry.vertices = self._array(np.concatenate([mesh.vertices for mesh in shapes]), wp.vec3)
         geometry.indices = self._array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32)
         geometry.material_ids = self._array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32)
         if self._features.smooth_normals:
-            geometry.normals = self._array(np.concatenate([flat_or_smooth(mesh) for mesh in meshes]), wp.vec3)
+            geometry.normals = self._array(np.concatenate([flat_or_smooth(mesh) for mesh in shapes]), wp.vec3)
         if self._features.textures:
-            geometry.uvs = self._array(np.concatenate([_uvs(mesh) for mesh in meshes]), wp.vec2)
+            geometry.uvs = self._array(np.concatenate([_uvs(mesh) for mesh in shapes]), wp.vec2)
         self._trees: list[Any] = []
-        self._deforming: dict[int, DeformingMesh] = {}
-        for i, mesh in enumerate(meshes):
-            own = slice(int(first_vertex[i]), int(first_vertex[i + 1]))
+        self._deforming: dict[int, tuple[int, DeformingMesh]] = {}
+        for entry, (mesh, i) in enumerate(zip(shapes, owner, strict=True)):
+            own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
             vertices = geometry.vertices[own]
             indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
             if deforms(mesh):
                 normals = geometry.normals[own] if self._features.smooth_normals else None
-                self._deforming[i] = DeformingMesh(mesh, self._search, vertices, indices, normals)
-                self._trees.append(self._deforming[i].tree)
+                deforming = DeformingMesh(mesh, self._search, vertices, indices, normals)
+                self._deforming[entry] = entry - int(first_entry[i]), deforming
+                self._trees.append(deforming.tree)
             else:
                 self._trees.append(self._search(vertices, indices))
         self._handles = self._array([tree.id for tree in self._trees], wp.uint64)
@@ -175,7 +181,10 @@ class SceneData:
 
         times_s = key_times(0.0, self._shutter_s)
         poses = self._poses(times_s)
-        self._boxes = np.array([box(mesh) for mesh in meshes])
+        self._boxes = np.array([box(mesh) for mesh in shapes])
+        of = np.array([instance.mesh for instance in placement.instances])
+        keys = np.minimum(np.arange(max(counts))[:, None], np.array(counts)[of] - 1)
+        self._entries = first_entry[of] + keys
         lowers, uppers = self._bounds(poses)
         spheres = self._sphere_rows(times_s)
         least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
@@ -183,7 +192,7 @@ class SceneData:
         geometry.scale_m = float((most - least).max() / 2)
         self._radius_m = float(np.linalg.norm(most - least) / 2)
 
-        geometry.instance_mesh = self._array([instance.mesh for instance in placement.instances], wp.int32)
+        geometry.instance_mesh = self._array(self._entries.ravel(), wp.int32)
         geometry.instance_count = len(placement.instances)
         self._to_world = self._array(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32), mat34)
         self._to_object = self._array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34)
@@ -201,9 +210,10 @@ class SceneData:
 
     def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
         """World boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
-        boxes = self._boxes[[instance.mesh for instance in self._instances]]
-        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], boxes.mean(axis=1)) + poses[..., :3, 3]
-        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (boxes[:, 1] - boxes[:, 0]) / 2)
+        boxes = self._boxes[self._entries]  # [keys, instances, 2, 3]
+        low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
+        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
+        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
         extents += 1e-6 * (1.0 + np.abs(centres) + extents)
         return (centres - extents).min(axis=0), (centres + extents).max(axis=0)
 

@@ -11,7 +11,7 @@ import pytest
 
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.scene import Camera, Instance, Lens, Static, load_world
+from clsim.scene import Camera, Instance, Lens, Material, Static, load_world
 
 FOX = Path(__file__).parents[2].parent / "shared" / "assets" / "gltf" / "Fox.glb"
 
@@ -102,13 +102,64 @@ def test_a_deformation_without_an_end_has_its_one_shape():
     same(hw.render(held, spp=16), hw.render(swelling(1.5), spp=16))
 
 
-def test_blur_says_what_it_lacks():
-    scene = swelling()
-    blurred = hw.with_camera(scene, replace(scene.camera, shutter_s=0.1))
-    tracer = PathTracer(blurred, RenderOptions())
-    assert any("deforming meshes keep" in warning for warning in tracer.warnings)
-    tracer.close()
-    assert PathTracer(scene, RenderOptions()).warnings == ()
+@dataclass(frozen=True)
+class Slide:
+    """A motion and a deformation: the same way, by the one or the other."""
+
+    rest: object = None
+    duration_s: float = 4.0
+
+    def pose(self, time_s):
+        return hw.translation(2.0 * (time_s - 2.0), 0.0, 0.0)
+
+    def vertices_at(self, time_s):
+        return np.add(self.rest.vertices, (2.0 * (time_s - 2.0), 0.0, 0.0), dtype=np.float32), None
+
+
+def sliding(deforming, shutter_s, emission=(0.0, 0.0, 0.0), spp=256, **options):
+    """A square that crosses eight of 48 pixels within the exposure, at the time when it is in the middle."""
+    square = hw.quad((-0.5, -0.5, 0), (1, 0, 0), (0, 1, 0))
+    view = hw.camera(hw.translation(0, 0, 3), 48, 12, 2 * np.degrees(np.arctan(0.5)))
+    scene = hw.world(
+        replace(square, deformation=Slide(square)) if deforming else square,
+        materials=(Material(color=(0.5, 0.5, 0.5), emission=emission),),
+        motions=[hw.IDENTITY if deforming else Slide()],
+        view=replace(view, shutter_s=shutter_s),
+        environment=(0.0, 0.0, 0.0) if any(emission) else (1.0, 1.0, 1.0),
+        fps=1.0,
+    )
+    return hw.render(scene, 2, spp=spp, **options)
+
+
+@pytest.mark.parametrize("tree", ["bvh8", "warp"])
+def test_what_deforms_blurs_as_what_moves(tree):
+    """Nine shapes make steps of a pixel here, whose halves at the ends are 1/16 of the ramp."""
+    blurred = sliding(True, 0.25, tree=tree).plane("Coverage").mean(axis=0)
+    moved = sliding(False, 0.25, tree=tree).plane("Coverage").mean(axis=0)
+    assert np.abs(blurred - moved).max() < 1 / 16 + 0.04
+    assert abs(blurred.sum() - moved.sum()) < 0.2
+    ramp = (moved > 0.1) & (moved < 0.9)
+    assert ramp.sum() >= 12
+    still = sliding(True, 0.0, tree=tree).plane("Coverage").mean(axis=0)
+    assert np.abs(still - moved)[ramp].max() > 0.4
+
+
+def test_a_blurred_lamp_that_deforms_is_found_both_ways():
+    """What a deforming lamp gives to a wall does not depend on how it is found."""
+    lamp = hw.quad((-0.5, 1.0, -0.5), (0, 0, 1), (1, 0, 0), material=1)
+    wall = hw.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6))
+    scene = hw.world(
+        wall,
+        replace(lamp, deformation=Slide(lamp)),
+        materials=(hw.GREY, Material(color=(0, 0, 0), emission=(5.0, 5.0, 5.0))),
+        view=replace(hw.camera(hw.look_from((0, 3, 0.1), (0, 0, 0)), 16, 12, 60.0), shutter_s=0.5),
+        fps=1.0,
+    )
+    (by_light, error), (by_scatter, other) = (
+        hw.mean_and_error(hw.render(scene, 2, spp=512, strategy=strategy)) for strategy in ("light", "scatter")
+    )
+    assert (np.abs(by_light - by_scatter) < 4 * np.hypot(error, other)).all()
+    assert (other < 0.02 * by_light).all()
 
 
 @pytest.mark.skipif(not FOX.exists(), reason="the folder of shared scenes is not there")
