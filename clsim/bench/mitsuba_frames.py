@@ -1,0 +1,82 @@
+"""Mitsuba 3 as a source of frames: the same scene, camera path, path depth and planes, with noise of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from clsim.bench.mitsuba_peer import camera_pose, load_mitsuba, mitsuba_scene, move_scene
+from clsim.errors import InputError
+from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, frame_time_us
+from clsim.render import RenderOptions
+from clsim.render.tracer import stream_state
+from clsim.scene import Lens, World
+
+_PLANES = {RADIANCE: "", ALBEDO: "albedo:albedo", NORMAL: "normal:sh_normal", DEPTH: "depth:depth"}
+"""Planes in the order of Mitsuba's channels, and the arbitrary output variables that hold them."""
+
+
+class MitsubaFrames:
+    """Renders with Mitsuba 3, LLVM; a ``clsim.frames.FrameSource``.
+
+    Every frame has noise of its own, as a user's frames have who calls a renderer frame by frame. Albedo, shading
+    normal and depth are of the first hit.
+    """
+
+    names = RADIANCE + ALBEDO + NORMAL + DEPTH
+
+    def __init__(self, world: World, file: Path | None, options: RenderOptions) -> None:
+        """Load the scene: from Mitsuba's own ``file`` where the world came from one, else as ``world`` has it.
+
+        Raises:
+            InputError: Mitsuba is missing, cannot read the file, or the world has what this translation lacks.
+        """
+        mitsuba = load_mitsuba()
+        if mitsuba is None:
+            raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+        camera = world.camera
+        if camera.lens != Lens() or camera.shutter_s > 0:
+            raise InputError(f"{world.name}: a lens or an exposure time is not handed to Mitsuba, expected a pinhole")
+        self.width, self.height = camera.width, camera.height
+        self.frame_count = options.frames
+        self._mitsuba, self._world, self._options = mitsuba, world, options
+        self._translated = file is None
+        try:
+            self._scene = mitsuba.load_file(str(file)) if file else mitsuba_scene(mitsuba, world, options.max_depth)
+        except RuntimeError as error:
+            raise InputError(f"{file or world.name}: Mitsuba cannot load it: {error}") from None
+        path = {"type": "path", "max_depth": options.max_depth, "rr_depth": options.roulette_start}
+        aovs = ",".join(name for name in _PLANES.values() if name)
+        self._integrator = mitsuba.load_dict({"type": "aov", "aovs": aovs, "image": path})
+        film = {"type": "hdrfilm", "width": camera.width, "height": camera.height, "pixel_format": "rgb"}
+        self._sensor = mitsuba.load_dict(
+            {
+                "type": "perspective",
+                "fov": camera.fov_deg,
+                "fov_axis": "x",
+                "near_clip": 1e-3,
+                "to_world": mitsuba.ScalarTransform4f(camera_pose(world, 0.0)),
+                "film": film | {"rfilter": {"type": "box"}},
+                "sampler": {"type": "independent"},
+            }
+        )
+        self._pose = mitsuba.traverse(self._sensor)
+
+    def fill(self, index: int, out: Frame) -> None:
+        """Render frame ``index`` into ``out``."""
+        fps = self._options.fps or self._world.fps
+        out.time_us, out.index = frame_time_us(index, fps), index
+        time_s = out.time_us * 1e-6
+        self._pose["to_world"] = self._mitsuba.Transform4f(camera_pose(self._world, time_s))
+        self._pose.update()
+        if self._translated:
+            move_scene(self._mitsuba, self._scene, self._world, time_s)
+        seed = stream_state(self._options.seed, index) & 0xFFFFFFFF
+        image = self._mitsuba.render(
+            self._scene, sensor=self._sensor, integrator=self._integrator, spp=self._options.spp, seed=seed
+        )
+        out.planes[...] = np.moveaxis(np.array(image), -1, 0)
+
+    def close(self) -> None:
+        """Release nothing; here so that all sources end alike."""
