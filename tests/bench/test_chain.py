@@ -1,0 +1,37 @@
+"""Mitsuba and the published method, end to end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clsim.bench.chain import SPP, chain_config, run_chain, time_plain
+from clsim.bench.mitsuba_peer import load_mitsuba
+from clsim.bench.throughput_detect import noise_frame
+from clsim.render import RenderOptions
+from clsim.scene import load_world
+
+
+def test_windows_of_a_run_are_timed() -> None:
+    config = chain_config(load_world("two-boxes").sensor)
+    assert (config.gate, config.window, config.event_rule) == ("published", 13, "frame")
+    cost = time_plain(noise_frame(24, 20), noise_frame(24, 20), config, sampled=30)
+    assert cost.sampled == 30 and 0 < cost.gate_s < cost.fit_s < 0.05
+
+
+@pytest.mark.oracle
+def test_all_of_the_chain_is_counted() -> None:
+    if load_mitsuba() is None:
+        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+    world = load_world("cornell", resolution=(16, 12))
+    told: list[int] = []
+    options = RenderOptions(spp=SPP, frames=4, fps=10.0, noise="independent")
+    chain = run_chain(world, None, options, chain_config(world.sensor), lambda: told.append(1))
+    costs = chain.costs()
+    assert len(told) == 4 and costs["paths"] == 16 * 12 * 4 * SPP
+    assert chain.gates == 16 * 12 * 3 and 16 * 12 <= chain.fits < 16 * 12 * 4
+    assert costs["detect_cpu_s"] == chain.fits * chain.plain.fit_s + chain.gates * chain.plain.gate_s
+    assert costs["startup_cpu_s"] > 0 and costs["render_cpu_s"] > 0
+    assert len(chain.events) > 0 and set(chain.events["t"]) <= {100_000, 200_000, 300_000}
+    again = run_chain(world, None, options, chain_config(world.sensor), lambda: None)
+    np.testing.assert_array_equal(again.events, chain.events)
