@@ -6,6 +6,8 @@ from clsim.frames.frame import (
     BASE_PLANES,
     COVERAGE,
     DEPTH,
+    EMISSION,
+    FIRST_HIT_PLANES,
     MEAN_PLANES,
     NORMAL,
     RADIANCE,
@@ -16,7 +18,7 @@ from clsim.frames.frame import (
     frame_time_us,
     page_aligned,
 )
-from clsim.frames.interest import InterestMap
+from clsim.frames.interest import DELAY, InterestBoard, InterestMap
 from clsim.frames.protocols import FrameSource
 from clsim.frames.ring import FrameRing, Policy, RingClosed
 
@@ -25,7 +27,10 @@ __all__ = [
     "ALL_PLANES",
     "BASE_PLANES",
     "COVERAGE",
+    "DELAY",
     "DEPTH",
+    "EMISSION",
+    "FIRST_HIT_PLANES",
     "MEAN_PLANES",
     "NORMAL",
     "RADIANCE",
@@ -35,6 +40,7 @@ __all__ = [
     "Frame",
     "FrameRing",
     "FrameSource",
+    "InterestBoard",
     "InterestMap",
     "Policy",
     "RingClosed",

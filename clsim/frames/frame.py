@@ -27,11 +27,18 @@ COVERAGE = ("Coverage",)
 SAMPLES = ("Samples",)
 """Number of samples the pixel got."""
 
+EMISSION = ("Emission",)
+"""Luminance that pixels see shining by itself, lamps or sky, directly or in mirrors; part of R, G and B.
+
+Only frames whose first hits are sampled apart have it (`clsim.render.RenderOptions.first_hit_rays`).
+"""
+
 MEAN_PLANES = RADIANCE + ALBEDO + NORMAL + DEPTH + COVERAGE
 BASE_PLANES = MEAN_PLANES + SAMPLES
 VARIANCE_PLANES = (*(f"Variance.{name}" for name in MEAN_PLANES), "Variance.Luminance")
 """Variance of the mean of each plane, and of luminance (R, G and B covary); NaN where n < 2."""
 ALL_PLANES = BASE_PLANES + VARIANCE_PLANES
+FIRST_HIT_PLANES = BASE_PLANES + EMISSION
 
 
 @dataclass(slots=True)

@@ -2,23 +2,75 @@
 
 from __future__ import annotations
 
+import threading
+from collections import deque
 from dataclasses import dataclass
 
 from clsim.frames.frame import FloatArray
 
+DELAY = 2
+"""Frame k is rendered with the map of frame k − 2, so that rendering and detection overlap and runs are repeatable."""
+
 
 @dataclass(slots=True)
 class InterestMap:
-    """How close each pixel is to firing, after frame ``index``.
+    """How close each pixel is to firing, after a frame; NaN where a pixel has no reference.
 
     Attributes:
-        index: frame after which the map holds; frame ``index + 2`` is rendered with it, so that runs are repeatable.
-        to_on: float32 ``[H, W]``, distance of L to the ON threshold [natural-log units], negative once crossed.
+        number: how many frames the detector saw before this one.
+        to_on: float32 ``[H, W]``, distance of L to the ON threshold [natural-log units].
         to_off: float32 ``[H, W]``, distance of L to the OFF threshold, likewise.
-        stderr: float32 ``[H, W]``, standard error of L [natural-log units]; NaN where unknown.
+        change: float32 ``[H, W]``, change of L since the frame before [natural-log units].
+        stderr: float32 ``[H, W]``, standard error of L [natural-log units].
     """
 
-    index: int
+    number: int
     to_on: FloatArray
     to_off: FloatArray
+    change: FloatArray
     stderr: FloatArray
+
+
+class InterestBoard:
+    """Where a detector puts its maps and a renderer finds them; each in a thread of its own."""
+
+    def __init__(self, *, in_step: bool = True) -> None:
+        """Prepare an empty board; unless ``in_step``, `find` never waits and gives the newest map there is.
+
+        Give ``in_step=False`` where frames are dropped between both sides, so that numbers do not tell which is meant.
+        """
+        self._in_step = in_step
+        self._maps: deque[InterestMap] = deque(maxlen=DELAY + 1)
+        self._changed = threading.Condition()
+        self._closed = False
+
+    def publish(self, interest: InterestMap) -> None:
+        """Put up a map; older ones are forgotten once no frame can need them."""
+        with self._changed:
+            self._maps.append(interest)
+            self._changed.notify_all()
+
+    def find(self, frame_number: int) -> InterestMap | None:
+        """Return the map with which the renderer's frame ``frame_number`` is made; None for the first ones.
+
+        Waits for the detector to get so far, or for `close`; then None.
+        """
+        wanted = frame_number - DELAY
+        if wanted < 0:
+            return None
+        with self._changed:
+            if not self._in_step:
+                return self._maps[-1] if self._maps else None
+            while True:
+                for interest in self._maps:
+                    if interest.number == wanted:
+                        return interest
+                if self._closed:
+                    return None
+                self._changed.wait()
+
+    def close(self) -> None:
+        """Let nobody wait any longer; safe from any thread and to call twice."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
