@@ -27,7 +27,7 @@ __kernel void decide_events(
     for (int i = first; i < last; i++) {
         const int x = list[i] % span, y = list[i] / span, fresh = flags[list[i]] == FRESH;
         __global real *s = state + (size_t)y * STATE_PLANES * span + x;
-        const real now = level[y * level_row + level_start + x], ref = s[S_REF * span];
+        const real now = level_of(level[y * level_row + level_start + x]), ref = s[S_REF * span];
         const real change = now - ref;
         const real before = s[S_LEVEL * span];
         s[S_LEVEL * span] = now;

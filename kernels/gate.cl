@@ -23,7 +23,7 @@ __kernel void gate_level(
 {
     const int x = get_global_id(0) * VW, y = get_global_id(1);
     const realv mask = LOAD(packed + start + (size_t)(y + BORDER) * PLANES * pitch + BORDER + x);
-    const realv now = LOAD(level + y * level_row + level_start + x);
+    const realv now = levels_of(LOAD(level + y * level_row + level_start + x));
     state += (size_t)y * STATE_PLANES * span + x;
     const realv ref = LOAD(state + S_REF * span), change = now - ref;
     const realv solve = change >= on ? (realv)1 : (change <= -off ? (realv)1 : (realv)0);
@@ -66,11 +66,12 @@ __kernel void gate_model(
         solve = v < lo - margin ? (realv)1 : (v > hi + margin ? (realv)1 : solve);
 #endif
     }
-    realv predicted = LOAD(state + S_ALPHA * span) + moved;
+    moved += LOAD(state + S_ALPHA * span);
+    realv predicted = levels_of(moved);
     realv change = predicted - ref;
     solve = change > on ? (realv)1 : (change < -off ? (realv)1 : solve);
 #ifdef RADIANCE
-    predicted += unexplained;
+    predicted = levels_of(moved + unexplained);
     change = predicted - ref;
     solve = change > share * on ? (realv)1 : (change < -share * off ? (realv)1 : solve);
 #endif

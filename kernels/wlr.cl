@@ -22,7 +22,7 @@ typedef struct {
     int frames, slot, slots;          // frames of the history in use, the newest one's slot, slots in all
     int pitch, span, width, height;
     int any_invalid;
-    real inverse_h, ridge;
+    real inverse_h, ridge, shrink;
 } Input;
 
 static inline __global const real *packed_of(const Input *in, int age) {
@@ -150,7 +150,7 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
     const realv scale_x = x_hi > x_lo ? (real)1 / (x_hi - x_lo) : (realv)0;
     const realv scale_y = y_hi > y_lo ? (real)1 / (y_hi - y_lo) : (realv)0;
 
-    realv sum[STAGED][STAGED], along_y[STAGED], yy = 0;
+    realv sum[STAGED][STAGED], along_y[STAGED], yy = 0, noise = 0;
     for (int a = 0; a < STAGED; a++) {
         along_y[a] = 0;
         for (int b = 0; b < STAGED; b++) sum[a][b] = 0;
@@ -191,6 +191,9 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
                 // root() holds for q up to D only: pixels without values are taken to 0 first.
                 q *= mask;
                 const realv v = root(q) * mask;
+#endif
+#if SHRINK
+                noise += v * v * TAP(VARIANCE);
 #endif
                 const realv y = TAP(BRIGHTNESS);
                 staged[i][ONE] = v;
@@ -259,7 +262,7 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
     // LDL^T without pivoting: the ridge keeps the matrix positive. A pivot of C + ridge cannot be below the ridge
     // itself; where rounding takes it there (ridges below 1e-6 in float32), nothing is known of that direction and it
     // is left out: divided by, its rounding would grow from pivot to pivot until it overflows.
-    realv inverse[D];
+    realv inverse[D], explained = 0;
 #pragma unroll
     for (int j = 0; j < D; j++) {
         realv diagonal = m[j][j], row[D];
@@ -278,6 +281,7 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
             right[j] -= m[j][k] * right[k];
         }
         inverse[j] = diagonal > least ? (real)1 / diagonal : (realv)0;
+        explained += right[j] * right[j] * inverse[j];
     }
 #pragma unroll
     for (int j = D - 1; j >= 0; j--) {
@@ -288,6 +292,18 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
     realv alpha = y_mean;
 #pragma unroll
     for (int j = 0; j < D; j++) alpha -= right[j] * mean[j];
+#if SHRINK
+    // With (C + ridge) beta = c, the residual is var(y) - beta.c - beta.ridge.beta.
+    realv residual = sum[Y][Y] * share - y_mean * y_mean - explained;
+#pragma unroll
+    for (int j = 0; j < D; j++) {
+        const realv ridge = (m[j][j] - (real)1e-12) * (in->ridge / (1 + in->ridge)) + (real)1e-12;
+        residual -= right[j] * right[j] * ridge;
+    }
+    // The pixel's own value is 0 here: as far as the residual is more than noise, the fit gives way to it.
+    noise *= in->shrink * share;
+    alpha *= residual > noise ? noise / residual : (realv)1;
+#endif
     out_fit[0] = alpha + y_centre;
     out_fit[1] = right[0] * scale_x;
     out_fit[2] = right[1] * scale_y;
@@ -297,10 +313,11 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
 
 #define INPUT_ARGUMENTS                                                                                                \
     __global const real *packed, long packed_size, __global const real *extremes, long extremes_size, int frames,      \
-    int slot, int slots, int pitch, int span, int width, int height, int any_invalid, real inverse_h, real ridge
+    int slot, int slots, int pitch, int span, int width, int height, int any_invalid, real inverse_h, real ridge, \
+    real shrink
 #define INPUT                                                                                                          \
     {packed, extremes, packed_size, extremes_size, frames, slot, slots, pitch, span, width, height, any_invalid,       \
-     inverse_h, ridge}
+     inverse_h, ridge, shrink}
 
 // Work-item: VW neighbours. out_fit: [H][1 + D][span].
 __kernel void wlr_dense(INPUT_ARGUMENTS, __global real *out_fit)

@@ -12,6 +12,7 @@ Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
 EventRule = Literal["interpolated", "frame"]
 Kernel = Literal["gaussian", "epanechnikov"]
 Response = Literal["ln", "lin-log"]
+Regress = Literal["log", "linear"]
 Bandwidth = Literal["fixed", "tsvd", "optimised"]
 Luminance = Literal["rec709", "rec601"]
 Precision = Literal["float32", "float64"]
@@ -19,6 +20,7 @@ SMALLEST_THRESHOLD = 1e-36
 """The number of crossings in a step, up to 160 / C, must be a number in float32."""
 LARGEST_THRESHOLD = 1e30
 """So must be C itself, and sums with it."""
+LARGEST_SHRINK = 100.0
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
 KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
@@ -52,6 +54,16 @@ class DetectorConfig:
     """fixed: h everywhere; tsvd, optimised: chosen for each pixel, as the paper compares (numpy only, slow)."""
     ridge: float = 1e-5
     """λ: β is penalised by λ times the features' own second moments, α never."""
+    regress: Regress = "log"
+    """What the regression averages: log brightness, as in the paper; or luminance, of which the log is taken then.
+
+    The log of few samples is too low on average, and the more so the noisier they are; their mean is not.
+    """
+    shrink: float = 0.0
+    """How far the fit gives way to the pixel's own value: by 1 − shrink·(noise / residual) where that is positive.
+
+    0 leaves the fit as it is; else the frames need ``Variance.Luminance``, and ``regress`` must be ``linear``.
+    """
     response: Response = "ln"
     luminance: Luminance = "rec709"
     scale: float = 1.0
@@ -68,6 +80,7 @@ class DetectorConfig:
         require_choice("kernel", self.kernel, get_args(Kernel))
         require_choice("bandwidth", self.bandwidth, get_args(Bandwidth))
         require_choice("response", self.response, get_args(Response))
+        require_choice("regress", self.regress, get_args(Regress))
         require_choice("luminance", self.luminance, get_args(Luminance))
         require_choice("precision", self.precision, get_args(Precision))
         for name in ("threshold_on", "threshold_off"):
@@ -93,5 +106,18 @@ class DetectorConfig:
             raise InputError(f"box must be an odd number from 1 to 21, got {self.box}")
         if not 0 <= self.ridge <= 1:
             raise InputError(f"ridge must be from 0 to 1, got {self.ridge}")
+        if not 0 <= self.shrink <= LARGEST_SHRINK:
+            raise InputError(f"shrink must be from 0 to {LARGEST_SHRINK:g}, got {self.shrink}")
+        if self.shrink > 0 and self.regress != "linear":
+            raise InputError(f"shrink needs regress 'linear', got {self.regress!r}")
+        if self.shrink > 0 and self.bandwidth != "fixed":
+            raise InputError(f"shrink needs bandwidth 'fixed', got {self.bandwidth!r}")
+        if self.regress == "linear" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
+            raise InputError(f"gate {self.gate!r} works with regress 'log' alone, got {self.regress!r}")
         if self.bandwidth != "fixed" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
             raise InputError(f"gate {self.gate!r} works with bandwidth 'fixed' alone, got {self.bandwidth!r}")
+
+    @property
+    def linear(self) -> bool:
+        """Whether luminance is what is packed, regressed and remembered, instead of log brightness."""
+        return self.regress == "linear" and self.method != "esim"

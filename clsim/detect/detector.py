@@ -12,7 +12,7 @@ from clsim.detect.engine import Engine
 from clsim.detect.events import Interval
 from clsim.detect.gate import Counts
 from clsim.detect.pack import first_features
-from clsim.detect.reference_observation import feature_names
+from clsim.detect.reference_observation import check_variance, feature_names
 from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -81,6 +81,7 @@ class Detector:
         for name in RADIANCE:
             if name not in names:
                 raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")
+        check_variance(config, names)
         self.config = config
         self.width, self.height, self.names = width, height, names
         self.device = device or choose_device()

@@ -35,9 +35,17 @@ class Engine:
         config, count = self.config, len(self.features)
         double = config.precision == "float64"
         lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
-        layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32)
+        shrinks = config.shrink > 0 and config.method != "esim"
+        layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32, int(shrinks))
         depth = self.features.index(DEPTH[0]) if DEPTH[0] in self.features else -1
-        macros: dict[str, Any] = {"DEPTH": depth, "MISSES": int(depth >= 0 and COVERAGE[0] in self.names)}
+        macros: dict[str, Any] = {
+            "DEPTH": depth,
+            "MISSES": int(depth >= 0 and COVERAGE[0] in self.names),
+            "LIN_LOG": int(config.response == "lin-log"),
+            "FLOOR_Y": f"{config.floor:.9e}" + ("" if double else "f"),
+            "LINEAR": int(config.linear),
+            "SHRINK": int(shrinks),
+        }
         self.workplace = Workplace(self.device, layout, macros)
         self.memory = FrameMemory(self.workplace)
         self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)
@@ -70,6 +78,8 @@ class Engine:
         old_state, old_packed = older.workplace.read(older.state), older.workplace.read(older.pack.packed)
         packed = np.zeros(self.pack.packed.shape, dtype=self.workplace.real)
         packed[:, :, :2] = old_packed[:, :, :2]
+        if self.workplace.layout.extra:
+            packed[:, :, -1] = old_packed[:, :, -1]
         for j, name in enumerate(self.features):
             if name in older.features:
                 packed[:, :, 2 + j] = old_packed[:, :, 2 + older.features.index(name)]

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.program import Workplace
-from clsim.detect.reference_observation import LUMINANCE_WEIGHTS
+from clsim.detect.reference_observation import LUMINANCE_WEIGHTS, VARIANCE
 from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
 
 _CACHED_FRAMES = 8
@@ -77,13 +77,13 @@ class Pack:
         self._workplace = workplace
         self._quiet = quiet
         self._coverage = COVERAGE[0] in names
-        lin_log = int(config.response == "lin-log")
-        (self._kernel,) = workplace.kernels("pack", ("pack",), {"LIN_LOG": lin_log})
+        (self._kernel,) = workplace.kernels("pack", ("pack",))
         planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
         self._source = workplace.allocate((len(planes),), np.int32)
         workplace.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
         self._weights = [weight * config.scale for weight in LUMINANCE_WEIGHTS[config.luminance]]
-        self._floor = config.floor
+        self._variance = names.index(VARIANCE) if workplace.layout.extra else -1
+        self._variance_scale = config.scale**2
         height = workplace.layout.height
         self.packed = workplace.allocate((slots, *workplace.layout.packed_shape))
         self._invalid = workplace.allocate((height,), np.int32)
@@ -99,7 +99,8 @@ class Pack:
         depth = self._quiet.index(DEPTH[0]) if DEPTH[0] in self._quiet else -1
         self._workplace.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
-            len(self._quiet), depth, int(self._coverage), *self._weights, self._floor, np.int64(self.offset(slot)),
+            len(self._quiet), depth, int(self._coverage), *self._weights, self._variance, self._variance_scale,
+            np.int64(self.offset(slot)),
             self.packed, self._invalid, self._range,
         )  # fmt: skip
         cl.enqueue_copy(self._workplace.queue, self._host_invalid, self._invalid.memory)

@@ -29,6 +29,7 @@ class Layout:
         features: feature planes besides pixel x and y.
         lanes: pixels that a work-item handles side by side.
         real: float32 or float64.
+        extra: planes of a packed image after the features: 1 if the variance of luminance is there.
     """
 
     width: int
@@ -36,6 +37,7 @@ class Layout:
     features: int
     lanes: int
     real: npt.DTypeLike
+    extra: int = 0
 
     @property
     def span(self) -> int:
@@ -50,7 +52,7 @@ class Layout:
     @property
     def packed_shape(self) -> tuple[int, int, int]:
         """Shape of a packed frame."""
-        return (self.height + 2 * BORDER, FIRST_FEATURE + self.features, self.pitch)
+        return (self.height + 2 * BORDER, FIRST_FEATURE + self.features + self.extra, self.pitch)
 
     def image_shape(self, planes: int) -> tuple[int, int, int]:
         """Shape of an image without border."""

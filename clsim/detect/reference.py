@@ -15,9 +15,17 @@ import numpy as np
 from clsim.detect.config import KEPT_WINDOW_GATES, DetectorConfig
 from clsim.detect.reference_bandwidth import SOLVERS
 from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
-from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, radiance
+from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, level_of, radiance
 from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
-from clsim.detect.reference_observation import F64, Mask, Observation, add_variances, feature_names, observe
+from clsim.detect.reference_observation import (
+    F64,
+    Mask,
+    Observation,
+    add_variances,
+    check_variance,
+    feature_names,
+    observe,
+)
 from clsim.detect.reference_rule import Outcome, Step, apply_rule
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -72,8 +80,9 @@ class ReferenceDetector:
         chosen per pixel (see `clsim.detect.reference_bandwidth`) and need the variance planes.
 
         Raises:
-            InputError: a feature asked for is not among the planes.
+            InputError: a feature asked for, or the variance that ``shrink`` needs, is not among the planes.
         """
+        check_variance(config, names)
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
         self.config = config
@@ -190,7 +199,7 @@ class ReferenceDetector:
         if self.config.method == "esim":
             return now.brightness.ravel()[pixels], None
         fit = fit_pixels(self._history, pixels, self.config, self._solve)
-        return fit.alpha, fit
+        return level_of(fit.alpha, self.config), fit
 
 
 def _nothing() -> Outcome:

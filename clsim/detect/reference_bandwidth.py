@@ -96,7 +96,7 @@ def _fit(windows: Windows, z: F64, weights: F64, basis: F64, scale: F64, config:
     r = windows.y - alpha[:, None] - np.einsum("nmj,nj->nm", z, slope)
     residual = np.einsum("nm,nm->n", weights, r * r) / weights.sum(axis=1)
     raw = np.einsum("njk,nk->nj", basis, slope) * scale
-    return Fit(alpha, raw, residual, windows.centre, windows.lo, windows.hi), smoother
+    return Fit(alpha, raw, residual, np.zeros_like(alpha), windows.centre, windows.lo, windows.hi), smoother
 
 
 def _regress(design: F64, y: F64, weights: F64, ridge: float) -> tuple[F64, F64, F64]:

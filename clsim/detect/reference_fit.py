@@ -54,9 +54,10 @@ class Fit:
     """Planes y ≈ α + βᵀ(x − x_c) fitted to n windows.
 
     Attributes:
-        alpha: ``[n]``, the regressed brightness at the centre.
+        alpha: ``[n]``, the regressed brightness (or luminance, where that is regressed) at the centre.
         slope: ``[n, D]``, β in brightness per raw unit of each feature.
         residual: ``[n]``, R = (1/W) Σ w r².
+        noise: ``[n]``, (1/W) Σ w v of the samples' variances v; 0 where they are not asked for.
         centre: ``[n, D]``, x_c in raw units (a miss has its window's largest depth).
         lo: ``[n, D]``, smallest value of each feature in the window.
         hi: ``[n, D]``, largest value.
@@ -65,6 +66,7 @@ class Fit:
     alpha: F64
     slope: F64
     residual: F64
+    noise: F64
     centre: F64
     lo: F64
     hi: F64
@@ -106,7 +108,7 @@ def gather(history: Sequence[Observation], pixels: Pixels, window: int, stride: 
     now = history[-1]
     centre = now.features.reshape(-1, x.shape[2])[pixels]
     windows = make_windows(x, y, mask, centre, hit, now.hit.ravel()[pixels], now.depth)
-    if now.brightness_variance is not None and now.feature_variance is not None:
+    if now.brightness_variance is not None:
         windows.y_variance = np.concatenate(
             [
                 np.pad(o.brightness_variance, border).ravel()[index]
@@ -115,6 +117,7 @@ def gather(history: Sequence[Observation], pixels: Pixels, window: int, stride: 
             ],
             axis=1,
         )
+    if now.feature_variance is not None:
         windows.x_variance = np.concatenate(
             [
                 np.pad(o.feature_variance, (*border, (0, 0))).reshape(-1, x.shape[2])[index]
@@ -183,7 +186,21 @@ def solve_windows(windows: Windows, config: DetectorConfig) -> Fit:
     alpha = mean_y - np.einsum("nj,nj->n", b, mean_x)
     r = dy - np.einsum("nmj,nj->nm", dx, b)
     residual = np.einsum("nm,nm->n", share, r * r)
-    return Fit(alpha, b * scale, residual, windows.centre, windows.lo, windows.hi)
+    noise = np.zeros_like(alpha) if windows.y_variance is None else np.einsum("nm,nm->n", share, windows.y_variance)
+    return Fit(alpha, b * scale, residual, noise, windows.centre, windows.lo, windows.hi)
+
+
+def shrink(fit: Fit, y: F64, factor: float) -> None:
+    """Move α towards ``y [n]``, the centres' own values, as far as the residual is more than noise.
+
+    Where the window is nothing but a plane and noise, R comes to the samples' variance (a little less: the plane has
+    taken part of it) and α stays. Where R is much larger, the plane misses detail, and y has it: James and Stein,
+    "Estimation with quadratic loss", 1961, for the pair of α and y, with R for their expected distance.
+    """
+    noise = factor * fit.noise
+    detail = fit.residual > noise
+    weight = np.where(detail, 1.0 - noise / np.where(detail, fit.residual, 1.0), 0.0)
+    fit.alpha += weight * (y - fit.alpha)
 
 
 def fit_pixels(
@@ -198,13 +215,16 @@ def fit_pixels(
     samples = len(history) * len(tap_offsets(config.window, config.stride)) ** 2
     for part in chunks(pixels, samples, dimensions):
         put_fit(fit, part, solve(gather(history, pixels[part], config.window, config.stride), config))
+    if config.shrink > 0:
+        shrink(fit, history[-1].brightness.ravel()[pixels], config.shrink)
     return fit
 
 
 def empty_fit(count: int, dimensions: int) -> Fit:
     """Return room for the planes of ``count`` pixels, all 0."""
     shape = (count, dimensions)
-    return Fit(np.zeros(count), np.zeros(shape), np.zeros(count), np.zeros(shape), np.zeros(shape), np.zeros(shape))
+    alpha, residual, noise = np.zeros((3, count))
+    return Fit(alpha, np.zeros(shape), residual, noise, np.zeros(shape), np.zeros(shape), np.zeros(shape))
 
 
 def put_fit(out_fit: Fit, where: slice | Pixels, fit: Fit) -> None:

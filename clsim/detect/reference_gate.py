@@ -12,7 +12,7 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference_fit import Fit, Pixels, empty_fit, put_fit
-from clsim.detect.reference_observation import F64, Mask, Observation
+from clsim.detect.reference_observation import F64, Mask, Observation, log_brightness
 
 RANGE_MARGIN = 1e-3
 """How far a feature may leave its old window's range, as a share of its size, before the radiance gate solves."""
@@ -100,7 +100,7 @@ class Verdict:
 
     Attributes:
         solve: ``[n]``, whether a new regression is due.
-        predicted: ``[n]``, the brightness that the old plane predicts.
+        predicted: ``[n]``, the level that the old plane predicts.
         margin: ``[n]``, distance of the nearest test to its threshold (log units; of ranges, relative): pixels where
             it is tiny may legitimately be decided otherwise in another precision.
     """
@@ -116,15 +116,18 @@ def beyond(change: F64, config: DetectorConfig, share: float = 1.0) -> tuple[Mas
     return (change > on) | (change < -off), np.minimum(np.abs(change - on), np.abs(change + off))
 
 
+def level_of(value: F64, config: DetectorConfig) -> F64:
+    """Return the level of regressed values: themselves, or their log where luminance is regressed."""
+    return log_brightness(value, config) if config.linear else value
+
+
 def delta_r(model: Model, pixels: Pixels, ref: F64, observation: Observation, config: DetectorConfig) -> Verdict:
     """Test ΔR = (βᵀδ)² against C² (Tsuji et al., ICIP 2023, proposition 1, in closed form).
 
     The change is counted from ``ref``, the level at which the last event fired, so that the test also holds where the
     reference steps by C; where ref = α it is the paper's.
     """
-    fit = model.fit
-    moved = np.einsum("nj,nj->n", fit.slope[pixels], model.centre(pixels, observation) - fit.centre[pixels])
-    predicted = fit.alpha[pixels] + moved
+    predicted = level_of(_moved(model, pixels, observation), config)
     solve, margin = beyond(predicted - ref[pixels], config)
     return Verdict(solve, predicted, margin)
 
@@ -136,16 +139,23 @@ def radiance(
 
     d = βᵀδ + [(ȳ_new − ȳ_old) − βᵀ(x̄_new − x̄_old)] over the box means.
     """
-    fit = model.fit
     by_features = delta_r(model, pixels, ref, observation, config)
     box_moved = model.fill_box_depth(pixels, boxes) - model.box_features[pixels]
     brighter = boxes.brightness[pixels] - model.box_brightness[pixels]
-    unexplained = brighter - np.einsum("nj,nj->n", fit.slope[pixels], box_moved)
-    predicted = by_features.predicted + unexplained
+    unexplained = brighter - np.einsum("nj,nj->n", model.fit.slope[pixels], box_moved)
+    predicted = level_of(_moved(model, pixels, observation) + unexplained, config)
     by_box, box_margin = beyond(predicted - ref[pixels], config, config.gate_scale)
     out_of_range, range_margin = leaves_range(model, pixels, observation)
     margin = np.minimum(np.minimum(by_features.margin, box_margin), range_margin)
     return Verdict(by_features.solve | by_box | out_of_range, predicted, margin)
+
+
+def _moved(model: Model, pixels: Pixels, observation: Observation) -> F64:
+    """Return α + βᵀδ: the old plane at the current centre features."""
+    fit = model.fit
+    delta = model.centre(pixels, observation) - fit.centre[pixels]
+    result: F64 = fit.alpha[pixels] + np.einsum("nj,nj->n", fit.slope[pixels], delta)
+    return result
 
 
 def leaves_range(model: Model, pixels: Pixels, observation: Observation) -> tuple[Mask, F64]:

@@ -19,6 +19,12 @@ FEATURE_PLANES = DEPTH + NORMAL + ALBEDO + COVERAGE
 
 LUMINANCE_WEIGHTS = {"rec709": (0.2126, 0.7152, 0.0722), "rec601": (0.299, 0.587, 0.114)}
 
+LARGEST_LUMINANCE = 1e12
+"""Where luminance is regressed, larger values count as this: their squares would leave float32."""
+UNKNOWN_VARIANCE = 1e30
+"""Stands for the variance of a pixel that has none yet (one sample): so large that nothing is learnt from the pixel."""
+VARIANCE = "Variance.Luminance"
+
 LIN_LOG_KNEE = 20.0
 """Where the lin-log response turns from linear to logarithmic, on values 0…255."""
 
@@ -28,13 +34,14 @@ class Observation:
     """One frame as the regression sees it.
 
     Attributes:
-        brightness: ``[H, W]``, L in natural-log units; 0 where invalid.
+        brightness: ``[H, W]``, what is regressed: L in natural-log units, or scaled luminance; 0 where invalid.
         features: ``[H, W, D]``, raw units: pixel x, pixel y, then the feature planes; 0 where invalid.
         valid: ``[H, W]``, whether radiance and all used planes of the pixel are finite.
         hit: ``[H, W]``, whether any sample of the pixel hit; True everywhere if the frame has no coverage plane.
         depth: index of depth among the features, or None.
-        brightness_variance: ``[H, W]``, variance of L; None where no bandwidth selection asks for it.
-        feature_variance: ``[H, W, D]``, variances of the features, 0 for pixel x and y; None likewise.
+        brightness_variance: ``[H, W]``, variance of ``brightness``; None where nothing asks for it.
+        feature_variance: ``[H, W, D]``, variances of the features, 0 for pixel x and y; None without bandwidth
+            selection.
     """
 
     brightness: F64
@@ -62,10 +69,25 @@ def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, 
     return tuple(name for name in names if name in wanted)
 
 
-def log_brightness(rgb: F64, config: DetectorConfig) -> F64:
-    """Return L of linear radiance ``[3, …]``: natural log, or linear below a knee (``lin-log``, as v2e has it)."""
+def check_variance(config: DetectorConfig, names: tuple[str, ...]) -> None:
+    """Refuse frames without the variance that ``config.shrink`` weighs with.
+
+    Raises:
+        InputError: it is missing.
+    """
+    if config.shrink > 0 and config.method != "esim" and VARIANCE not in names:
+        raise InputError(f"shrink needs the plane {VARIANCE!r}, which the frames lack")
+
+
+def scaled_luminance(rgb: F64, config: DetectorConfig) -> F64:
+    """Return the luminance of linear radiance ``[3, …]``, times the configured scale."""
     weights = np.asarray(LUMINANCE_WEIGHTS[config.luminance])
-    y = np.tensordot(weights, rgb, axes=1) * config.scale
+    result: F64 = np.tensordot(weights, rgb, axes=1) * config.scale
+    return result
+
+
+def log_brightness(y: F64, config: DetectorConfig) -> F64:
+    """Return L of scaled luminance: natural log, or linear below a knee (``lin-log``, as v2e has it)."""
     if config.response == "ln":
         result: F64 = np.log(np.maximum(y, config.floor))
         return result
@@ -89,10 +111,17 @@ def observe(frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> Ob
     ys, xs = np.mgrid[0:height, 0:width].astype(np.float64)
     features = np.stack([xs, ys, *stack], axis=-1)
     features[~valid] = 0.0
-    brightness = log_brightness(np.where(valid, rgb, 1.0), config)
+    brightness = scaled_luminance(np.where(valid, rgb, 1.0), config)
+    brightness = np.minimum(brightness, LARGEST_LUMINANCE) if config.linear else log_brightness(brightness, config)
     brightness[~valid] = 0.0
     depth = 2 + planes.index(DEPTH[0]) if DEPTH[0] in planes else None
-    return Observation(brightness, features, valid, hit & valid, depth)
+    observation = Observation(brightness, features, valid, hit & valid, depth)
+    if config.method != "esim" and config.shrink > 0:
+        variance = frame.plane(VARIANCE).astype(np.float64) * config.scale**2
+        known = np.isfinite(variance) & (variance <= UNKNOWN_VARIANCE)
+        observation.brightness_variance = np.where(known, np.maximum(variance, 0.0), UNKNOWN_VARIANCE)
+        observation.brightness_variance[~valid] = 0.0
+    return observation
 
 
 def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> None:
@@ -116,8 +145,11 @@ def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...
     else:
         deviation = sum(w * np.sqrt(variance(name)) for w, name in zip(weights, RADIANCE, strict=True))
         luminance_variance = np.asarray(deviation) ** 2
-    luminance = np.tensordot(np.asarray(weights), np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
-    luminance = np.maximum(np.where(observation.valid, luminance, 1.0), config.floor / config.scale)
-    observation.brightness_variance = luminance_variance / luminance**2
-    nothing = np.zeros_like(luminance)
+    if config.linear:
+        observation.brightness_variance = luminance_variance * config.scale**2
+    else:
+        luminance = np.tensordot(np.asarray(weights), np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
+        luminance = np.maximum(np.where(observation.valid, luminance, 1.0), config.floor / config.scale)
+        observation.brightness_variance = luminance_variance / luminance**2
+    nothing = np.zeros(observation.valid.shape)
     observation.feature_variance = np.stack([nothing, nothing, *(variance(name) for name in planes)], axis=-1)

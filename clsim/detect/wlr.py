@@ -115,7 +115,7 @@ class Regression:
         return (
             self._packed, np.int64(self.packed_size), self.extremes, np.int64(self.extremes_size), history.frames,
             history.slot, self.slots, layout.pitch, layout.span, layout.width, layout.height,
-            int(history.any_invalid), 1.0 / self._config.bandwidth_h, self._config.ridge,
+            int(history.any_invalid), 1.0 / self._config.bandwidth_h, self._config.ridge, self._config.shrink,
         )  # fmt: skip
 
 

@@ -37,6 +37,7 @@ def random_frames(seed, count=4, height=9, width=11, noise=0.1, misses=True, ste
         brightness = np.log(albedo.mean(axis=0) + 0.2) + 0.2 * normal[0] - 0.1 * depth
         brightness += noise * rng.standard_normal((height, width))
         planes = dict(zip((f.replace(".", "_") for f in FEATURES), (depth, *normal, *albedo, coverage), strict=True))
+        planes["Variance_Luminance"] = (noise * np.exp(brightness)) ** 2
         frames.append(make_frame(brightness, k, **planes))
     return frames
 

@@ -31,6 +31,11 @@ VARIANTS = [
     {"box": 9, "gate_scale": 0.7, "threshold_off": 0.1},
     {"gate_scale": 2.0},
     {"features": ("Depth", "Albedo.G")},
+    {"regress": "linear"},
+    {"regress": "linear", "method": "wlr-esim", "response": "lin-log"},
+    {"regress": "linear", "gate": "delta-r", "scale": 0.3, "floor": 0.1},
+    {"regress": "linear", "shrink": 1.5, "history": 2},
+    {"regress": "linear", "shrink": 1.0, "method": "wlr-esim", "scale": 3.0, "ridge": 0.01},
 ]
 
 

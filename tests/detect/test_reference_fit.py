@@ -10,7 +10,7 @@ from reference_scenes import FEATURES, make_frame, random_frames
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference_fit import fit_pixels, gather, solve_windows, tap_offsets
-from clsim.detect.reference_observation import feature_names, log_brightness, observe
+from clsim.detect.reference_observation import feature_names, log_brightness, observe, scaled_luminance
 from clsim.errors import InputError
 
 
@@ -145,13 +145,17 @@ def test_a_linear_scene_is_reproduced_exactly():
 
 
 def test_responses():
+    def respond(rgb, **options):
+        config = DetectorConfig(**options)
+        return log_brightness(scaled_luminance(rgb, config), config)
+
     rgb = np.full((3, 3), [0.0, 10 / 255, 0.5])
-    assert log_brightness(rgb, DetectorConfig(floor=1e-3))[0] == pytest.approx(np.log(1e-3))
-    lin_log = log_brightness(rgb, DetectorConfig(response="lin-log"))
+    assert respond(rgb, floor=1e-3)[0] == pytest.approx(np.log(1e-3))
+    lin_log = respond(rgb, response="lin-log")
     np.testing.assert_allclose(lin_log, [0, 10 * np.log(20) / 20, np.log(127.5)], atol=1e-12)
     green = np.array([[0.0], [1.0], [0.0]])
-    assert log_brightness(green, DetectorConfig(luminance="rec601"))[0] == pytest.approx(np.log(0.587))
-    assert log_brightness(green, DetectorConfig(scale=2))[0] == pytest.approx(np.log(2 * 0.7152))
+    assert respond(green, luminance="rec601")[0] == pytest.approx(np.log(0.587))
+    assert respond(green, scale=2)[0] == pytest.approx(np.log(2 * 0.7152))
 
 
 def test_feature_choice_errors_name_the_plane():
