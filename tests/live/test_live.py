@@ -111,11 +111,14 @@ def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, m
     run = subprocess.Popen(
         [sys.executable, "-m", "clsim", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )
-    deadline = time.monotonic() + 60
-    while (not out.exists() or out.stat().st_size < 20_000) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    run.send_signal(signal.SIGINT)
-    stdout, stderr = run.communicate(timeout=30)
+    try:
+        deadline = time.monotonic() + 60
+        while (not out.exists() or out.stat().st_size < 20_000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        stdout, stderr = run.communicate(timeout=30)
+    finally:
+        run.kill()
     assert run.returncode == 130, stderr
     summary = json.loads(stdout)
     assert summary["interrupted"] and summary["events"] > 0
@@ -132,12 +135,14 @@ def test_an_interrupt_while_kernels_are_built(tmp_path: Path) -> None:
         stderr=subprocess.PIPE,
         text=True,
     )
-    deadline = time.monotonic() + 60
-    while not out.exists() and time.monotonic() < deadline:
-        time.sleep(0.02)
-    time.sleep(0.3)
-    run.send_signal(signal.SIGINT)
-    _, stderr = run.communicate(timeout=20)
+    try:
+        deadline = time.monotonic() + 60
+        while not any((tmp_path / "warp").rglob("wp_*")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        run.send_signal(signal.SIGINT)
+        _, stderr = run.communicate(timeout=20)
+    finally:
+        run.kill()
     assert run.returncode == 130, stderr
     assert "interrupted" in stderr and out.read_text() == ""
 

@@ -1,0 +1,27 @@
+"""How the suite runs: in parallel where pytest-xdist is installed, and always with working interrupts."""
+
+import os
+import signal
+
+import pytest
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Run the whole suite (no paths given, no -n, no debugger) on up to four cores: most of it is compiling kernels.
+
+    In ``addopts``, ``-n`` would be an error where the plugin is missing.
+    """
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    if not (whole and config.pluginmanager.hasplugin("xdist")) or config.option.numprocesses is not None:
+        return
+    if not (config.option.usepdb or config.option.collectonly):
+        config.option.numprocesses = min(4, os.cpu_count() or 1)
+        # Neighbours in a file share kernels, so that each worker gets tests in a row.
+        config.option.dist = "worksteal"
+
+
+def pytest_configure() -> None:
+    """Undo what a shell does to its background jobs: programs that tests start would ignore interrupts too."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
