@@ -47,11 +47,7 @@ __kernel void pack(
 #if SHRINK
     __global const float *restrict in = row + variance_plane * area;
     __global real *restrict variance = mask + VARIANCE * pitch;
-    for (int x = 0; x < width; x++) {
-        real v = in[x] * variance_scale;
-        v = v <= (real)UNKNOWN_VARIANCE ? MAX(v, (real)0) : (real)UNKNOWN_VARIANCE;   // NaN: one sample has none
-        variance[x] = mask[x] > 0 ? v : 0;
-    }
+    for (int x = 0; x < width; x++) variance[x] = mask[x] > 0 ? in[x] * variance_scale : 0;
 #endif
     for (int j = 0; j < quiet; j++) {
         __global const float *restrict in = row + source[3 + F + j] * area;

@@ -300,7 +300,8 @@ static inline __attribute__((always_inline)) void fit(const Input *in, const Pla
         const realv ridge = (m[j][j] - (real)1e-12) * (in->ridge / (1 + in->ridge)) + (real)1e-12;
         residual -= right[j] * right[j] * ridge;
     }
-    // The pixel's own value is 0 here: as far as the residual is more than noise, the fit gives way to it.
+    // The pixel's own value is 0 here: as far as the residual is more than noise, the fit gives way to it. Noise is NaN
+    // where a pixel of the window has no variance; then the fit stays.
     noise *= in->shrink * share;
     alpha *= residual > noise ? noise / residual : (realv)1;
 #endif

@@ -198,6 +198,7 @@ def shrink(fit: Fit, y: F64, factor: float) -> None:
     "Estimation with quadratic loss", 1961, for the pair of α and y, with R for their expected distance.
     """
     noise = factor * fit.noise
+    # A pixel of one sample has no variance: noise is NaN in every window with such a pixel, and the fit stays.
     detail = fit.residual > noise
     weight = np.where(detail, 1.0 - noise / np.where(detail, fit.residual, 1.0), 0.0)
     fit.alpha += weight * (y - fit.alpha)

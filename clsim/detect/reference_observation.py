@@ -21,8 +21,6 @@ LUMINANCE_WEIGHTS = {"rec709": (0.2126, 0.7152, 0.0722), "rec601": (0.299, 0.587
 
 LARGEST_LUMINANCE = 1e12
 """Where luminance is regressed, larger values count as this: their squares would leave float32."""
-UNKNOWN_VARIANCE = 1e30
-"""Stands for the variance of a pixel that has none yet (one sample): so large that nothing is learnt from the pixel."""
 VARIANCE = "Variance.Luminance"
 
 LIN_LOG_KNEE = 20.0
@@ -118,9 +116,8 @@ def observe(frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> Ob
     observation = Observation(brightness, features, valid, hit & valid, depth)
     if config.method != "esim" and config.shrink > 0:
         variance = frame.plane(VARIANCE).astype(np.float64) * config.scale**2
-        known = np.isfinite(variance) & (variance <= UNKNOWN_VARIANCE)
-        observation.brightness_variance = np.where(known, np.maximum(variance, 0.0), UNKNOWN_VARIANCE)
-        observation.brightness_variance[~valid] = 0.0
+        variance[~np.isfinite(variance)] = np.nan
+        observation.brightness_variance = np.where(valid, variance, 0.0)
     return observation
 
 
