@@ -15,11 +15,12 @@ from clsim.bench.point_store import PointStore
 from clsim.bench.ray_counts import RaysPerPath, rays_per_path
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
 from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, warm_renderer
+from clsim.bench.tradeoff_peers import LABELS, Peer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
-from clsim.bench.tradeoff_summary import summarise
+from clsim.bench.tradeoff_summary import summarise, summarise_peers
 from clsim.detect.config import EventRule
 from clsim.detect.device import Device, choose_device
-from clsim.errors import InputError
+from clsim.errors import InputError, require_choice
 from clsim.events import EventBatch
 from clsim.render import RenderOptions
 from clsim.scene import World, load_world
@@ -51,6 +52,8 @@ class TradeoffOptions:
     seeds: tuple[int, ...] = (0,)
     points: tuple[Point, ...] = field(default=())
     """The points to measure; none are those of the full sweep, or of the quick one."""
+    peers: tuple[str, ...] = ()
+    """What else to measure on the same world."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
@@ -68,6 +71,8 @@ class TradeoffOptions:
             )
         if self.quick and len(self.seeds) > 1:
             raise InputError(f"--quick measures one seed, got {','.join(map(str, self.seeds))}")
+        for peer in self.peers:
+            require_choice("--peers", peer, tuple(LABELS))
 
 
 def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
@@ -89,6 +94,8 @@ class _Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
+        self.file = Path(options.scene) if Path(options.scene).suffix.lower() == ".xml" else None
+        self.peers = [Peer(name, seed) for name in dict.fromkeys(options.peers) for seed in options.seeds]
         self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = self.render_options(Rendering(spp, "common", REFERENCE_SEED))
@@ -115,7 +122,8 @@ class _Sweep:
 
     def run(self) -> dict[str, Any]:
         missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
-        self.plan(missing)
+        missing_peers = [peer for peer in self.peers if content_key(peer.key()) not in self.store]
+        self.plan(missing, missing_peers)
         self.tell("loading kernels")
         if self.total:
             warm_renderer(self.world, self.render_options(Rendering(1, "common", 0)))
@@ -135,15 +143,18 @@ class _Sweep:
                 self.measure_in_turns(group, reference)
             else:
                 self.measure(rendering, group, reference)
+        for peer in missing_peers:
+            self.measure_peer(peer, reference)
         return self.results(reference, ceiling)
 
-    def plan(self, missing: list[Point]) -> None:
+    def plan(self, missing: list[Point], missing_peers: list[Peer]) -> None:
         """Estimate the work, in paths."""
         pixels = self.world.camera.width * self.world.camera.height * self.frames
         renderings = {point.rendering for point in missing}
         samples = sum(rendering.spp for rendering in renderings) + _DETECTION_PATHS * len(missing)
         kept = (is_kept(self.world, options, self.cache) for options in (self.reference_options, self.ceiling_options))
         samples += sum(self.reference_options.spp for is_there in kept if not is_there)
+        samples += sum(peer.work for peer in missing_peers)
         self.total = float(pixels * samples)
 
     def tell(self, what: str, samples: float = 0.0) -> None:
@@ -180,7 +191,27 @@ class _Sweep:
     def keep(self, point: Point, done: Run, reference: Reference) -> None:
         """Score a point and store its figures."""
         scored = self.score(done.detected.events, reference, point.detector.event_rule)
-        self.store.append(content_key(point.as_dict()), scored.as_dict() | _costs(done, scored))
+        rendered, detected = done.rendered, done.detected.cost
+        costs = {
+            "paths": done.paths,
+            "solved_share": done.detected.solved_share,
+            "render_cpu_s": rendered.cpu_s,
+            "render_wall_s": rendered.wall_s,
+            "detect_cpu_s": detected.cpu_s,
+            "detect_wall_s": detected.wall_s,
+            "render_peak_bytes": rendered.peak_bytes,
+            "detect_peak_bytes": detected.peak_bytes,
+        }
+        self.store.append(content_key(point.as_dict()), _figures(scored, costs))
+
+    def measure_peer(self, peer: Peer, reference: Reference) -> None:
+        """Let a peer do all of it, score it and store its figures."""
+        end = self.done + peer.work * self.frames * self.world.camera.width * self.world.camera.height
+        options = self.render_options(Rendering(1, "independent", peer.seed))
+        events, costs = peer.measure(self.world, self.file, options, lambda samples: self.tell(peer.name, samples))
+        self.store.append(content_key(peer.key()), _figures(self.score(events, reference, "frame"), costs))
+        self.done = end  # it may have needed less than was planned
+        self.tell(peer.name)
 
     def score(self, events: EventBatch, reference: Reference, rule: EventRule) -> Score:
         camera = self.world.camera
@@ -199,7 +230,10 @@ class _Sweep:
         camera, sensor = self.world.camera, self.world.sensor
         rays = self.rays()
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
-        points = [point | {"rays": round(point["paths"] * rays.total)} for point in points]
+        peers = [peer.as_dict() | self.store[content_key(peer.key())] for peer in self.peers]
+        points, peers = (
+            [each | {"rays": round(each["paths"] * rays.total)} for each in group] for group in (points, peers)
+        )
         scores = {rule: self.score(ceiling.events[rule], reference, rule).as_dict() for rule in RULES}
         return {
             "schema": SCHEMA,
@@ -225,27 +259,22 @@ class _Sweep:
             "ceiling": scores,
             "points": points,
             "settings": summarise(points),
+            "peers": peers,
+            "peer_settings": summarise_peers(peers),
         }
 
 
-def _costs(done: Run, scored: Score) -> dict[str, Any]:
-    rendered, detected = done.rendered, done.detected.cost
-    cpu_s = rendered.cpu_s + detected.cpu_s
+def _figures(scored: Score, costs: dict[str, Any]) -> dict[str, Any]:
+    """Return scores and costs with the sums that both kinds of points have."""
+    cpu_s = costs["render_cpu_s"] + costs["detect_cpu_s"]
     true_events = round(scored.strict_precision * scored.events)
-    return {
-        "paths": done.paths,
-        "solved_share": done.detected.solved_share,
-        "render_cpu_s": rendered.cpu_s,
-        "render_wall_s": rendered.wall_s,
-        "detect_cpu_s": detected.cpu_s,
-        "detect_wall_s": detected.wall_s,
+    sums = {
         "cpu_s": cpu_s,
-        "wall_s": rendered.wall_s + detected.wall_s,
+        "wall_s": costs["render_wall_s"] + costs["detect_wall_s"],
         "true_events": true_events,
         "cpu_s_per_true_event": cpu_s / true_events if true_events else None,
-        "render_peak_bytes": rendered.peak_bytes,
-        "detect_peak_bytes": detected.peak_bytes,
     }
+    return scored.as_dict() | costs | sums
 
 
 def machine(device: Device) -> dict[str, Any]:

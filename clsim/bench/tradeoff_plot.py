@@ -15,6 +15,7 @@ _COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
 """Blue and vermilion of Okabe and Ito, which colour-blind people tell apart; fillings tell them apart in grey."""
 _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D"}
 _SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": ""}
+_PEERS = {"chain": ("*", "#000000", "Mitsuba +\nICIP 2023"), "manabe": ("P", "#009E73", "Manabe 2024")}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
 _MANY = 40
@@ -22,7 +23,7 @@ _MANY = 40
 
 
 def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
-    """Draw all settings, both Pareto fronts, the ceilings and the ICIP 2023 setting into a PNG.
+    """Draw all settings, both Pareto fronts, the ceilings, the ICIP 2023 setting and the peers into a PNG.
 
     Raises:
         InputError: matplotlib is not installed, or the file cannot be written.
@@ -68,7 +69,7 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
     panel.set_xlabel("CPU time of rendering and detection [s]")
     panel.grid(alpha=0.25, which="both", linewidth=0.5)
     for rule, scores in results["ceiling"].items():
-        if any(row["event_rule"] == rule for row in rows):
+        if rule in _rules(results):
             panel.axhline(scores[value], color="0.25", linestyle=_CEILING_STYLES[rule], linewidth=1.2, zorder=1)
     front = [row for row in rows if row[f"front_{value}"]]
     panel.step([row["cpu_s"] for row in front], [row[value] for row in front], where="post", color="0.55", zorder=1.5)
@@ -90,17 +91,27 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
         if row["icip_2023"]:
             panel.plot(row["cpu_s"], row[value], "o", markersize=14, markerfacecolor="none", color="black", zorder=4)
 
+    for row in results["peer_settings"]:
+        shape, colour, _ = _PEERS[row["peer"]]
+        panel.errorbar(
+            row["cpu_s"], row[value], yerr=row[f"{value}_sd"], fmt=shape, markersize=11, color=colour, zorder=4
+        )
+
+
+def _rules(results: dict[str, Any]) -> set[str]:
+    return {row["event_rule"] for row in (*results["settings"], *results["peer_settings"])}
+
 
 def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
-    """Name the points of the front and the paper's; colour tells the noise, so names leave it out."""
-    rows = results["settings"]
+    """Name the points of the front, the paper's and the peers; colour tells the noise, so names leave it out."""
+    rows, peers = results["settings"], results["peer_settings"]
     named = [row for row in rows if row[f"front_{value}"] or row["icip_2023"]]
     seen = rows if len(rows) <= _MANY else named
     place_labels(
         panel,
-        [(row["cpu_s"], row[value]) for row in named],
-        ["ICIP 2023\n" * row["icip_2023"] + _short(row) for row in named],
-        [(row["cpu_s"], row[value]) for row in seen] + _along_lines(panel, results, value),
+        [(row["cpu_s"], row[value]) for row in (*named, *peers)],
+        ["ICIP 2023\n" * row["icip_2023"] + _short(row) for row in named] + [_PEERS[row["peer"]][2] for row in peers],
+        [(row["cpu_s"], row[value]) for row in (*seen, *peers)] + _along_lines(panel, results, value),
     )
 
 
@@ -116,7 +127,9 @@ def _along_lines(panel: Any, results: dict[str, Any], value: str) -> list[tuple[
 
 
 def _short(row: dict[str, Any]) -> str:
-    parts = [f"{row['spp']} spp", _SHORT_NAMES[row["gate"] or row["method"]]]
+    parts = [f"{row['spp']} spp"]
+    parts += [row[axis] for axis, usual in (("sampler", "pcg"), ("sampling", "uniform")) if row[axis] != usual]
+    parts.append(_SHORT_NAMES[row["gate"] or row["method"]])
     if row["window"] is not None:
         parts.append(f"K{row['window']}")
     if row["history"] is not None and row["history"] > 1:
@@ -130,7 +143,7 @@ def _short(row: dict[str, Any]) -> str:
 
 def _limits(panel: Any, results: dict[str, Any]) -> None:
     """Leave room on both sides for labels, and show all scores and ceilings."""
-    rows = results["settings"]
+    rows = (*results["settings"], *results["peer_settings"])
     costs = [row["cpu_s"] for row in rows]
     scores = [row[value] for row in rows for value, _ in _PANELS]
     panel.set_xlim(min(costs) / 1.6, max(costs) * 1.9)
@@ -156,8 +169,11 @@ def _legend(results: dict[str, Any]) -> list[Any]:
     ]
     handles.append(Line2D([], [], color="0.55", label="Pareto front"))
     for rule, style in _CEILING_STYLES.items():
-        if any(row["event_rule"] == rule for row in rows):
+        if rule in _rules(results):
             handles.append(Line2D([], [], color="0.25", linestyle=style, label=f"ceiling, rule {rule}"))
     if any(row["icip_2023"] for row in rows):
         handles.append(marker("ICIP 2023 setting (rule frame)", "o", "black", "none", 12))
+    for row in results["peer_settings"]:
+        shape, colour, label = _PEERS[row["peer"]]
+        handles.append(marker(label.replace("\n", " "), shape, colour, colour, 9))
     return handles

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import statistics
+from collections.abc import Sequence
 from dataclasses import asdict, fields
 from typing import Any
 
 from clsim.bench.pareto import pareto_front
+from clsim.bench.tradeoff_peers import LABELS
 from clsim.bench.tradeoff_settings import BASE, ICIP_2023, DetectorSetting, Point, Rendering
 
 VALUES = ("f1", "strict_f1")
@@ -44,12 +46,31 @@ def _mean(group: list[dict[str, Any]]) -> dict[str, Any]:
     row["label"] = Point(rendering, detector).label
     row["seeds"] = [point["seed"] for point in group]
     row["icip_2023"] = first["noise"] == "independent" and detector == ICIP_2023
-    for name in first:
-        if name not in AXES and name != "seed":
+    return row | _averages(group, (*AXES, "seed"))
+
+
+def _averages(group: list[dict[str, Any]], but: Sequence[str]) -> dict[str, Any]:
+    """Return means and standard deviations of all figures but some."""
+    found: dict[str, Any] = {}
+    for name in group[0]:
+        if name not in but:
             known = [point[name] for point in group if point[name] is not None]
-            row[name] = statistics.fmean(known) if known else None
-            row[f"{name}_sd"] = statistics.stdev(known) if len(known) > 1 else None
-    return row
+            found[name] = statistics.fmean(known) if known else None
+            found[f"{name}_sd"] = statistics.stdev(known) if len(known) > 1 else None
+    return found
+
+
+def summarise_peers(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return one row for each peer: means over seeds and standard deviations, ``label`` and ``seeds``."""
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for point in points:
+        groups.setdefault(point["peer"], []).append(point)
+    return [
+        {"peer": name, "label": LABELS[name], "event_rule": group[0]["event_rule"]}
+        | {"seeds": [point["seed"] for point in group]}
+        | _averages(group, ("peer", "seed", "event_rule"))
+        for name, group in groups.items()
+    ]
 
 
 def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:

@@ -9,22 +9,23 @@ from typing import Any
 
 from clsim.bench.tradeoff_summary import turned_knobs
 
-_FRONT_HEAD = ("Setting", "CPU s", "of it detection", "F1", "strict F1", "precision", "recall", "median Δt",
-               "CPU µs per true event", "front")  # fmt: skip
+_FRONT_HEAD = ("Setting", "CPU s", "of it detection", "million paths", "F1", "strict F1", "precision", "recall",
+               "median Δt", "CPU µs per true event", "front")  # fmt: skip
 _KNOB_HEAD = ("Knob", "from", "to", "CPU time", "detection's CPU time", "F1", "strict F1")
 
 
 def csv_text(results: dict[str, Any]) -> str:
-    """Return all points as CSV, one line each, with the ceiling's F1 and strict F1 of the point's event rule."""
+    """Return all points and peers as CSV, one line each, with the ceiling's F1 and strict F1 of their event rule."""
     out = io.StringIO()
     ceiling = results["ceiling"]
     rows = [
-        point
+        {"scene": results["scene"]}
+        | point
         | {f"ceiling_{name}": ceiling[point["event_rule"]][name] for name in ("f1", "strict_f1")}
-        | {"scene": results["scene"]}
-        for point in results["points"]
+        for point in (*results["points"], *results["peers"])
     ]
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    writer = csv.DictWriter(out, columns, restval="", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return out.getvalue()
@@ -41,13 +42,13 @@ def markdown_text(results: dict[str, Any]) -> str:
 
 
 def front_table(results: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows: both fronts, cheapest first, the ICIP 2023 settings, and the ceilings last."""
+    """Return head and rows: both fronts, cheapest first, the ICIP 2023 settings, peers, and the ceilings last."""
     shown = [row for row in results["settings"] if row["front_f1"] or row["front_strict_f1"] or row["icip_2023"]]
-    rows = [_front_row(row) for row in shown]
-    used = {point["event_rule"] for point in results["points"]}
+    rows = [_front_row(row) for row in (*shown, *results["peer_settings"])]
+    used = {row["event_rule"] for row in (*results["settings"], *results["peer_settings"])}
     for rule, scores in results["ceiling"].items():
         if rule in used:
-            rows.append((f"ceiling, rule {rule}", "", "", *_scores(scores), "", ""))
+            rows.append((f"ceiling, rule {rule}", "", "", "", *_scores(scores), "", ""))
     return _FRONT_HEAD, rows
 
 
@@ -58,22 +59,24 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _about(results: dict[str, Any]) -> str:
-    reference, events = results["reference"], results["reference"]["events"]
+    reference, events, rays = results["reference"], results["reference"]["events"], results["rays_per_path"]
     return (
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames at "
         f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; reference: "
-        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame)."
+        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame). "
+        f"A path takes {sum(rays.values()):.2f} rays ({rays['bounce']:.2f} bounces, {rays['shadow']:.2f} to lights)."
     )
 
 
 def _front_row(row: dict[str, Any]) -> tuple[str, ...]:
-    fronts = [name for name, value in (("F1", "f1"), ("strict", "strict_f1")) if row[f"front_{value}"]]
-    label = row["label"] + (" (ICIP 2023)" if row["icip_2023"] else "")
+    fronts = [name for name, value in (("F1", "f1"), ("strict", "strict_f1")) if row.get(f"front_{value}")]
+    label = row["label"] + (" (ICIP 2023)" if row.get("icip_2023") else "")
     each = row["cpu_s_per_true_event"]
     return (
         label,
-        f"{row['cpu_s']:.3g}",
+        _spread(row, "cpu_s", ".3g"),
         f"{row['detect_cpu_s']:.3g}",
+        f"{row['paths'] / 1e6:.3g}",
         *_scores(row),
         "–" if each is None else f"{1e6 * each:,.0f}",
         " and ".join(fronts) or "–",
@@ -86,9 +89,9 @@ def _scores(row: dict[str, Any]) -> tuple[str, ...]:
     return (*values, "–" if dt_us is None else f"{dt_us / 1e3:.2f} ms")
 
 
-def _spread(row: dict[str, Any], name: str) -> str:
+def _spread(row: dict[str, Any], name: str, form: str = ".3f") -> str:
     sd = row.get(f"{name}_sd")
-    return f"{row[name]:.3f}" + ("" if sd is None else f" ± {sd:.3f}")
+    return f"{row[name]:{form}}" + ("" if sd is None else f" ± {sd:{'.1g' if form == '.3g' else form}}")
 
 
 def _knob_row(knob: str, base: dict[str, Any], row: dict[str, Any]) -> tuple[str, ...]:

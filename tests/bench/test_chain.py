@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,5 +35,8 @@ def test_all_of_the_chain_is_counted() -> None:
     assert costs["detect_cpu_s"] == chain.fits * chain.plain.fit_s + chain.gates * chain.plain.gate_s
     assert costs["startup_cpu_s"] > 0 and costs["render_cpu_s"] > 0
     assert len(chain.events) > 0 and set(chain.events["t"]) <= {100_000, 200_000, 300_000}
+    calm = replace(chain_config(world.sensor), threshold_on=1e6, threshold_off=1e6)
+    still = run_chain(world, None, replace(options, frames=2), calm, lambda: None)
+    assert (still.fits, still.gates) == (16 * 12, 16 * 12), "the first frame's fits, and no more"
     again = run_chain(world, None, options, chain_config(world.sensor), lambda: None)
     np.testing.assert_array_equal(again.events, chain.events)

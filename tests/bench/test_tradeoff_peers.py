@@ -1,0 +1,78 @@
+"""Peers beside the sweep's points: measured once, scored alike, in every table and plot."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clsim.bench import manabe
+from clsim.bench.mitsuba_peer import load_mitsuba
+from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
+from clsim.bench.tradeoff_plot import plot_tradeoff
+from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
+from clsim.bench.tradeoff_tables import csv_text, markdown_text
+from clsim.errors import InputError
+
+POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
+
+
+def run(cache: Path, *peers: str, told: list[Any] | None = None) -> dict[str, Any]:
+    options = TradeoffOptions(
+        "cornell", cache, points=POINTS, seeds=(0, 1), peers=peers, reference_spp=64, resolution=(16, 12), frames=4,
+        fps=20.0,
+    )  # fmt: skip
+    return run_tradeoff(options, lambda *progress: told.append(progress) if told is not None else None)
+
+
+@pytest.fixture
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("FIRST", 8), ("STEP", 4), ("CAP", 16)):
+        monkeypatch.setattr(manabe, name, value)
+
+
+def test_a_peer_is_in_tables_and_plots(tmp_path: Path, few_samples: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[Any] = []
+    results = run(tmp_path, "manabe", told=told)
+    assert told[-1][1] == told[-1][2] > 0, "the work told is not the work planned"
+    first, second = results["peers"]
+    assert (first["peer"], first["seed"], second["seed"]) == ("manabe", 0, 1)
+    assert first["events"] != second["events"] and first["paths"] > 16 * 12 * (16 + 3 * 8)
+    assert first["reference_events"] == results["reference"]["events"]["frame"]
+    (row,) = results["peer_settings"]
+    assert row["f1"] == pytest.approx((first["f1"] + second["f1"]) / 2) and row["strict_f1_sd"] > 0
+    assert row["seeds"] == [0, 1]
+    markdown = markdown_text(results).splitlines()
+    (line,) = [line for line in markdown if "Manabe" in line]
+    assert f"{row['strict_f1']:.3f} ± {row['strict_f1_sd']:.3f}" in line
+    assert any("ceiling, rule frame" in line for line in markdown), "no ceiling for the peer's rule"
+    assert len({line.count("|") for line in markdown[2:] if line[:1] == "|" and "Knob" not in line}) == 1
+    rows = list(csv.DictReader(io.StringIO(csv_text(results))))
+    assert [each["peer"] for each in rows] == ["", "", "manabe", "manabe"]
+    assert float(rows[2]["ceiling_f1"]) == results["ceiling"]["frame"]["f1"]
+    plain, with_peer = tmp_path / "plain.png", tmp_path / "peer.png"
+    plot_tradeoff(results | {"peer_settings": []}, plain)
+    plot_tradeoff(results, with_peer)
+    assert plain.read_bytes() != with_peer.read_bytes()
+    monkeypatch.setattr("clsim.bench.tradeoff_peers.Peer.measure", lambda *given: pytest.fail("measured again"))
+    assert run(tmp_path, "manabe") == results
+
+
+@pytest.mark.oracle
+def test_the_chain_is_a_peer(tmp_path: Path) -> None:
+    if load_mitsuba() is None:
+        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
+    (row,) = run(tmp_path, "chain")["peer_settings"]
+    assert row["paths"] == 16 * 12 * 4 * 32 and row["true_events"] > 0
+    assert row["cpu_s"] == pytest.approx(row["render_cpu_s"] + row["detect_cpu_s"])
+    assert row["detect_cpu_s"] == pytest.approx(
+        row["fits"] * row["cpu_s_per_fit"] + row["gates"] * row["cpu_s_per_gate"], rel=0.2
+    )  # of means, so not exactly
+
+
+def test_unknown_peers_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--peers must be one of chain, manabe, got 'v2e'"):
+        run(tmp_path, "v2e")
