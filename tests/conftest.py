@@ -15,7 +15,8 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
     whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
     if not (whole and config.pluginmanager.hasplugin("xdist")) or config.option.numprocesses is not None:
         return
-    if not (config.option.usepdb or config.option.collectonly):
+    # Workers come here too, and must not have workers of their own.
+    if not (hasattr(config, "workerinput") or config.option.usepdb or config.option.collectonly):
         config.option.numprocesses = min(4, os.cpu_count() or 1)
         # Neighbours in a file share kernels, so that each worker gets tests in a row.
         config.option.dist = "worksteal"
