@@ -50,10 +50,11 @@ class Peer:
     ) -> tuple[EventBatch, dict[str, Any]]:
         """Return its events and its costs; ``file`` is the world's own; ``on_samples`` is told the work done.
 
+        Seed and length are those of ``options``.
+
         Raises:
             InputError: it cannot be measured on this world, or what it needs is not installed.
         """
-        options = replace(options, seed=self.seed, noise="independent")
         if self.name == "chain":
             options, config = replace(options, spp=chain.SPP), chain.chain_config(world.sensor)
             done = chain.run_chain(world, file, options, config, lambda: on_samples(self.work))
