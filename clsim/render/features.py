@@ -43,6 +43,7 @@ class Features:
         aperture: the camera's lens has a size.
         sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
         variances: the planes of variances are wanted.
+        first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
     """
@@ -72,6 +73,7 @@ class Features:
     aperture: bool
     sobol: bool
     variances: bool
+    first_hits: bool
     strategy: Strategy
 
     def describe(self) -> dict[str, list[str]]:
@@ -100,6 +102,7 @@ class Features:
             (self.aperture, "depth of field (thin lens)"),
             (self.sobol, "Sobol's sequence"),
             (self.variances, "variance planes"),
+            (self.first_hits, "first-hit rays and steered samples"),
         )
         return {
             "built in": [text for present, text in rows if present],
@@ -176,7 +179,12 @@ def moves(world: World) -> bool:
 
 
 def features_of(
-    world: World, variances: bool, strategy: Strategy, follow_specular: bool = True, sobol: bool = False
+    world: World,
+    variances: bool,
+    strategy: Strategy,
+    follow_specular: bool = True,
+    sobol: bool = False,
+    first_hits: bool = False,
 ) -> Features:
     """Return the features that the world needs."""
     meshes, materials = _used_meshes(world), _used_materials(world)
@@ -210,5 +218,6 @@ def features_of(
         aperture=world.camera.lens.aperture_radius_m > 0,
         sobol=sobol,
         variances=variances,
+        first_hits=first_hits,
         strategy=strategy,
     )

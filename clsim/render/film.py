@@ -13,9 +13,14 @@ from clsim.render.sampling import luminance
 
 @wp.struct
 class Sample:
-    """What one camera ray saw; the features are those of the first hit."""
+    """What one camera ray saw; the features are those of the first hit.
+
+    ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
+    filled in where first hits are sampled apart.
+    """
 
     radiance: wp.vec3
+    emission: wp.vec3
     albedo: wp.vec3
     normal: wp.vec3
     depth: float

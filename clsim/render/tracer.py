@@ -11,13 +11,15 @@ from typing import Any, Literal
 import warp as wp
 
 from clsim.errors import InputError, require_choice
-from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, frame_time_us
+from clsim.frames import ALL_PLANES, BASE_PLANES, FIRST_HIT_PLANES, Frame, InterestBoard, frame_time_us
 from clsim.render.camera import CameraData
 from clsim.render.devices import check_device, fastest_tree
-from clsim.render.features import Strategy, features_of, unsupported
+from clsim.render.effort import Effort, Steerer
+from clsim.render.features import Features, Strategy, features_of, unsupported
 from clsim.render.geometry import Tree
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.sampling import MAX_BOUNCES
+from clsim.render.steered import Steering
 from clsim.render.upload import SceneData
 from clsim.scene import World
 from clsim.scene.validate import validate
@@ -77,6 +79,14 @@ class RenderOptions:
     are those of the surface found, not mirrored. Where glass both reflects and refracts, each sample takes one way, so
     that the planes hold the mean of two surfaces and a variance. A way that ends nowhere shows the last mirror.
     """
+    first_hit_rays: int = 0
+    """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
+
+    They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
+    clean after few paths; frames have the planes ``frames.FIRST_HIT_PLANES``.
+    """
+    probe_spp: int | None = None
+    """Paths a pixel where no event is near; None traces ``spp`` everywhere. Needs first-hit rays and common noise."""
     tree: Tree | None = None
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
@@ -91,6 +101,7 @@ class RenderOptions:
             ("--max-depth", self.max_depth),
             ("--threads", self.threads),
             ("tile_pixels", self.tile_pixels),
+            ("--probe-spp", self.probe_spp),
         ):
             if value is not None and value < 1:
                 raise InputError(f"{option} must be at least 1, got {value}")
@@ -100,6 +111,22 @@ class RenderOptions:
             raise InputError(f"--fps must be a positive number, got {self.fps}")
         if not 0 <= self.seed <= _MASK64:
             raise InputError(f"--seed must be from 0 to 2^64 - 1, got {self.seed}")
+        if self.first_hit_rays < 0:
+            raise InputError(f"--first-hit-rays must be at least 0, got {self.first_hit_rays}")
+        if self.first_hit_rays and self.variances:
+            raise InputError("first-hit rays give no variances; expected --first-hit-rays 0 where variances are wanted")
+        if self.probe_spp is not None:
+            if not self.first_hit_rays:
+                raise InputError("--probe-spp needs --first-hit-rays of at least 1, got 0")
+            if self.noise != "common":
+                raise InputError(f"--probe-spp needs --noise common, got {self.noise}")
+            if self.probe_spp > self.spp:
+                raise InputError(f"--probe-spp must be at most --spp, which is {self.spp}, got {self.probe_spp}")
+
+    def features(self, world: World) -> Features:
+        """Return what the kernel for that world has."""
+        sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
+        return features_of(world, self.variances, self.strategy, self.follow_specular, sobol, first_hits)
 
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
@@ -125,8 +152,13 @@ class PathTracer:
         warnings: what the world asks for and is rendered without, one sentence each.
     """
 
-    def __init__(self, world: World, options: RenderOptions) -> None:
+    def __init__(self, world: World, options: RenderOptions, board: InterestBoard | None = None) -> None:
         """Copy the world to the device and build its kernel.
+
+        Args:
+            world: what is rendered.
+            options: how it is rendered.
+            board: where interest maps are found, one frame's for each that is filled; without, no event is ever near.
 
         Raises:
             InputError: the world or an option cannot be used.
@@ -137,14 +169,14 @@ class PathTracer:
         self.width = camera.width
         self.height = camera.height
         self.names: tuple[str, ...] = ALL_PLANES if options.variances else BASE_PLANES
+        if options.first_hit_rays:
+            self.names = FIRST_HIT_PLANES
         self.fps = options.fps or world.fps
         self.frame_count: int | None = options.frames or max(1, round(world.duration_s * self.fps)) + 1
         self._options = options
         self._device = wp.get_device(options.device)
         self.warnings = unsupported(world)
-        features = features_of(
-            world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
-        )
+        features = options.features(world)
         tree = options.tree or fastest_tree(options.device)
         if tree == "bvh8" and not self._device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {options.device}')
@@ -157,13 +189,18 @@ class PathTracer:
         self._settings.max_depth = options.max_depth
         self._settings.roulette_start = options.roulette_start
         self._settings.width = camera.width
+        self._steerer: Steerer | None = None
+        if options.first_hit_rays:
+            effort = Effort(options.spp, options.probe_spp or options.spp, options.first_hit_rays)
+            self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
+        self._paths = 0
         self._cancelled = threading.Event()
         self._targets: dict[int, tuple[Any, Any]] = {}
 
         pixels = camera.width * camera.height
         if self._device.is_cpu:
             threads = options.threads or len(os.sched_getaffinity(0))
-            self._tile = options.tile_pixels or max(1, _TILE_PATHS // options.spp)
+            self._tile = options.tile_pixels or max(1, _TILE_PATHS // (options.probe_spp or options.spp))
         else:
             threads = 1
             self._tile = options.tile_pixels or pixels
@@ -190,16 +227,50 @@ class PathTracer:
             self._options.seed, index if self._options.noise == "independent" else None
         )
         planes, bits = self._target(out)
+        changed: dict[int, Any] = {1: camera, 2: self._settings}
+        if self._steerer is None:
+            changed |= {4: planes, 5: bits}
+        else:
+            steering, self._settings.samples = self._steerer.prepare(index)
+            changed |= {4: steering, 10: planes}
         for launch in self._launches:
-            launch.set_param_at_index(1, camera)
-            launch.set_param_at_index(2, self._settings)
-            launch.set_param_at_index(4, planes)
-            launch.set_param_at_index(5, bits)
+            for place, value in changed.items():
+                launch.set_param_at_index(place, value)
         self._render_tiles()
+        if self._steerer is None:
+            self._paths += self.width * self.height * self._options.spp
+        else:
+            self._steerer.count()
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
         out.time_us, out.index = time_us, index
+
+    @property
+    def effort(self) -> Effort:
+        """What is spent on a pixel; set it, from any thread, for the next frame on. First-hit rays cannot be left out.
+
+        With common noise a change fires no event: a still picture stays exactly as it was.
+        """
+        if self._steerer is None:
+            raise ValueError("only a renderer with first-hit rays has an effort")
+        return self._steerer.effort
+
+    @effort.setter
+    def effort(self, effort: Effort) -> None:
+        if self._steerer is None:
+            raise ValueError("only a renderer with first-hit rays can change its effort")
+        self._steerer.effort = effort
+
+    @property
+    def paths(self) -> int:
+        """Paths traced so far."""
+        return self._paths if self._steerer is None else self._steerer.paths
+
+    @property
+    def first_hit_rays(self) -> int:
+        """First-hit rays traced so far."""
+        return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     def cancel(self) -> None:
         """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread."""
@@ -219,11 +290,15 @@ class PathTracer:
         planes = wp.zeros((len(self.names), self._tile), dtype=wp.float32, device=self._device)
         bits: Any = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
         camera = self._camera.at(0.0)
+        inputs, outputs = [self._data.scene, camera, self._settings, 0], [planes, bits]
+        if self._steerer is not None:
+            inputs += [Steering(), *self._steerer.kept]
+            outputs = [planes, self._steerer.spent]
         return wp.launch(
             self._kernel,
             dim=self._tile,
-            inputs=[self._data.scene, camera, self._settings, 0],
-            outputs=[planes, bits],
+            inputs=inputs,
+            outputs=outputs,
             device=self._device,
             record_cmd=True,
         )

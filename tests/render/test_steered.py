@@ -1,0 +1,206 @@
+"""First-hit rays and steered samples: the same picture for less, and a change of effort that nobody sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import hand_worlds as hw
+import numpy as np
+import pytest
+from test_tracer import LAMP, lit_world, moving_world
+
+from clsim.errors import InputError
+from clsim.frames import FIRST_HIT_PLANES, Frame, InterestBoard, InterestMap, page_aligned
+from clsim.render import Effort, PathTracer, RenderOptions
+from clsim.scene import CheckerTexture, Material
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+
+def textured_world():
+    """A floor of small squares, a lamp in view and sky behind."""
+    checker = CheckerTexture((0.9, 0.8, 0.7), (0.1, 0.2, 0.05), scale=9.0)
+    materials = (Material(color=(1.0, 1.0, 1.0), texture=0), LAMP)
+    return replace(lit_world(environment=(0.3, 0.4, 0.5)), materials=materials, textures=(checker,))
+
+
+class Run:
+    """A tracer and the frames it fills."""
+
+    def __init__(self, world, board=None, **options):
+        self.tracer = PathTracer(world, RenderOptions(**{"first_hit_rays": 8, "sampler": "sobol"} | options), board)
+        shape = (len(self.tracer.names), self.tracer.height, self.tracer.width)
+        self.frame = Frame(page_aligned(shape), self.tracer.names)
+
+    def fill(self, index):
+        before = self.tracer.paths, self.tracer.first_hit_rays
+        self.tracer.fill(index, self.frame)
+        self.spent = self.tracer.paths - before[0], self.tracer.first_hit_rays - before[1]
+        return self.frame.copy()
+
+
+def log_brightness(frame):
+    return np.log(np.tensordot(LUMINANCE, frame.planes[:3], axes=1))
+
+
+def interest(number, near):
+    """A map in which an event is near where ``near`` is true."""
+    far = np.where(near, 0.0, 0.2).astype(np.float32)
+    return InterestMap(number, far, np.full_like(far, 0.2), np.zeros_like(far), np.zeros_like(far))
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "pcg"])
+def test_it_is_the_picture_of_plain_paths(sampler):
+    plain = hw.render(textured_world(), spp=1024, variances=True)
+    steered = Run(textured_world(), spp=512, first_hit_rays=512, seed=5, sampler=sampler).fill(0)
+    assert steered.names == FIRST_HIT_PLANES
+    for name in FIRST_HIT_PLANES[:11]:
+        error = steered.plane(name) - plain.plane(name)
+        bound = 5 * np.sqrt(3 * np.nan_to_num(plain.plane(f"Variance.{name}"))) + 0.03 * np.abs(plain.plane(name))
+        assert (np.abs(error) <= bound + 2e-3).mean() > 0.98, name
+        assert abs(error.mean()) < 0.01 * np.abs(plain.plane(name)).mean() + 1e-4, name
+
+
+def test_light_seen_directly_has_a_plane():
+    dark = replace(textured_world(), environment=(0.0, 0.0, 0.0))
+    only_sky = Run(textured_world(), spp=1).fill(0).plane("Emission")
+    no_sky = Run(dark, spp=1).fill(0)
+    sky = LUMINANCE @ (0.3, 0.4, 0.5)
+    missed = no_sky.plane("Coverage") == 0
+    assert missed.any()
+    np.testing.assert_allclose(only_sky[missed], sky, rtol=1e-5)
+    np.testing.assert_array_equal(no_sky.plane("Emission")[missed], 0)
+    assert no_sky.plane("Emission").max() <= 5.0 * (1 + 1e-5)
+
+
+def test_textures_are_clean_after_one_path():
+    reference = hw.render(textured_world(), spp=1024)
+    one = Run(textured_world(), spp=1, first_hit_rays=64).fill(0)
+    plain = hw.render(textured_world(), spp=1)
+    off, off_plain = (np.abs(f.plane("Albedo.G") - reference.plane("Albedo.G")).mean() for f in (one, plain))
+    assert off < 0.1 * off_plain
+
+
+def test_threads_and_tiles_do_not_change_a_bit():
+    def planes(**options):
+        board = InterestBoard()
+        run = Run(moving_world(), board, spp=8, probe_spp=2, fps=10.0, **options)
+        near = np.random.default_rng(3).random((10, 12)) < 0.1
+        frames = []
+        for k in range(4):
+            frames.append(run.fill(k).planes)
+            board.publish(interest(k, near))
+        return np.array(frames)
+
+    one = planes(threads=1)
+    for options in ({"threads": 2, "tile_pixels": 7}, {"threads": 5, "tile_pixels": 1}):
+        np.testing.assert_array_equal(planes(**options), one)
+
+
+def test_paths_go_where_an_event_is_near_two_frames_later():
+    board = InterestBoard()
+    run = Run(lit_world(), board, spp=8, probe_spp=1)
+    near = np.zeros((10, 12), bool)
+    near[4, 5] = True
+    far = np.zeros_like(near)
+    spent = []
+    for k, where in enumerate((near, far, far, far)):
+        run.fill(k)
+        spent.append(run.spent[0])
+        board.publish(interest(k, where))
+    # The first frame takes all; then nothing is known; then the mark and its eight neighbours; then none.
+    assert spent == [8 * 120, 120, 120 + 9 * 7, 120]
+
+
+def test_a_rise_towards_a_threshold_is_near():
+    board = InterestBoard()
+    run = Run(lit_world(), board, spp=8, probe_spp=1)
+    rising = interest(0, np.zeros((10, 12), bool))
+    rising.change[2, 3] = 0.08
+    rising.change[8, 9] = -0.08
+    rising.to_on[0, 0] = np.nan
+    run.fill(0)
+    board.publish(rising)
+    board.publish(interest(1, np.zeros((10, 12), bool)))
+    run.fill(1)
+    run.fill(2)
+    assert run.spent[0] == 120 + (9 + 9 + 4) * 7
+
+
+def test_first_hit_rays_end_where_all_look_alike():
+    run = Run(lit_world())
+    run.tracer.effort = Effort(1, 1, 64)
+    frame = run.fill(0)
+    rays = frame.plane("Samples") - 1  # one path
+    assert set(np.unique(rays)) == {16.0, 64.0}
+    edge = (frame.plane("Coverage") > 0) & (frame.plane("Coverage") < 1)
+    assert edge.any() and (rays[edge] == 64).all()
+    assert run.spent == (120, int(rays.sum()))
+
+
+def test_a_change_of_effort_changes_nothing_in_a_still_scene():
+    board = InterestBoard()
+    run = Run(textured_world(), board, spp=64, probe_spp=64)
+    first = log_brightness(run.fill(0))
+    steps = [(1, 64), (2, 64), (4, 32), (8, 8), (16, 64), (32, 32), (64, 64), (16, 32), (1, 1), (64, 64)]
+    efforts = [Effort(spp, probe, 8, every) for probe, spp in steps for every in (1, 3)]
+    for k, effort in enumerate(efforts, start=1):
+        run.tracer.effort = effort
+        board.publish(interest(k - 2, np.arange(120).reshape(10, 12) % 25 == 0))
+        assert np.abs(log_brightness(run.fill(k)) - first).max() < 1e-4, effort
+
+
+def test_without_the_kept_difference_a_change_of_samples_would_fire():
+    """The step that the test above must not see: the same samples, rendered by themselves."""
+    few, many = (log_brightness(Run(textured_world(), spp=spp).fill(0)) for spp in (1, 64))
+    assert (np.abs(few - many) > 0.14).mean() > 0.2
+
+
+def test_pixels_take_turns():
+    run = Run(lit_world(), spp=4, probe_spp=2)
+    run.fill(0)
+    run.tracer.effort = Effort(4, 2, 8, every=3)
+    turns = []
+    for k in range(1, 4):
+        run.fill(k)
+        turns.append(run.spent[0])
+    assert turns == [80, 80, 80]
+
+
+def test_going_back_in_time_starts_anew():
+    run = Run(lit_world(), spp=8, probe_spp=1)
+    spent = []
+    for index in (0, 1, 0, 1):
+        run.fill(index)
+        spent.append(run.spent[0])
+    assert spent == [960, 120, 960, 120]
+
+
+def test_light_is_neither_made_nor_lost_in_a_furnace():
+    white = Material(color=(1.0, 1.0, 1.0))
+    view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)))
+    world = hw.world(hw.ball(0.5, rings=12), materials=(white,), view=view, environment=(0.7, 0.7, 0.7))
+    frame = Run(world, spp=256, first_hit_rays=32, max_depth=64, roulette_start=64).fill(0)
+    assert abs(frame.plane("R").mean() / 0.7 - 1) < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"first_hit_rays": -1}, "--first-hit-rays must be at least 0, got -1"),
+        ({"first_hit_rays": 4, "variances": True}, "give no variances"),
+        ({"probe_spp": 1}, "--probe-spp needs --first-hit-rays of at least 1, got 0"),
+        ({"first_hit_rays": 4, "probe_spp": 1, "noise": "independent"}, "--probe-spp needs --noise common"),
+        ({"first_hit_rays": 4, "probe_spp": 9, "spp": 8}, "--probe-spp must be at most --spp, which is 8, got 9"),
+        ({"first_hit_rays": 4, "probe_spp": 0}, "--probe-spp must be at least 1, got 0"),
+    ],
+)
+def test_wrong_options_are_named(options, text):
+    with pytest.raises(InputError, match=text):
+        RenderOptions(**options)
+
+
+@pytest.mark.parametrize("values", [(1, 2, 4, 1), (4, 0, 4, 1), (4, 1, 0, 1), (4, 1, 4, 0)])
+def test_wrong_efforts_are_refused(values):
+    with pytest.raises(InputError):
+        Effort(*values)
