@@ -134,9 +134,7 @@ def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
 
     With it the "device" and the "tree" that rays search there.
     """
-    facts = features_of(
-        world, options.variances, options.strategy, options.follow_specular, options.sampler == "sobol"
-    ).describe()
+    facts = options.features(world).describe()
     place = {"device": options.device, "tree": options.tree or fastest_tree(options.device)}
     return place | facts | {"not supported": list(unsupported(world))}
 
