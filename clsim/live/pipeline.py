@@ -11,12 +11,15 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, cast
 
 from clsim.events import EventBatch, Sink, SinkError
 from clsim.events.closing import close_at_once
-from clsim.frames import Frame, FrameRing, FrameSource, Policy, RingClosed
+from clsim.frames import Frame, FrameRing, FrameSource, InterestBoard, InterestMap, Policy, RingClosed
 from clsim.frames.frame import FloatArray
+from clsim.live.clock import FrameClock
+from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
+from clsim.live.load import BusyMeter
 from clsim.live.schedule import Schedule
 
 Pace = Literal["max", "real"]
@@ -58,6 +61,14 @@ class Detector(Protocol):
         ...
 
 
+class InterestedDetector(Protocol):
+    """A detector that tells where events are near."""
+
+    def interest(self) -> InterestMap:
+        """Return the map after the last frame; frames are numbered from 0 on, over `Detector.reset` too."""
+        ...
+
+
 class FrameWatcher(Protocol):
     """Somebody who looks at a frame now and then."""
 
@@ -90,6 +101,8 @@ class Progress:
     on_events: int = 0
     simulated_us: int = 0
     dropped_frames: int = 0
+    late_frames: int = 0
+    """Frames begun more than a frame's time after the clock wanted them."""
     solved_share: float = 0.0
     masked_pixels: int = 0
     steep_pixels: int = 0
@@ -97,6 +110,10 @@ class Progress:
     most_crossings: int = 0
     """The largest number of thresholds that a pixel crossed in one step."""
     capped_events: int = 0
+    paths: int | None = None
+    """Light paths traced so far, if the source tells."""
+    first_hit_rays: int | None = None
+    """Rays traced so far that look for the first hit alone, if the source tells."""
     fill: int = 0
     started_s: float = field(default_factory=time.perf_counter)
     first_frame_s: float | None = None
@@ -114,6 +131,9 @@ class Pipeline:
         ring: policy of the ring.
         slots: its number of slots.
         pace: ``real`` never runs ahead of the wall clock, and under ``drop-oldest`` skips frames it is late for.
+        board: where the detector's maps of interest go, if the source wants them.
+        governed: what sets the source's effort at the pace of the wall clock.
+        share_cores: whether source and detector compute on the same cores.
     """
 
     def __init__(
@@ -127,6 +147,9 @@ class Pipeline:
         ring: Policy = "block",
         slots: int = 3,
         pace: Pace = "max",
+        board: InterestBoard | None = None,
+        governed: Governed | None = None,
+        share_cores: bool = True,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
@@ -134,11 +157,14 @@ class Pipeline:
         self.watchers: list[FrameWatcher] = []
         self.outputs = list(outputs)
         self._make_source, self._make_detector = make_source, make_detector
-        self._schedule, self._pace = schedule, pace
+        self._schedule = schedule
         self._ring = FrameRing(slots, names, height, width, ring)
+        self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
+        self._board, self._governed = board, governed
+        self._meter = BusyMeter(share_cores=share_cores)
         self._source: FrameSource | None = None
-        self._skipped = 0
         self._stopping = threading.Event()
+        self._consumed = threading.Semaphore(0)
         self._error: BaseException | None = None
         self._sinks_closed = False
         self._sink_lock = threading.Lock()
@@ -167,7 +193,7 @@ class Pipeline:
     def stop(self, timeout_s: float = 0.7) -> bool:
         """End now: running tiles finish, sinks are closed. False if a thread was still busy (compiling, say)."""
         self._stopping.set()
-        self._ring.abandon()
+        self._abandon()
         cancel = getattr(self._source, "cancel", None)
         if cancel is not None:
             cancel()
@@ -186,38 +212,35 @@ class Pipeline:
         except BaseException as error:
             if not self._stopping.is_set():
                 self._error = self._error or error
-            self._ring.abandon()
+            self._abandon()
+
+    def _abandon(self) -> None:
+        """Let neither thread wait for the other any longer."""
+        self._ring.abandon()
+        if self._board is not None:
+            self._board.close()
+        self._consumed.release()
 
     def _produce(self) -> None:
         source = self._source = self._make_source()
         try:
             index = 0
-            clock_start = time.perf_counter()
             while not self._stopping.is_set() and (self._schedule.total is None or index < self._schedule.total):
-                if self._pace == "real":
-                    index = self._keep_pace(index, clock_start)
+                if self._clock is not None and index >= WARM_UP_FRAMES:
+                    index = self._clock.wait_for(index, self._stopping)
                 frame = self._ring.acquire()
-                source.fill(self._schedule.source_index(index), frame)
+                with self._meter.busy("source"):
+                    source.fill(self._schedule.source_index(index), frame)
                 frame.index = index
                 if not self._schedule.recorded_times:
                     frame.time_us = self._schedule.time_us(index)
                 self._ring.publish()
+                if self._clock is not None and index < WARM_UP_FRAMES:
+                    self._consumed.acquire()
                 index += 1
             self._ring.close()
         finally:
             source.close()
-
-    def _keep_pace(self, index: int, clock_start: float) -> int:
-        """Wait until frame ``index`` is due; if it is long past and frames may be lost, return the one due now."""
-        elapsed_s = time.perf_counter() - clock_start
-        due_now = int(elapsed_s * self._schedule.fps)
-        if self._ring.policy == "drop-oldest" and due_now > index and index > 0:
-            if self._schedule.total is not None:
-                due_now = min(due_now, self._schedule.total - 1)
-            self._skipped += due_now - index
-            return due_now
-        self._stopping.wait(max(0.0, self._schedule.time_us(index) * 1e-6 - elapsed_s))
-        return index
 
     def _consume(self) -> None:
         detector = self._make_detector()
@@ -226,20 +249,26 @@ class Pipeline:
             while True:
                 frame = self._ring.take()
                 assert frame is not None, "take() without a timeout returns a frame or raises"
-                try:
-                    if self._schedule.crosses_seam(previous, frame.index):
-                        detector.reset()
-                    previous = frame.index
-                    batch = detector.step(frame)
-                    time_us = frame.time_us
-                    for watcher in self.watchers:
-                        if watcher.wants_frame():
-                            tell_level = getattr(detector, "level", None)
-                            watcher.show_frame(frame, None if tell_level is None else tell_level())
-                finally:
-                    self._ring.release()
+                with self._meter.busy("detector"):
+                    try:
+                        if self._schedule.crosses_seam(previous, frame.index):
+                            detector.reset()
+                        previous = frame.index
+                        batch = detector.step(frame)
+                        if self._board is not None:
+                            self._board.publish(cast(InterestedDetector, detector).interest())
+                        time_us = frame.time_us
+                        for watcher in self.watchers:
+                            if watcher.wants_frame():
+                                tell_level = getattr(detector, "level", None)
+                                watcher.show_frame(frame, None if tell_level is None else tell_level())
+                    finally:
+                        self._ring.release()
                 self._write(batch)
                 self._count(batch, time_us, detector.stats)
+                if self._governed is not None and self._clock is not None:
+                    self._governed.frame_done(cast(Steerable, self._source), self._meter.lap(), self._clock.lag_s)
+                self._consumed.release()
         finally:
             detector.close()
 
@@ -270,7 +299,12 @@ class Pipeline:
         progress.most_crossings = stats.most_crossings
         progress.capped_events = stats.capped
         progress.fill = self._ring.fill
-        progress.dropped_frames = self._ring.dropped + self._skipped
+        progress.paths = getattr(self._source, "paths", None)
+        progress.first_hit_rays = getattr(self._source, "first_hit_rays", None)
+        progress.dropped_frames = self._ring.dropped
+        if self._clock is not None:
+            progress.dropped_frames += self._clock.skipped
+            progress.late_frames = self._clock.late_frames
 
     def _close_outputs(self, *, at_once: bool = False) -> None:
         """Close what is open still (an earlier call may have been interrupted): files first, for sockets may wait."""

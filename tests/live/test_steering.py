@@ -1,0 +1,258 @@
+"""What goes back from the detector to the source: maps of interest, and a governor's effort."""
+
+import threading
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from clsim.events import EVENT_DTYPE, EventBatch
+from clsim.frames import Frame, InterestBoard, InterestMap
+from clsim.live.governed import WARM_UP_FRAMES, Governed
+from clsim.live.ladder import Level, ladder
+from clsim.live.load import BusyMeter
+from clsim.live.pipeline import Pipeline
+from clsim.live.schedule import Schedule, plan
+
+NAMES = ("R", "G", "B")
+BEST = Level(probe_spp=1, spp=8, first_hit_rays=16)
+
+
+@dataclass(frozen=True)
+class FakeEffort:
+    probe_spp: int = 1
+    spp: int = 8
+    first_hit_rays: int = 16
+    every: int = 1
+
+
+class SteeredSource:
+    """Looks for the map of each frame, as a renderer with adaptive sampling does."""
+
+    width, height, names, frame_count = 4, 3, NAMES, None
+
+    def __init__(self, board: InterestBoard | None = None, fail_at: int | None = None, seconds: float = 0.0) -> None:
+        self.board, self.fail_at, self.seconds = board, fail_at, seconds
+        self.effort = FakeEffort()
+        self.found: list[int | None] = []
+        self.efforts: list[FakeEffort] = []
+        self.waiting = threading.Event()
+        self.paths = self.first_hit_rays = 0
+
+    def fill(self, index: int, out: Frame) -> None:
+        if len(self.found) == self.fail_at:
+            raise FloatingPointError("the source broke")
+        self.efforts.append(self.effort)
+        time.sleep(self.seconds * self.effort.spp)
+        self.waiting.set()
+        interest = self.board.find(len(self.found)) if self.board is not None else None
+        self.found.append(None if interest is None else interest.number)
+        self.paths += 100
+        self.first_hit_rays += 7
+
+    def close(self) -> None:
+        pass
+
+
+class InterestedDetector:
+    solved_share, masked, many_crossings, most_crossings, capped = 0.0, 0, 0, 0, 0
+
+    @property
+    def stats(self) -> "InterestedDetector":
+        return self
+
+    def __init__(self, fail_at: int | None = None, hang_at: int | None = None, first_seconds: float = 0.0) -> None:
+        self.fail_at, self.hang_at, self.first_seconds = fail_at, hang_at, first_seconds
+        self.go_on = threading.Event()
+        self.frames = self.resets = 0
+
+    def step(self, frame: Frame) -> EventBatch:
+        if self.frames == self.fail_at:
+            raise ArithmeticError("the detector broke")
+        if self.frames == self.hang_at:
+            self.go_on.wait(20)
+        if self.frames == 0:
+            time.sleep(self.first_seconds)
+        self.frames += 1
+        return np.zeros(0, EVENT_DTYPE)
+
+    def interest(self) -> InterestMap:
+        plane = np.zeros((3, 4), np.float32)
+        return InterestMap(self.frames - 1, plane, plane, plane, plane)
+
+    def reset(self) -> None:
+        self.resets += 1
+
+    def close(self) -> None:
+        pass
+
+
+def adaptive(schedule: Schedule, source: SteeredSource, detector: InterestedDetector, **options: object) -> Pipeline:
+    return Pipeline(
+        lambda: source,
+        lambda: detector,
+        (),
+        schedule,
+        (NAMES, 3, 4),
+        board=source.board,
+        **options,  # type: ignore[arg-type]
+    )
+
+
+def no_threads_left() -> bool:
+    return not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+
+
+@pytest.mark.parametrize("slots", [2, 3, 5])
+def test_each_frame_is_made_with_the_map_of_two_frames_ago(slots: int) -> None:
+    source, detector = SteeredSource(InterestBoard()), InterestedDetector()
+    pipeline = adaptive(plan(1.0, 60.0, frames=40), source, detector, slots=slots)
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert source.found == [None, None, *range(38)]
+    assert (pipeline.progress.paths, pipeline.progress.first_hit_rays) == (4000, 280)
+
+
+def test_maps_are_counted_on_over_the_seam_of_a_loop() -> None:
+    source, detector = SteeredSource(InterestBoard()), InterestedDetector()
+    pipeline = adaptive(plan(0.5, 10.0, frames=12, loop=True), source, detector)
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert detector.resets == 2 and source.found == [None, None, *range(10)]
+
+
+def test_stop_ends_a_source_that_waits_for_a_map() -> None:
+    """The detector hangs, in a compiler say; the source must not hang with it."""
+    source, detector = SteeredSource(InterestBoard()), InterestedDetector(hang_at=3)
+    pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
+    pipeline.start()
+    while len(source.found) < 5:
+        assert not pipeline.wait(0.005)
+    assert not pipeline.wait(0.1)
+    assert not pipeline.stop(0.3), "the detector's thread hangs on"
+    assert [t.name for t in threading.enumerate() if t.name.startswith("clsim-")] == ["clsim-detect"]
+    detector.go_on.set()
+    assert pipeline.wait(20) and no_threads_left()
+
+
+def test_an_error_of_the_detector_ends_a_source_that_waits_for_a_map() -> None:
+    source, detector = SteeredSource(InterestBoard()), InterestedDetector(fail_at=5)
+    pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
+    pipeline.start()
+    with pytest.raises(ArithmeticError, match="the detector broke"):
+        pipeline.wait(20)
+    assert no_threads_left()
+
+
+def test_an_error_of_the_source_ends_the_detector() -> None:
+    source, detector = SteeredSource(InterestBoard(), fail_at=6), InterestedDetector()
+    pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
+    pipeline.start()
+    with pytest.raises(FloatingPointError, match="the source broke"):
+        pipeline.wait(20)
+    assert no_threads_left()
+
+
+def test_frames_may_be_dropped_between_a_steered_source_and_its_detector() -> None:
+    source, detector = SteeredSource(InterestBoard(in_step=False)), InterestedDetector(first_seconds=0.1)
+    pipeline = adaptive(plan(1.0, 100.0, frames=60), source, detector, ring="drop-oldest", pace="real")
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert pipeline.progress.frames + pipeline.progress.dropped_frames == 60
+    assert source.found[-1] is not None
+
+
+@pytest.mark.parametrize("ring", ["block", "drop-oldest"])
+def test_loading_kernels_at_the_start_makes_no_frame_late(ring: str) -> None:
+    source, detector = SteeredSource(InterestBoard(in_step=ring == "block")), InterestedDetector(first_seconds=0.6)
+    pipeline = adaptive(plan(1.0, 5.0, frames=7), source, detector, ring=ring, pace="real")
+    pipeline.start()
+    assert pipeline.wait(20)
+    progress = pipeline.progress
+    assert (progress.frames, progress.late_frames, progress.dropped_frames) == (7, 0, 0)
+
+
+def test_a_paced_run_ends_where_its_detector_breaks_in_the_warm_up() -> None:
+    pipeline = adaptive(plan(1.0, 5.0), SteeredSource(InterestBoard()), InterestedDetector(fail_at=1), pace="real")
+    pipeline.start()
+    with pytest.raises(ArithmeticError):
+        pipeline.wait(20)
+    assert no_threads_left()
+
+
+def test_frames_that_come_late_are_counted_where_none_is_dropped() -> None:
+    pipeline = adaptive(
+        plan(1.0, 200.0, frames=24), SteeredSource(InterestBoard(), seconds=0.002), InterestedDetector(), pace="real"
+    )
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert pipeline.progress.frames == 24 and pipeline.progress.late_frames > 10
+
+
+def test_a_governor_renders_less_where_a_paced_run_would_be_late() -> None:
+    """All samples would take 160 ms a frame, and there are 50."""
+    source, governed = SteeredSource(InterestBoard(), seconds=0.02), Governed(ladder(BEST), 20.0)
+    pipeline = adaptive(plan(1.0, 20.0, frames=24), source, InterestedDetector(), pace="real", governed=governed)
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert source.efforts[0] == FakeEffort(), "the references are rendered as well as can be"
+    assert {effort.spp for effort in source.efforts[WARM_UP_FRAMES:]} <= {1, 2}
+    assert governed.level.spp <= 2
+    assert governed.given_up.startswith("samples 8 -> ")
+    assert governed.summary()["level"] == governed.levels.index(governed.level) > 0
+
+
+def test_the_frames_of_the_warm_up_tell_where_to_start() -> None:
+    source, governed = SteeredSource(), Governed(ladder(BEST), 10.0)
+    cheapest = governed.levels[-1]
+    for frame, busy_s in enumerate((9.0, 5.0, 0.02, 0.03)):
+        governed.frame_done(source, busy_s, lag_s=0.0)
+        expected = replace(source.effort, spp=1, first_hit_rays=4, every=8)
+        if frame < WARM_UP_FRAMES - 1:
+            assert source.effort == expected
+    predicted = [0.02 * level.cost / cheapest.cost for level in governed.levels]
+    assert governed.governor.level == next(i for i, seconds in enumerate(predicted) if seconds <= 0.06)
+    assert 0 < governed.governor.level < len(governed.levels) - 1
+    assert source.effort.first_hit_rays == governed.level.first_hit_rays
+    assert governed.summary()["changes"] == 0
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def test_the_time_of_a_frame_is_that_in_which_anybody_works() -> None:
+    clock = Clock()
+    meter = BusyMeter(clock=clock)
+    with meter.busy("source"):
+        clock.now = 2.0
+    clock.now = 10.0  # both wait
+    with meter.busy("detector"):
+        clock.now = 13.0
+    assert meter.lap() == 5.0
+    with meter.busy("source"):
+        clock.now = 14.0
+        with meter.busy("detector"):
+            clock.now = 16.0
+        assert meter.lap() == 3.0
+        clock.now = 17.0
+    assert meter.lap() == 1.0
+    assert meter.lap() == 0.0
+
+
+def test_with_cores_of_their_own_it_is_the_time_of_the_slower_one() -> None:
+    clock = Clock()
+    meter = BusyMeter(share_cores=False, clock=clock)
+    with meter.busy("source"):
+        clock.now = 2.0
+    with meter.busy("detector"):
+        clock.now = 5.0
+    with meter.busy("source"):
+        clock.now = 5.5
+        assert meter.lap() == 3.0
+        clock.now = 6.0
+    assert meter.lap() == 0.5
