@@ -1,0 +1,83 @@
+"""Named points on the front of speed against accuracy: what ``--quality`` means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+from clsim.detect.config import Method
+
+Quality = Literal["draft", "balanced", "accurate", "exact"]
+Sampling = Literal["uniform", "adaptive"]
+Sampler = Literal["pcg", "sobol"]
+
+
+@dataclass(frozen=True)
+class Point:
+    """The settings of a run that trade speed for accuracy."""
+
+    method: Method
+    window: int | None
+    """Side of the regression window [pixels]; None takes the method's own."""
+    sampling: Sampling
+    """Whether every pixel gets the same number of light paths, or more where an event may come."""
+    probe_spp: int
+    """Light paths that every pixel gets, where sampling is adaptive."""
+    spp: int
+    """Light paths per pixel and frame; where sampling is adaptive, of the pixels of interest."""
+    first_hit_rays: int
+    """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
+    sampler: Sampler
+
+    def text(self) -> str:
+        """Return the settings in a few words, for people."""
+        paths = f"{self.probe_spp} to {self.spp}" if self.sampling == "adaptive" else f"{self.spp}"
+        side = "" if self.window is None or self.method == "esim" else f" {self.window}x{self.window}"
+        parts = [self.method + side, f"{paths} spp"]
+        if self.first_hit_rays:
+            parts.append(f"{self.first_hit_rays} first-hit rays")
+        return ", ".join([*parts, self.sampler])
+
+
+DEFAULT = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, spp=8, first_hit_rays=0, sampler="pcg")
+"""What runs unless something else is asked for."""
+QUALITIES: dict[Quality, Point] = {
+    "draft": Point(
+        method="irradiance", window=7, sampling="uniform", probe_spp=1, spp=1, first_hit_rays=4, sampler="sobol"
+    ),
+    "balanced": Point(
+        method="irradiance", window=7, sampling="adaptive", probe_spp=1, spp=8, first_hit_rays=16, sampler="sobol"
+    ),
+    "accurate": Point(
+        method="irradiance", window=7, sampling="adaptive", probe_spp=2, spp=16, first_hit_rays=32, sampler="sobol"
+    ),
+    "exact": Point(
+        method="esim", window=None, sampling="uniform", probe_spp=1, spp=256, first_hit_rays=0, sampler="pcg"
+    ),
+}
+BASIS: Quality = "balanced"
+"""What is completed from this point where no quality is named, but something needs first-hit rays."""
+
+
+def describe_qualities() -> str:
+    """Return one clause for each named point, for ``--help``."""
+    return "; ".join(f"{name}: {point.text()}" for name, point in QUALITIES.items())
+
+
+def setting_names() -> tuple[str, ...]:
+    """Return the names of the settings that a point has."""
+    return tuple(field.name for field in fields(Point))
+
+
+def with_given(point: Point, given: dict[str, Any]) -> Point:
+    """Return the point with the settings that were ``given``, None meaning not.
+
+    What was not given follows where it must: the window another method, and the probe fewer light paths.
+    """
+    chosen = {name: value for name, value in given.items() if value is not None}
+    if chosen.get("method", point.method) != point.method:
+        point = replace(point, window=None)
+    result = replace(point, **chosen)
+    if "spp" in chosen and "probe_spp" not in chosen:
+        result = replace(result, probe_spp=min(result.probe_spp, result.spp))
+    return result
