@@ -8,7 +8,7 @@ import typer
 
 from clsim.cli import parse
 from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, OUT_HELP, TEXT_TIME, WINDOW
-from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Response
+from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Regress, Response
 from clsim.errors import InputError
 
 
@@ -47,6 +47,20 @@ def detect(
     ] = "fixed",
     bandwidth_h: Annotated[float, typer.Option(help="Bandwidth h of the weights.")] = 1.0,
     ridge: Annotated[float, typer.Option(help="λ: how much β is penalised.")] = 1e-5,
+    regress: Annotated[
+        Regress,
+        typer.Option(
+            help="What is regressed: log brightness, as in the paper; or linear luminance, whose log is taken then: "
+            "that of few samples is too low on average."
+        ),
+    ] = "log",
+    shrink: Annotated[
+        float,
+        typer.Option(
+            help="How readily a pixel's own value counts where its window's residual is more than noise: 0 never, "
+            "1.5 is good. Needs --regress linear and the plane Variance.Luminance."
+        ),
+    ] = 0.0,
     response: Annotated[Response, typer.Option(help="Brightness of a luminance.")] = "ln",
     luminance: Annotated[Luminance, typer.Option(help="Weights of R, G and B.")] = "rec709",
     scale: Annotated[float, typer.Option(help="Factor on luminance.")] = 1.0,
@@ -86,6 +100,8 @@ def detect(
         bandwidth=bandwidth,
         bandwidth_h=bandwidth_h,
         ridge=ridge,
+        regress=regress,
+        shrink=shrink,
         response=response,
         luminance=luminance,
         scale=scale,

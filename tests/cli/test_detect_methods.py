@@ -53,6 +53,29 @@ def test_numpy_does_what_no_kernel_does(clsim, folder, option, value):
     assert len(plain) > 0 and not np.array_equal(plain, events)
 
 
+def test_luminance_is_regressed_on_request(clsim, folder):
+    """As `Detector` does it; the frames' variance is read for --shrink, which changes the events again."""
+    from clsim.detect.config import DetectorConfig
+    from clsim.detect.detector import Detector
+    from clsim.frames.exr import ExrSequence
+
+    found = [detect(clsim, folder)[1]]
+    for options in ({"regress": "linear"}, {"regress": "linear", "shrink": 1.5}):
+        config = DetectorConfig(window=5, threshold_on=0.1, threshold_off=0.1, **options)
+        source = ExrSequence(folder)
+        detector = Detector(config, source.width, source.height, source.names)
+        expected = np.concatenate([detector.step(frame) for frame in source])
+        given = [text for name, value in options.items() for text in (f"--{name}", value)]
+        found.append(detect(clsim, folder, *given)[1])
+        np.testing.assert_array_equal(found[-1], expected)
+    assert len({events.tobytes() for events in found}) == 3
+
+
+def test_shrink_without_what_it_needs_is_refused(clsim, folder):
+    outcome = clsim("detect", folder, "--out", folder.parent / "x.csv", "--shrink", 1.5)
+    assert outcome.status == 2 and "shrink needs regress 'linear'" in outcome.stderr
+
+
 def test_features_by_name(clsim, folder):
     _, some = detect(clsim, folder, "--features", "Depth,Nx")
     _, everything = detect(clsim, folder)
