@@ -140,7 +140,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
 
     started = _now()
     source = ExrSequence(options.frames, options.fps)
-    if options.config.bandwidth == "fixed":
+    if options.config.bandwidth == "fixed" and options.config.shrink == 0:
         # Nothing reads the variances then, so they need not be converted frame by frame.
         without_variances = [name for name in source.names if name not in VARIANCE_PLANES]
         source = ExrSequence(options.frames, options.fps, without_variances)
