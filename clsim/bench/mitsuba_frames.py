@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from clsim.bench.mitsuba_peer import camera_pose, load_mitsuba, mitsuba_scene, move_scene
+from clsim.bench.mitsuba_peer import camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, frame_time_us
 from clsim.render import RenderOptions
@@ -32,12 +33,8 @@ class MitsubaFrames:
         Raises:
             InputError: Mitsuba is missing, cannot read the file, or the world has what this translation lacks.
         """
-        mitsuba = load_mitsuba()
-        if mitsuba is None:
-            raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+        mitsuba = require_mitsuba(world, file)
         camera = world.camera
-        if camera.lens != Lens() or camera.shutter_s > 0:
-            raise InputError(f"{world.name}: a lens or an exposure time is not handed to Mitsuba, expected a pinhole")
         self.width, self.height = camera.width, camera.height
         self.frame_count = options.frames
         self._mitsuba, self._world, self._options = mitsuba, world, options
@@ -80,3 +77,19 @@ class MitsubaFrames:
 
     def close(self) -> None:
         """Release nothing; here so that all sources end alike."""
+
+
+def require_mitsuba(world: World, file: Path | None) -> Any:
+    """Return Mitsuba if it can render the world, read from Mitsuba's own ``file`` or handed over.
+
+    Raises:
+        InputError: it is not installed, or the world has what cannot be handed over.
+    """
+    mitsuba = load_mitsuba()
+    if mitsuba is None:
+        raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+    if world.camera.lens != Lens() or world.camera.shutter_s > 0:
+        raise InputError(f"{world.name}: a lens or an exposure time is not handed to Mitsuba, expected a pinhole")
+    if file is None:
+        check_plain(world)
+    return mitsuba

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene import CheckerTexture, Instance, Lens, Material, SphereLight, World
+from clsim.scene import CheckerTexture, Instance, Material, SphereLight, World
 
 F64 = npt.NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def mitsuba_scene(mitsuba: Any, world: World, max_depth: int) -> Any:
         InputError: it has more than meshes of one diffuse material each, plain or checkered, area lights, sphere
             lights, a constant environment and a pinhole camera.
     """
-    _check(world)
+    check_plain(world)
     camera = world.camera
     scene: dict[str, Any] = {
         "type": "scene",
@@ -89,8 +89,8 @@ def camera_pose(world: World, time_s: float) -> F64:
     return world.camera.motion.pose(time_s) @ np.diag([-1.0, 1.0, -1.0, 1.0])
 
 
-def _check(world: World) -> None:
-    """Refuse what would come out otherwise than clsim renders it."""
+def check_plain(world: World) -> None:
+    """Refuse, by InputError, what would come out otherwise than clsim renders it."""
     materials = [world.materials[i] for mesh in world.meshes for i in np.unique(mesh.material_ids)]
     textures = [world.textures[m.texture] for m in materials if m.texture >= 0]
     lacking = {
@@ -102,7 +102,6 @@ def _check(world: World) -> None:
         "meshes that deform": any(mesh.deformation is not None for mesh in world.meshes),
         "lights without size": bool(world.punctual_lights),
         "an environment map": world.environment_map is not None,
-        "a lens or an exposure time": world.camera.lens != Lens() or world.camera.shutter_s > 0,
     }
     for what, is_there in lacking.items():
         if is_there:

@@ -123,6 +123,8 @@ class _Sweep:
     def run(self) -> dict[str, Any]:
         missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
         missing_peers = [peer for peer in self.peers if content_key(peer.key()) not in self.store]
+        for peer in missing_peers:
+            peer.check(self.world, self.file)
         self.plan(missing, missing_peers)
         self.tell("loading kernels")
         if self.total:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from clsim.bench import chain, manabe
+from clsim.bench.mitsuba_frames import require_mitsuba
 from clsim.events import EventBatch
 from clsim.render import RenderOptions
 from clsim.scene import World
@@ -44,6 +45,11 @@ class Peer:
     def work(self) -> int:
         """Paths a pixel and frame, at most, with detection counted as paths, to estimate the time left."""
         return chain.SPP + _CHAIN_DETECTION_PATHS if self.name == "chain" else manabe.CAP
+
+    def check(self, world: World, file: Path | None) -> None:
+        """Raise InputError if it cannot be measured on this world, or what it needs is not installed."""
+        if self.name == "chain":
+            require_mitsuba(world, file)
 
     def measure(
         self, world: World, file: Path | None, options: RenderOptions, on_samples: Callable[[int], None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from clsim.bench.tradeoff_plot import plot_tradeoff
 from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
 from clsim.bench.tradeoff_tables import csv_text, markdown_text
 from clsim.errors import InputError
+from clsim.scene import Lens, load_world
 
 POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
 
@@ -82,3 +84,22 @@ def test_the_chain_is_a_peer(tmp_path: Path) -> None:
 def test_unknown_peers_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--peers must be one of chain, manabe, got 'v2e'"):
         run(tmp_path, "v2e")
+
+
+def test_what_a_peer_cannot_render_is_told_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("clsim.bench.mitsuba_frames.load_mitsuba", lambda: None)
+    with pytest.raises(InputError, match="Mitsuba 3 or the LLVM library it needs is not installed"):
+        run(tmp_path, "chain")
+    world = load_world("cornell")
+    glass = replace(world, materials=tuple(replace(each, kind="dielectric") for each in world.materials))
+    wide = replace(world, camera=replace(world.camera, lens=Lens(model="fisheye")))
+    monkeypatch.setattr("clsim.bench.mitsuba_frames.load_mitsuba", lambda: "mitsuba")
+    monkeypatch.setattr("clsim.bench.tradeoff.load_world", lambda *given, **more: glass)
+    with pytest.raises(InputError, match="materials other than diffuse ones cannot be handed to Mitsuba"):
+        run(tmp_path, "chain")
+    monkeypatch.setattr("clsim.bench.tradeoff.load_world", lambda *given, **more: wide)
+    with pytest.raises(InputError, match="a lens or an exposure time is not handed to Mitsuba"):
+        run(tmp_path, "chain")
+    assert not any(tmp_path.iterdir())
