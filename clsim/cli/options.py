@@ -8,6 +8,7 @@ import typer
 
 from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
+from clsim.live.quality import Quality, describe_qualities
 
 SCENE = Annotated[
     str,
@@ -20,6 +21,27 @@ RESOLUTION = Annotated[
 ]
 FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [scene's own]")]
 SPP = Annotated[int, typer.Option(help="Light paths per pixel and frame.")]
+LIVE_SPP = Annotated[
+    int | None,
+    typer.Option(help="Light paths per pixel and frame; with adaptive sampling, where events are near. [8]"),
+]
+PROBE_SPP = Annotated[
+    int | None, typer.Option(help="Light paths per pixel elsewhere, with adaptive sampling. [the quality's]")
+]
+FIRST_HIT_RAYS = Annotated[
+    int | None,
+    typer.Option(
+        help="Most rays per pixel that look for the first hit alone: clean features after few light paths. [0]"
+    ),
+]
+SAMPLING = Annotated[
+    Literal["uniform", "adaptive"] | None,
+    typer.Option(help="The same for every pixel; or more where an event is near, from first-hit rays. [uniform]"),
+]
+QUALITY = Annotated[
+    Quality | None,
+    typer.Option(help=f"A named point of speed against accuracy; other options win over it. {describe_qualities()}."),
+]
 MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path in edges: 2 is direct light, 3 one bounce.")]
 THREADS = Annotated[int | None, typer.Option(help="Threads that render. [one a core]")]
 SEED = Annotated[int, typer.Option(help="Seed of all random numbers.")]
@@ -31,6 +53,10 @@ SAMPLER = Annotated[
     Literal["pcg", "sobol"],
     typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time)."),
 ]
+LIVE_SAMPLER = Annotated[
+    Literal["pcg", "sobol"] | None,
+    typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time). [pcg]"),
+]
 FOLLOW_SPECULAR = Annotated[
     bool,
     typer.Option(
@@ -41,14 +67,19 @@ FOLLOW_SPECULAR = Annotated[
 THRESHOLD = Annotated[
     str | None, typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [scene's own]")
 ]
-METHOD = Annotated[
-    Method,
-    typer.Option(help="esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens."),
+METHOD_HELP = "esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens."
+METHOD = Annotated[Method, typer.Option(help=METHOD_HELP)]
+LIVE_METHOD = Annotated[
+    Method | None,
+    typer.Option(help=f"{METHOD_HELP[:-1]}; irradiance: a filter of the light that falls on surfaces. [esim-ad]"),
 ]
 EVENT_RULE = Annotated[
     EventRule, typer.Option(help="interpolated: each crossing gets its own time; frame: at most one event a frame.")
 ]
 WINDOW = Annotated[int, typer.Option(help="Side of the regression window [pixels], odd, 3…21.")]
+LIVE_WINDOW = Annotated[
+    int | None, typer.Option(help="Side of the regression window [pixels], odd, 3…21. [the quality's, or the method's]")
+]
 HISTORY = Annotated[int, typer.Option(help="Frames whose windows form one regression, 1…5.")]
 RENDER_DEVICE = Annotated[str, typer.Option(help="Where to render: cpu, cuda:0 … (see `clsim devices`).")]
 OPENCL = Annotated[str | None, typer.Option(help="Part of the name of the OpenCL device. [a GPU if there is one]")]

@@ -90,6 +90,11 @@ def _status_line(session: Session) -> Text:
         f"ring {progress.fill}",
         f"drops {summary['dropped_frames']}",
     ]
+    if summary["late_frames"]:
+        parts.append(f"late {summary['late_frames']}")
+    given_up = summary["governor"] and summary["governor"]["given_up"]
+    if given_up:
+        parts.append(f"gave up: {given_up}")
     if any("clients" in o for o in summary["outputs"]):
         parts.append(f"clients {clients}" + (f" (lost {_count(lost)})" if lost else ""))
     return Text("  ".join(parts), style="cyan", no_wrap=True, overflow="ellipsis")
@@ -109,6 +114,13 @@ def _print_summary(console: Console, summary: dict[str, Any]) -> None:
         f"{summary['cpu_s']:.1f} CPU-seconds" + (" — interrupted" if summary["interrupted"] else ""),
         highlight=False,
     )
+    governor = summary["governor"]
+    if governor is not None:
+        console.print(
+            f"governor: gave up {governor['given_up'] or 'nothing'} ({governor['changes']} changes), "
+            f"{summary['late_frames']} frames late",
+            highlight=False,
+        )
     for output in summary["outputs"]:
         console.print(f"→ {output['name']}" + (f": {output['error']}" if "error" in output else ""), highlight=False)
 

@@ -11,15 +11,15 @@ from clsim.errors import InputError, require_choice
 from clsim.frames import Policy
 from clsim.live.outputs import FileOptions
 from clsim.live.pipeline import Pace
+from clsim.live.quality import BASIS, DEFAULT, QUALITIES, Point, Quality, Sampler, Sampling, setting_names, with_given
 
 Noise = Literal["common", "independent"]
-Sampler = Literal["pcg", "sobol"]
 LIVE_GATES = ("delta-r", "radiance")
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """Options of a live run; None takes the scene's own value."""
+    """Options of a live run; None takes the scene's own value or, of those that `point` tells, that of the quality."""
 
     scene: str | Path
     """Name of a bundled scene, or a scene file."""
@@ -33,20 +33,28 @@ class LiveOptions:
     """Start the motion anew at its end, for ever or until ``duration_s``."""
     fps: float | None = None
     """Frames per simulated second."""
-    spp: int = 8
-    """Light paths per pixel and frame."""
+    quality: Quality | None = None
+    """Named point of speed against accuracy that holds where nothing else is given: see `clsim.live.quality`."""
+    sampling: Sampling | None = None
+    """Whether every pixel gets the same number of light paths, or more where an event may come."""
+    probe_spp: int | None = None
+    """Light paths that every pixel gets, where sampling is adaptive."""
+    spp: int | None = None
+    """Light paths per pixel and frame; where sampling is adaptive, of the pixels of interest."""
+    first_hit_rays: int | None = None
+    """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     resolution: tuple[int, int] | None = None
     """Width and height [pixels]."""
     threshold: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events [natural-log units]."""
-    method: Method = "esim-ad"
+    method: Method | None = None
     gate: Gate = "radiance"
     event_rule: EventRule = "interpolated"
-    window: int = 13
+    window: int | None = None
     history: int = 1
     noise: Noise = "common"
     seed: int = 0
-    sampler: Sampler = "pcg"
+    sampler: Sampler | None = None
     """Random numbers: plain, or Sobol's sequence (less noise for a little more time)."""
     follow_specular: bool = True
     """Whether depth, normal and albedo are those seen in mirrors and through clear glass."""
@@ -55,6 +63,8 @@ class LiveOptions:
     threads: int | None = None
     """Threads that render; None takes one a core."""
     pace: Pace = "max"
+    governor: bool = True
+    """Whether a run at the pace of the wall clock renders less where it could not keep up."""
     ring: Policy = "block"
     render_device: str = "cpu"
     opencl: str | None = None
@@ -66,18 +76,29 @@ class LiveOptions:
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
         require_choice("--noise", self.noise, get_args(Noise))
-        require_choice("--sampler", self.sampler, get_args(Sampler))
+        for option, choice, choices in (
+            ("--quality", self.quality, get_args(Quality)),
+            ("--sampling", self.sampling, get_args(Sampling)),
+            ("--sampler", self.sampler, get_args(Sampler)),
+        ):
+            if choice is not None:
+                require_choice(option, choice, choices)
         require_choice("--pace", self.pace, get_args(Pace))
         require_choice("--ring", self.ring, get_args(Policy))
         for option, number in (("--duration", self.duration_s), ("--fps", self.fps)):
             if number is not None and not 0 < number < float("inf"):
                 raise InputError(f"{option} must be a positive number, got {number}")
-        for option, count in (("--spp", self.spp), ("--max-depth", self.max_depth)):
-            if count < 1:
-                raise InputError(f"{option} must be at least 1, got {count}")
-        for option, maybe in (("--frame-count", self.frame_count), ("--threads", self.threads)):
+        if self.max_depth < 1:
+            raise InputError(f"--max-depth must be at least 1, got {self.max_depth}")
+        for option, maybe in (
+            ("--spp", self.spp),
+            ("--probe-spp", self.probe_spp),
+            ("--frame-count", self.frame_count),
+            ("--threads", self.threads),
+        ):
             if maybe is not None and maybe < 1:
                 raise InputError(f"{option} must be at least 1, got {maybe}")
+        self._check_sampling()
         if self.seed < 0:
             raise InputError(f"--seed must not be negative, got {self.seed}")
         if self.frame_count is not None and self.duration_s is not None:
@@ -96,9 +117,45 @@ class LiveOptions:
         if self.ring == "drop-oldest" and self.pace != "real":
             raise InputError("--ring drop-oldest needs --pace real: without a clock to keep, every frame would be late")
 
+    @property
+    def point(self) -> Point:
+        """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
+
+        Without a quality, adaptive sampling and a governor, which need first-hit rays, start from "balanced".
+        """
+        may_govern = self.pace == "real" and self.governor and self.noise == "common" and self.first_hit_rays != 0
+        if self.quality is not None:
+            named = QUALITIES[self.quality]
+        elif may_govern or self.sampling == "adaptive":
+            named = QUALITIES[BASIS]
+        else:
+            named = DEFAULT
+        return with_given(named, {name: getattr(self, name) for name in setting_names()})
+
+    @property
+    def governed(self) -> bool:
+        """Whether a governor sets the samples, to keep up with the wall clock."""
+        able = self.noise == "common" and self.point.first_hit_rays > 0
+        return self.pace == "real" and self.governor and able
+
     def as_dict(self) -> dict[str, Any]:
-        """Return the options as plain values, for a sidecar."""
-        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+        """Return the options as plain values, for a sidecar, with the settings that follow from them."""
+        plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+        return plain | asdict(self.point)
+
+    def _check_sampling(self) -> None:
+        if self.first_hit_rays is not None and self.first_hit_rays < 0:
+            raise InputError(f"--first-hit-rays must not be negative, got {self.first_hit_rays}")
+        point = self.point
+        if point.sampling == "uniform" and self.probe_spp is not None:
+            raise InputError(f"--probe-spp {self.probe_spp} is for --sampling adaptive, but sampling is uniform")
+        if point.sampling == "adaptive":
+            if point.first_hit_rays == 0:
+                raise InputError("--sampling adaptive needs --first-hit-rays of at least 1, got 0")
+            if point.probe_spp > point.spp:
+                raise InputError(f"--probe-spp must be at most --spp {point.spp}, got {point.probe_spp}")
+            if self.noise != "common":
+                raise InputError(f"--sampling adaptive needs --noise common, got {self.noise}")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.events import Sink
-from clsim.frames import BASE_PLANES, VARIANCE_PLANES
+from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, VARIANCE_PLANES, InterestBoard
+from clsim.live.governed import Governed
+from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.outputs import FileOptions, check_output, is_address, open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
@@ -43,6 +45,10 @@ class Session:
     notes: tuple[str, ...]
     wall_start_s: float
     cpu_start_s: float
+    level: Level | None = None
+    """How much is rendered, unless a governor decides."""
+    governed: Governed | None = None
+    """What decides how much is rendered, if anything does."""
 
     def start(self) -> None:
         """Write the sidecars, then start the pipeline."""
@@ -55,6 +61,7 @@ class Session:
         wall_s = time.perf_counter() - self.wall_start_s
         startup_s = progress.first_frame_s
         running_s = wall_s - (startup_s or 0.0)
+        level = self.level if self.governed is None else self.governed.level
         return {
             "name": self.name,
             "width": self.width,
@@ -68,6 +75,11 @@ class Session:
             "most_crossings": progress.most_crossings,
             "capped_events": progress.capped_events,
             "dropped_frames": progress.dropped_frames,
+            "late_frames": progress.late_frames,
+            "paths": progress.paths,
+            "first_hit_rays": progress.first_hit_rays,
+            "effort": None if level is None else asdict(level),
+            "governor": None if self.governed is None else self.governed.summary(),
             "simulated_s": progress.simulated_us / 1e6,
             "wall_s": wall_s,
             "cpu_s": time.process_time() - self.cpu_start_s,
@@ -104,12 +116,18 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         periodic=_is_periodic(world),
     )
     config = _live_config(options, world)
+    point = options.point
+    adaptive = point.sampling == "adaptive"
+    level = Level(point.probe_spp if adaptive else point.spp, point.spp, point.first_hit_rays)
+    governed = Governed(ladder(level), fps) if options.governed else None
     render_options = RenderOptions(
-        spp=options.spp,
+        spp=point.spp,
+        probe_spp=point.probe_spp if adaptive else None,
+        first_hit_rays=point.first_hit_rays,
         fps=fps,
         seed=options.seed,
         noise=options.noise,
-        sampler=options.sampler,
+        sampler=point.sampler,
         follow_specular=options.follow_specular,
         max_depth=options.max_depth,
         threads=options.threads,
@@ -117,21 +135,47 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     )
     check_device(options.render_device)
     camera = world.camera
+    planes = FIRST_HIT_PLANES if point.first_hit_rays else BASE_PLANES
+    board = InterestBoard(in_step=options.ring == "block") if adaptive else None
+    make_detector = _detector_maker(config, camera.width, camera.height, planes, options.opencl)
     outputs = _open_outputs(options.outputs, options.files, extra_sinks, camera.width, camera.height)
     pipeline = Pipeline(
-        lambda: PathTracer(world, render_options),
-        _detector_maker(config, camera.width, camera.height, BASE_PLANES, options.opencl),
+        lambda: PathTracer(world, render_options, board),
+        make_detector,
         outputs,
         schedule,
-        (BASE_PLANES, camera.height, camera.width),
+        (planes, camera.height, camera.width),
         ring=options.ring,
         pace=options.pace,
+        board=board,
+        governed=governed,
+        share_cores=options.render_device == "cpu",
     )
     pipeline.watchers += [output.sink for output in outputs if isinstance(output.sink, FrameRecorder)]
     about = _about(options.as_dict(), config, schedule) | about_camera(camera, schedule)
     return Session(
-        world.name, camera.width, camera.height, schedule, pipeline, about, world.warnings, world.notes, *started
+        world.name,
+        camera.width,
+        camera.height,
+        schedule,
+        pipeline,
+        about,
+        world.warnings,
+        (*world.notes, *_settings_notes(options)),
+        *started,
+        level,
+        governed,
     )
+
+
+def _settings_notes(options: LiveOptions) -> list[str]:
+    """Return what the user should know of settings that follow from other options."""
+    notes = []
+    if options.quality is not None or options.point.sampling == "adaptive":
+        notes.append(f"{options.quality or 'settings'}: {options.point.text()}")
+    if options.pace == "real" and options.governor and not options.governed:
+        notes.append("no governor: it needs --noise common and first-hit rays, so that late frames stay late")
+    return notes
 
 
 def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
@@ -241,12 +285,12 @@ def _live_config(options: LiveOptions, world: World) -> DetectorConfig:
     sensor = world.sensor
     on, off = options.threshold or (sensor.threshold_on, sensor.threshold_off)
     return DetectorConfig(
-        method=options.method,
+        method=options.point.method,
         gate=options.gate,
         event_rule=options.event_rule,
         threshold_on=on,
         threshold_off=off,
-        window=options.window,
+        window=options.point.window,
         history=options.history,
         scale=sensor.scale,
         floor=sensor.floor,

@@ -39,6 +39,12 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--duration", "-1s"], "--duration must be a positive time"),
         (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
         (["live", "still", "--spp", "0"], "--spp must be at least 1, got 0"),
+        (["live", "still", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
+        (
+            ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
+            "--probe-spp must be at most --spp 16, got 99",
+        ),
+        (["live", "still", "--quality", "balanced", "--noise", "independent"], "adaptive needs --noise common"),
         (["live", "still", "--window", "12"], "window must be an odd number from 3 to 21, got 12"),
         (["live", "still", "--history", "9"], "history must be from 1 to 5 frames, got 9"),
         (["live", "still", "--gate", "published"], "'published' is not one of"),
