@@ -144,11 +144,11 @@ def time_plain(before: Frame, after: Frame, config: DetectorConfig, sampled: int
         some = places if watched else places[:20]
         with fitting if watched else Stopwatch():
             fitted = [
-                fit_plane(cut_window(old.features, old.brightness, *at, config.window), config.kernel) for at in some
+                fit_plane(cut_window(old.features, old.brightness, *at, config.side), config.kernel) for at in some
             ]
         with testing if watched else Stopwatch():
             for plane, at in zip(fitted, some, strict=True):
-                gate_plane(plane, cut_window(new.features, new.brightness, *at, config.window), config.kernel)
+                gate_plane(plane, cut_window(new.features, new.brightness, *at, config.side), config.kernel)
     return PlainCost(fitting.cpu_s / sampled, testing.cpu_s / sampled, sampled)
 
 

@@ -169,7 +169,7 @@ def svd_alpha(history: Sequence[Observation], pixels: Any, config: DetectorConfi
     """
     if not len(pixels):
         return np.zeros(0)
-    return _svd(gather(history, pixels, config.window, config.stride), config)
+    return _svd(gather(history, pixels, config.side, config.stride), config)
 
 
 def _svd(windows: Windows, config: DetectorConfig) -> F64:

@@ -7,7 +7,9 @@ from typing import Literal, get_args
 
 from clsim.errors import InputError, require_choice
 
-Method = Literal["esim", "wlr-esim", "esim-ad"]
+Method = Literal["esim", "wlr-esim", "esim-ad", "irradiance"]
+REGRESSING: tuple[Method, ...] = ("wlr-esim", "esim-ad")
+"""Methods that regress brightness on features."""
 Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
 EventRule = Literal["interpolated", "frame"]
 Kernel = Literal["gaussian", "epanechnikov"]
@@ -38,8 +40,8 @@ class DetectorConfig:
     """Contrast threshold C of ON events, > 0."""
     threshold_off: float = 0.2
     """Contrast threshold C of OFF events, > 0 (its size: the sign is implied)."""
-    window: int = 13
-    """Side K of the regression window [pixels], odd, 3…21."""
+    window: int | None = None
+    """Side K of the window [pixels], odd, 3…21; None takes 7 for irradiance, else 13 (see `side`)."""
     stride: int = 1
     """Step between the window's samples [pixels], 1…3."""
     history: int = 1
@@ -96,7 +98,7 @@ class DetectorConfig:
             value = getattr(self, name)
             if not 0 < value < float("inf"):
                 raise InputError(f"{name.replace('_', ' ')} must be a positive number, got {value}")
-        if not 3 <= self.window <= 21 or self.window % 2 == 0:
+        if not 3 <= self.side <= 21 or self.side % 2 == 0:
             raise InputError(f"window must be an odd number from 3 to 21, got {self.window}")
         if not 1 <= self.stride <= 3:
             raise InputError(f"stride must be 1, 2 or 3, got {self.stride}")
@@ -118,6 +120,13 @@ class DetectorConfig:
             raise InputError(f"gate {self.gate!r} works with bandwidth 'fixed' alone, got {self.bandwidth!r}")
 
     @property
+    def side(self) -> int:
+        """Side K of the window [pixels], as chosen or the method's own."""
+        if self.window is not None:
+            return self.window
+        return 7 if self.method == "irradiance" else 13
+
+    @property
     def linear(self) -> bool:
         """Whether luminance is what is packed, regressed and remembered, instead of log brightness."""
-        return self.regress == "linear" and self.method != "esim"
+        return self.regress == "linear" and self.method in REGRESSING

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clsim.detect.config import DetectorConfig
+from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
 from clsim.detect.events import Interval
 from clsim.detect.gate import Counts
+from clsim.detect.irradiance import check_planes
 from clsim.detect.pack import first_features
 from clsim.detect.reference_observation import check_variance, feature_names
 from clsim.detect.wlr import History
@@ -76,17 +77,19 @@ class Detector:
         """
         if config.method == "esim-ad" and config.gate not in ("delta-r", "radiance"):
             raise InputError(f"gate {config.gate!r} needs old windows; expected delta-r or radiance for a stream")
-        if config.method != "esim" and config.bandwidth != "fixed":
+        if config.method in REGRESSING and config.bandwidth != "fixed":
             raise InputError(f"bandwidth {config.bandwidth!r} is for recorded frames; expected fixed for a stream")
         for name in RADIANCE:
             if name not in names:
                 raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")
+        if config.method == "irradiance":
+            check_planes(names)
         check_variance(config, names)
         self.config = config
         self.width, self.height, self.names = width, height, names
         self.device = device or choose_device()
         self.stats = DetectorStats()
-        self._candidates = () if config.method == "esim" else feature_names(config, names)
+        self._candidates = feature_names(config, names) if config.method in REGRESSING else ()
         self._engine: Engine | None = None
         self._constant = np.zeros((0, 2), dtype=np.float32)
         self._time_us = 0
@@ -207,6 +210,8 @@ class Detector:
             if fit is not None:
                 fit.prepare(history.slot)
                 fit.dense(history)
+            if engine.smoothing is not None:
+                engine.smoothing.run(packed, with_error=False)
             gate.test_levels(packed, start, level, engine.state)
         counts = gate.collect()
         if config.method == "esim-ad" and fit is not None:

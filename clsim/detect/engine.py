@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.detect.config import DetectorConfig
+from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.detect.device import Device
 from clsim.detect.events import EventRule
 from clsim.detect.gate import Gate, Level
+from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing
 from clsim.detect.pack import FrameMemory, Pack
 from clsim.detect.program import BORDER, Buffer, Layout, Workplace
 from clsim.detect.wlr import Regression
@@ -32,10 +33,12 @@ class Engine:
 
     def __post_init__(self) -> None:
         """Build the kernels and allocate all memory that the detector will use."""
-        config, count = self.config, len(self.features)
+        config = self.config
+        smooths = config.method == "irradiance"
+        count = PACKED_PLANES if smooths else len(self.features)
         double = config.precision == "float64"
         lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
-        shrinks = config.shrink > 0 and config.method != "esim"
+        shrinks = config.shrink > 0 and config.method in REGRESSING
         layout = Layout(*self.size, count, lanes, np.float64 if double else np.float32, int(shrinks))
         depth = self.features.index(DEPTH[0]) if DEPTH[0] in self.features else -1
         macros: dict[str, Any] = {
@@ -48,10 +51,16 @@ class Engine:
         }
         self.workplace = Workplace(self.device, layout, macros)
         self.memory = FrameMemory(self.workplace)
-        self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)
+        self.pack: Pack | Demodulation
+        self.smoothing: Smoothing | None = None
+        self.regression: Regression | None = None
+        if smooths:
+            self.pack = Demodulation(self.workplace, config, self.names)
+            self.smoothing = Smoothing(self.workplace, config, self.names)
+        else:
+            self.pack = Pack(self.workplace, config, self.names, self.features, self.quiet, config.history)
         packed = self.pack.packed
-        self.regression = None
-        if config.method != "esim":
+        if config.method in REGRESSING:
             self.regression = Regression(self.workplace, config, packed, config.history)
         self.gate = Gate(self.workplace, config)
         model = self.regression if config.method == "esim-ad" else None
@@ -60,8 +69,10 @@ class Engine:
         self.forget()
 
     def level(self, slot: int) -> Level:
-        """Return where the current level of each pixel is: its regression, or (method esim) its brightness."""
+        """Return where the current level of each pixel is: regressed, smoothed or (method esim) its brightness."""
         layout = self.workplace.layout
+        if self.smoothing is not None:
+            return Level(self.smoothing.level, 0, layout.span)
         if self.regression is not None:
             return Level(self.regression.fit, 0, (3 + layout.features) * layout.span)
         planes, pitch = self.pack.packed.shape[2:]

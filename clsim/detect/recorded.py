@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clsim.detect.config import KEPT_WINDOW_GATES, DetectorConfig
+from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device
 from clsim.detect.reference import ReferenceDetector, ReferenceStats
@@ -50,7 +50,7 @@ class NumpyDetector:
 
 def needs_numpy(config: DetectorConfig) -> bool:
     """Tell whether no kernel does what ``config`` asks for."""
-    if config.method == "esim":
+    if config.method not in REGRESSING:
         return False
     return config.bandwidth != "fixed" or (config.method == "esim-ad" and config.gate in KEPT_WINDOW_GATES)
 

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from clsim.detect.config import KEPT_WINDOW_GATES, DetectorConfig
+from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
 from clsim.detect.reference_bandwidth import SOLVERS
 from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
 from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, level_of, radiance
+from clsim.detect.reference_irradiance import observe_irradiance
 from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
 from clsim.detect.reference_observation import (
     F64,
@@ -87,7 +88,7 @@ class ReferenceDetector:
             config = replace(config, kernel="epanechnikov")
         self.config = config
         self.width, self.height = width, height
-        self.planes = () if config.method == "esim" else feature_names(config, names)
+        self.planes = feature_names(config, names) if config.method in REGRESSING else ()
         self.stats = ReferenceStats()
         count = width * height
         self.ref: F64 = np.zeros((height, width))
@@ -118,8 +119,10 @@ class ReferenceDetector:
             raise InputError(
                 f"frame {frame.index} has {frame.width}×{frame.height} pixels, expected {self.width}×{self.height}"
             )
+        if self.config.method == "irradiance":
+            return self.step_observation(observe_irradiance(frame, self.config), frame.time_us)
         now = observe(frame, self.planes, self.config)
-        if self.config.bandwidth != "fixed" and self.config.method != "esim":
+        if self.config.bandwidth != "fixed" and self.config.method in REGRESSING:
             add_variances(now, frame, self.planes, self.config)
         return self.step_observation(now, frame.time_us)
 
@@ -172,7 +175,7 @@ class ReferenceDetector:
             if self._kept is not None:
                 self._kept.replace(self._history, pixels[new], self.config)
         self.stats.tested += len(running)
-        self.stats.solved += len(fitted) if self.config.method != "esim" else 0
+        self.stats.solved += len(fitted) if self.config.method in REGRESSING else 0
         self.stats.many_crossings += outcome.many
         self.stats.most_crossings = max(self.stats.most_crossings, outcome.most)
         self.stats.capped += outcome.capped
@@ -196,7 +199,7 @@ class ReferenceDetector:
         return delta_r(self.model, running, ref, now, self.config)
 
     def _regress(self, now: Observation, pixels: Pixels) -> tuple[F64, Fit | None]:
-        if self.config.method == "esim":
+        if self.config.method not in REGRESSING:
             return now.brightness.ravel()[pixels], None
         fit = fit_pixels(self._history, pixels, self.config, self._solve)
         return level_of(fit.alpha, self.config), fit

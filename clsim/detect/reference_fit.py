@@ -213,9 +213,9 @@ def fit_pixels(
     """Fit the windows round ``pixels``, whose centres must be valid in the current frame."""
     dimensions = history[-1].features.shape[2]
     fit = empty_fit(len(pixels), dimensions)
-    samples = len(history) * len(tap_offsets(config.window, config.stride)) ** 2
+    samples = len(history) * len(tap_offsets(config.side, config.stride)) ** 2
     for part in chunks(pixels, samples, dimensions):
-        put_fit(fit, part, solve(gather(history, pixels[part], config.window, config.stride), config))
+        put_fit(fit, part, solve(gather(history, pixels[part], config.side, config.stride), config))
     if config.shrink > 0:
         shrink(fit, history[-1].brightness.ravel()[pixels], config.shrink)
     return fit

@@ -38,7 +38,7 @@ class KeptWindows:
 
     def replace(self, history: Sequence[Observation], pixels: Pixels, config: DetectorConfig) -> None:
         """Take over the windows round ``pixels`` of the last T frames (fewer than T at the start)."""
-        taps = len(tap_offsets(config.window, config.stride)) ** 2
+        taps = len(tap_offsets(config.side, config.stride)) ** 2
         dimensions = history[-1].features.shape[2]
         if self.x.shape[2] != dimensions:
             samples = taps * config.history
@@ -46,7 +46,7 @@ class KeptWindows:
             self.y = np.zeros((self._count, samples))
             self.mask = np.zeros((self._count, samples), dtype=bool)
         for part in chunks(pixels, taps * len(history), dimensions):
-            windows = gather(history, pixels[part], config.window, config.stride)
+            windows = gather(history, pixels[part], config.side, config.stride)
             filled = windows.y.shape[1]
             self.x[pixels[part], :filled] = windows.x
             self.y[pixels[part], :filled] = windows.y
@@ -96,7 +96,7 @@ def published(
         lo = fit.lo[places]
         scale = feature_scale(lo, fit.hi[places])
         slope = np.where(scale > 0, fit.slope[places] / np.where(scale > 0, scale, 1.0), 0.0)
-        new = _normalised_centre(gather(history, places, config.window, config.stride))
+        new = _normalised_centre(gather(history, places, config.side, config.stride))
         old = (fit.centre[places] - lo) * scale
         from_new = (kept.x[places] - lo[:, None]) * scale[:, None] - new[:, None]
         weights = kept.mask[places] * kernel_weights(from_new / config.bandwidth_h, config.kernel)

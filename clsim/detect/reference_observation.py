@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from clsim.detect.config import DetectorConfig
+from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, NORMAL, RADIANCE, Frame
 
@@ -73,7 +73,7 @@ def check_variance(config: DetectorConfig, names: tuple[str, ...]) -> None:
     Raises:
         InputError: it is missing.
     """
-    if config.shrink > 0 and config.method != "esim" and VARIANCE not in names:
+    if config.shrink > 0 and config.method in REGRESSING and VARIANCE not in names:
         raise InputError(f"shrink needs the plane {VARIANCE!r}, which the frames lack")
 
 
@@ -114,7 +114,7 @@ def observe(frame: Frame, planes: tuple[str, ...], config: DetectorConfig) -> Ob
     brightness[~valid] = 0.0
     depth = 2 + planes.index(DEPTH[0]) if DEPTH[0] in planes else None
     observation = Observation(brightness, features, valid, hit & valid, depth)
-    if config.method != "esim" and config.shrink > 0:
+    if config.method in REGRESSING and config.shrink > 0:
         variance = frame.plane(VARIANCE).astype(np.float64) * config.scale**2
         variance[~np.isfinite(variance)] = np.nan
         observation.brightness_variance = np.where(valid, variance, 0.0)

@@ -54,7 +54,7 @@ class Regression:
         self._packed = packed
         self.slots = slots
         layout = workplace.layout
-        reach = config.window // 2 // config.stride * config.stride
+        reach = config.side // 2 // config.stride * config.stride
         macros: dict[str, object] = {"REACH": reach, "STEP": config.stride, "TAPS": 2 * (reach // config.stride) + 1}
         names = ("minmax_columns", "minmax_rows")
         run, strip = (_RUN, _STRIP) if workplace.device.is_cpu else (1, 1)

@@ -16,7 +16,7 @@ from clsim.scene import load_world
 
 def test_windows_of_a_run_are_timed() -> None:
     config = chain_config(load_world("two-boxes").sensor)
-    assert (config.gate, config.window, config.event_rule) == ("published", 13, "frame")
+    assert (config.gate, config.side, config.event_rule) == ("published", 13, "frame")
     cost = time_plain(noise_frame(24, 20), noise_frame(24, 20), config, sampled=30)
     assert cost.sampled == 30 and 0 < cost.gate_s < cost.fit_s < 0.05
 

@@ -28,7 +28,7 @@ def windows_of(frame, config):
     planes = feature_names(config, frame.names)
     o = observe(frame, planes, config)
     add_variances(o, frame, planes, config)
-    return gather([o], np.flatnonzero(o.valid.ravel()), config.window, config.stride)
+    return gather([o], np.flatnonzero(o.valid.ravel()), config.side, config.stride)
 
 
 def test_without_noise_nothing_is_truncated_and_the_fit_is_the_plain_one():

@@ -18,7 +18,7 @@ def naive_fit(frames, x, y, config):
     """One pixel's α and raw β, by loops and an SVD least squares over the ridge-augmented system."""
     rows, brightness = [], []
     for frame in frames:
-        reach = config.window // 2
+        reach = config.side // 2
         for dy, dx in itertools.product(range(-reach, reach + 1), repeat=2):
             u, v = x + dx, y + dy
             if dy % config.stride or dx % config.stride or not (0 <= u < frame.width and 0 <= v < frame.height):
@@ -90,7 +90,7 @@ def test_delta_r_closed_form_equals_the_brute_force_residual(seed, ridge, kernel
     old, new = random_frames(seed, count=2, misses=False)
     planes = feature_names(config, old.names)
     pixels = np.arange(0, old.width * old.height, 5)
-    windows = gather([observe(old, planes, config)], pixels, config.window, config.stride)
+    windows = gather([observe(old, planes, config)], pixels, config.side, config.stride)
     fit = solve_windows(windows, config)
     moved_to = observe(new, planes, config).features.reshape(-1, 10)[pixels]
     scale = np.where(fit.hi - fit.lo > 1e-6 * np.maximum(np.abs(fit.lo), np.abs(fit.hi)), fit.hi - fit.lo, np.inf)
