@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, OUT_HELP, TEXT_TIME, WINDOW
+from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, OUT_HELP, TEXT_TIME
 from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Regress, Response
 from clsim.errors import InputError
 
@@ -34,7 +34,9 @@ def detect(
     gate_scale: Annotated[float, typer.Option(help="s: the radiance gate opens beyond s·C.")] = 1.0,
     box: Annotated[int, typer.Option(help="Side of the radiance gate's box means [pixels], odd.")] = 5,
     event_rule: EVENT_RULE = "interpolated",
-    window: WINDOW = 13,
+    window: Annotated[
+        int | None, typer.Option(help="Side of the window [pixels], odd, 3…21. [7 for irradiance, else 13]")
+    ] = None,
     stride: Annotated[int, typer.Option(help="Step between the window's samples [pixels], 1…3.")] = 1,
     history: HISTORY = 1,
     kernel: Annotated[Kernel, typer.Option(help="Weight of a sample by its distance in feature space.")] = "gaussian",
