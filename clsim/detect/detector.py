@@ -17,7 +17,7 @@ from clsim.detect.reference_observation import check_variance, feature_names
 from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.frames import RADIANCE, Frame
+from clsim.frames import RADIANCE, Frame, InterestMap
 from clsim.frames.frame import FloatArray
 
 SPARSE_SHARE = 0.5
@@ -97,6 +97,7 @@ class Detector:
         self._frames = 0
         self._invalid = [0] * config.history
         self._any_ready = False
+        self._interest_wanted = False
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -130,6 +131,8 @@ class Detector:
         self._frames = min(self._frames + 1, self.config.history)
         used = [self._invalid[(self._slot - age) % self.config.history] for age in range(self._frames)]
         history = History(self._slot, self._frames, any(used))
+        if self._interest_wanted:
+            engine.interest.keep(engine.state)
         events, counts = self._run(engine, history, frame.time_us)
         self._time_us = frame.time_us
         self._any_ready = self._any_ready or counts.listed + counts.kept > 0
@@ -156,6 +159,26 @@ class Detector:
             return np.full((self.height, self.width), np.nan, dtype=np.float32)
         state = self._engine.workplace.read(self._engine.state)
         return np.ascontiguousarray(state[:, _STATE_LEVEL, : self.width], dtype=np.float32)
+
+    def interest(self) -> InterestMap:
+        """Return how close each pixel is to firing after the last frame.
+
+        Ask after every frame, from the first on: the first call begins to keep what later ones need, and its ``change``
+        is 0. ``stderr`` is 0 but for method `irradiance`, where it is the weighted standard error of the window's mean.
+
+        Raises:
+            ValueError: there was no frame yet.
+        """
+        engine = self._engine
+        if engine is None:
+            raise ValueError("no frame yet")
+        error = None
+        if engine.smoothing is not None:
+            if not self._interest_wanted:
+                engine.smoothing.run(engine.pack.packed, with_error=True)
+            error = engine.smoothing.error
+        self._interest_wanted = True
+        return InterestMap(self.stats.frames - 1, *engine.interest.measure(engine.state, error))
 
     def _check(self, frame: Frame) -> None:
         if (frame.width, frame.height) != (self.width, self.height):
@@ -211,7 +234,7 @@ class Detector:
                 fit.prepare(history.slot)
                 fit.dense(history)
             if engine.smoothing is not None:
-                engine.smoothing.run(packed, with_error=False)
+                engine.smoothing.run(packed, with_error=self._interest_wanted)
             gate.test_levels(packed, start, level, engine.state)
         counts = gate.collect()
         if config.method == "esim-ad" and fit is not None:

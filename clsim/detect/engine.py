@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.detect.device import Device
 from clsim.detect.events import EventRule
 from clsim.detect.gate import Gate, Level
+from clsim.detect.interest import Interest
 from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing
 from clsim.detect.pack import FrameMemory, Pack
 from clsim.detect.program import BORDER, Buffer, Layout, Workplace
@@ -67,6 +69,11 @@ class Engine:
         self.rule = EventRule(self.workplace, config, self.gate, packed, model)
         self.state = self.workplace.allocate(layout.image_shape(6 + 4 * count if model else 2))
         self.forget()
+
+    @cached_property
+    def interest(self) -> Interest:
+        """What tells a renderer how close pixels are to firing; built when it is first wanted."""
+        return Interest(self.workplace, self.config)
 
     def level(self, slot: int) -> Level:
         """Return where the current level of each pixel is: regressed, smoothed or (method esim) its brightness."""
