@@ -72,6 +72,7 @@ class Chain:
         """Return the figures for the results, by the names that points have, and those of the chain alone."""
         return {
             "paths": self.paths,
+            "first_hit_rays_traced": 0,
             "render_cpu_s": self.rendering.cpu_s,
             "render_wall_s": self.rendering.wall_s,
             "detect_cpu_s": self.detect_s,

@@ -77,7 +77,7 @@ def _render(world: World, options: RenderOptions, device: Device, on_frame: Call
         on_frame()
 
     try:
-        cost = render_each(world, options, take)
+        cost = render_each(world, options, take).cost
     finally:
         for detector in detectors.values():
             detector.close()

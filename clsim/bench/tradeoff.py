@@ -116,6 +116,8 @@ class _Sweep:
             noise=rendering.noise,
             seed=rendering.seed,
             sampler=rendering.sampler,
+            probe_spp=rendering.probe_spp,
+            first_hit_rays=rendering.first_hit_rays,
             fps=self.fps,
             frames=self.frames,
         )
@@ -174,11 +176,10 @@ class _Sweep:
         frames, rendered = render_sequence(
             self.world, self.render_options(rendering), lambda: self.tell(what, rendering.spp)
         )
-        paths = self.world.camera.width * self.world.camera.height * self.frames * rendering.spp
         for point in points:
             self.tell(point.label)
             detected = detect(point.detector.config(self.world.sensor), frames, self.device)
-            self.keep(point, Run(detected, rendered, paths), reference)
+            self.keep(point, Run(detected, rendered), reference)
             self.tell(rendering.label, _DETECTION_PATHS * self.frames)
 
     def measure_in_turns(self, points: list[Point], reference: Reference) -> None:
@@ -193,9 +194,10 @@ class _Sweep:
     def keep(self, point: Point, done: Run, reference: Reference) -> None:
         """Score a point and store its figures."""
         scored = self.score(done.detected.events, reference, point.detector.event_rule)
-        rendered, detected = done.rendered, done.detected.cost
+        rendered, detected = done.rendered.cost, done.detected.cost
         costs = {
-            "paths": done.paths,
+            "paths": done.rendered.paths,
+            "first_hit_rays_traced": done.rendered.first_hit_rays,
             "solved_share": done.detected.solved_share,
             "render_cpu_s": rendered.cpu_s,
             "render_wall_s": rendered.wall_s,
@@ -234,7 +236,8 @@ class _Sweep:
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
         peers = [peer.as_dict() | self.store[content_key(peer.key())] for peer in self.peers]
         points, peers = (
-            [each | {"rays": round(each["paths"] * rays.total)} for each in group] for group in (points, peers)
+            [each | {"rays": round(each["paths"] * rays.total + each["first_hit_rays_traced"])} for each in group]
+            for group in (points, peers)
         )
         scores = {rule: self.score(ceiling.events[rule], reference, rule).as_dict() for rule in RULES}
         return {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device
 from clsim.events import EventBatch
-from clsim.frames import BASE_PLANES, SAMPLES, Frame, page_aligned
+from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, Frame, InterestBoard, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import World
 
@@ -41,12 +41,20 @@ class Detected:
 
 
 @dataclass(frozen=True)
+class Rendered:
+    """What rendering a sequence took: paths, rays that looked for the first hit alone, and the cost."""
+
+    paths: int
+    first_hit_rays: int
+    cost: Cost
+
+
+@dataclass(frozen=True)
 class Run:
-    """What detection gave and cost, what rendering cost, and the number of paths traced."""
+    """What detection and rendering gave and cost."""
 
     detected: Detected
-    rendered: Cost
-    paths: int
+    rendered: Rendered
 
 
 def warm_renderer(world: World, options: RenderOptions) -> None:
@@ -58,7 +66,7 @@ def warm_renderer(world: World, options: RenderOptions) -> None:
         tracer.close()
 
 
-def render_each(world: World, options: RenderOptions, take: Callable[[Frame], None]) -> Cost:
+def render_each(world: World, options: RenderOptions, take: Callable[[Frame], None]) -> Rendered:
     """Render ``options.frames`` frames into one frame's memory and hand each to ``take``; count the rendering alone."""
     tracer, watch = PathTracer(world, options), Stopwatch()
     frame, peak = _new_frame(tracer), None
@@ -71,10 +79,10 @@ def render_each(world: World, options: RenderOptions, take: Callable[[Frame], No
             take(frame)
     finally:
         tracer.close()
-    return Cost(watch.wall_s, watch.cpu_s, peak)
+    return Rendered(tracer.paths, tracer.first_hit_rays, Cost(watch.wall_s, watch.cpu_s, peak))
 
 
-def render_sequence(world: World, options: RenderOptions, on_frame: Callable[[], None]) -> tuple[list[Frame], Cost]:
+def render_sequence(world: World, options: RenderOptions, on_frame: Callable[[], None]) -> tuple[list[Frame], Rendered]:
     """Return all frames and what one rendering of them costs; ``on_frame`` is called after each of the first pass."""
     frames: list[Frame] = []
 
@@ -83,11 +91,11 @@ def render_sequence(world: World, options: RenderOptions, on_frame: Callable[[],
         on_frame()
 
     passes = [render_each(world, options, take)]
-    while sum(cost.cpu_s for cost in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
+    while sum(each.cost.cpu_s for each in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
         passes.append(render_each(world, options, lambda frame: None))
-    best = min(passes, key=lambda cost: cost.cpu_s)
+    best = min((each.cost for each in passes), key=lambda cost: cost.cpu_s)
     # Later passes ran beside the frames kept from the first.
-    return frames, Cost(best.wall_s, best.cpu_s, passes[0].peak_bytes)
+    return frames, replace(passes[0], cost=Cost(best.wall_s, best.cpu_s, passes[0].cost.peak_bytes))
 
 
 def detect(config: DetectorConfig, frames: list[Frame], device: Device) -> Detected:
@@ -117,11 +125,13 @@ def run_in_turns(
 ) -> Run:
     """Render a frame, detect in it, render the next: for renderings that depend on what was detected before.
 
-    A first pass gives the events and builds kernels, and ``on_frame`` is called after each of its frames; further
-    passes are timed, rendering and detection apart, and the quickest counts.
+    Each frame is rendered with the map of interest of the frame two before, as live. A first pass gives the events and
+    builds kernels, and ``on_frame`` is called after each of its frames; further passes are timed, rendering and
+    detection apart, and the quickest counts.
     """
     gc.collect()
-    detector = Detector(config, world.camera.width, world.camera.height, BASE_PLANES, device=device)
+    names = FIRST_HIT_PLANES if options.first_hit_rays else BASE_PLANES
+    detector = Detector(config, world.camera.width, world.camera.height, names, device=device)
     reset_peak_memory()
     try:
         first = _turns(world, options, detector, on_frame)
@@ -134,7 +144,8 @@ def run_in_turns(
         detector.close()
     best = min(passes, key=lambda each: each.cpu_s)
     detected = Detected(first.events, solved_share, Cost(best.detecting.wall_s, best.detecting.cpu_s, peak))
-    return Run(detected, Cost(best.rendering.wall_s, best.rendering.cpu_s, peak), first.paths)
+    cost = Cost(best.rendering.wall_s, best.rendering.cpu_s, peak)
+    return Run(detected, Rendered(first.paths, first.first_hit_rays, cost))
 
 
 @dataclass(frozen=True)
@@ -143,6 +154,7 @@ class _Pass:
 
     events: EventBatch
     paths: int
+    first_hit_rays: int
     rendering: Stopwatch
     detecting: Stopwatch
 
@@ -153,11 +165,10 @@ class _Pass:
 
 def _turns(world: World, options: RenderOptions, detector: Detector, on_frame: Callable[[], None]) -> _Pass:
     rendering, detecting = Stopwatch(), Stopwatch()
-    tracer = PathTracer(world, options)
+    board = InterestBoard()
+    tracer = PathTracer(world, options, board)
     frame = _new_frame(tracer)
-    samples = frame.plane(SAMPLES[0])
     batches: list[EventBatch] = []
-    paths = 0.0
     detector.reset()
     try:
         for index in range(tracer.frame_count or 0):
@@ -165,12 +176,14 @@ def _turns(world: World, options: RenderOptions, detector: Detector, on_frame: C
                 tracer.fill(index, frame)
             with detecting:
                 events = detector.step(frame)
+                if options.probe_spp is not None:
+                    # The detector goes on counting from pass to pass.
+                    board.publish(replace(detector.interest(), number=index))
             batches.append(events)
-            paths += float(samples.sum(dtype=np.float64))
             on_frame()
     finally:
         tracer.close()
-    return _Pass(np.concatenate(batches), round(paths), rendering, detecting)
+    return _Pass(np.concatenate(batches), tracer.paths, tracer.first_hit_rays, rendering, detecting)
 
 
 def _timed_pass(detector: Detector, frames: list[Frame]) -> Stopwatch:

@@ -68,6 +68,7 @@ class Peer:
         run = manabe.run_manabe(world, options, on_samples)
         return run.events, {
             "paths": run.paths,
+            "first_hit_rays_traced": 0,
             "render_cpu_s": run.render_cpu_s,
             "render_wall_s": run.render_wall_s,
             "detect_cpu_s": run.testing.cpu_s,

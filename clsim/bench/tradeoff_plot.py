@@ -13,8 +13,8 @@ from clsim.errors import InputError
 
 _COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
 """Blue and vermilion of Okabe and Ito, which colour-blind people tell apart; fillings tell them apart in grey."""
-_MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D"}
-_SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": ""}
+_MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D", "irradiance": "v"}
+_SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": "irr."}
 _PEERS = {"chain": ("*", "#000000", "Mitsuba +\nICIP 2023"), "manabe": ("P", "#009E73", "Manabe 2024")}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
@@ -127,8 +127,11 @@ def _along_lines(panel: Any, results: dict[str, Any], value: str) -> list[tuple[
 
 
 def _short(row: dict[str, Any]) -> str:
-    parts = [f"{row['spp']} spp"]
-    parts += [row[axis] for axis, usual in (("sampler", "pcg"), ("sampling", "uniform")) if row[axis] != usual]
+    parts = [f"{row['spp']} spp" if row["probe_spp"] is None else f"{row['probe_spp']}–{row['spp']} spp"]
+    if row["sampler"] != "pcg":
+        parts.append(row["sampler"])
+    if row["first_hit_rays"]:
+        parts.append(f"+{row['first_hit_rays']}")
     parts.append(_SHORT_NAMES[row["gate"] or row["method"]])
     if row["window"] is not None:
         parts.append(f"K{row['window']}")
@@ -158,7 +161,8 @@ def _legend(results: dict[str, Any]) -> list[Any]:
     def marker(label: str, shape: str, colour: str, filling: str, size: float = 7) -> Line2D:
         return Line2D([], [], linestyle="", marker=shape, color=colour, markerfacecolor=filling, label=label, ms=size)
 
-    names = {"esim": "ESIM", "wlr-esim": "WLR everywhere", "delta-r": "gate delta-r", "radiance": "gate radiance"}
+    names = {"esim": "ESIM", "wlr-esim": "WLR everywhere", "delta-r": "gate delta-r", "radiance": "gate radiance",
+             "irradiance": "irradiance smoothed"}  # fmt: skip
     ways = {row["gate"] or row["method"] for row in rows}
     noises = {row["noise"] for row in rows}
     handles = [marker(names[way], shape, "0.4", "0.4") for way, shape in _MARKERS.items() if way in ways]

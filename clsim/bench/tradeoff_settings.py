@@ -21,6 +21,7 @@ HISTORIES = (1, 3)
 SOBOL_SPP = (4, 16, 64)
 """Sobol points are set against their like here alone: they multiply the rest."""
 QUICK_POINTS = 12
+_PROBES: tuple[tuple[Sampling, int | None], ...] = (("uniform", None), ("adaptive", 1), ("adaptive", 2))
 
 
 @dataclass(frozen=True)
@@ -35,15 +36,19 @@ class Rendering:
     seed: int
     sampler: Sampler = "pcg"
     sampling: Sampling = "uniform"
+    probe_spp: int | None = None
+    """Paths where no event is near, if sampling is adaptive; ``spp`` are traced elsewhere."""
+    first_hit_rays: int = 0
 
     @property
     def label(self) -> str:
-        """A short name, such as ``8 spp common sobol``."""
-        parts = [f"{self.spp} spp {self.noise}"]
+        """A short name, such as ``8 spp common sobol`` or ``1 to 8 spp common + 16 first hits``."""
+        spp = f"{self.spp}" if self.probe_spp is None else f"{self.probe_spp} to {self.spp}"
+        parts = [f"{spp} spp {self.noise}"]
         if self.sampler != "pcg":
             parts.append(self.sampler)
-        if self.sampling != "uniform":
-            parts.append(self.sampling)
+        if self.first_hit_rays:
+            parts.append(f"+ {self.first_hit_rays} first hits")
         return " ".join(parts)
 
 
@@ -93,6 +98,8 @@ class DetectorSetting:
 ESIM = DetectorSetting("esim")
 BASE = DetectorSetting("esim-ad", "radiance", window=13, stride=1, history=1)
 """What ``clsim live`` does unless told otherwise."""
+IRRADIANCE = DetectorSetting("irradiance", window=7)
+"""Irradiance smoothed rather than brightness regressed; it wants first-hit rays."""
 ICIP_2023 = DetectorSetting("esim-ad", "delta-r", "frame", window=13, stride=1, history=1)
 """The method of Tsuji et al., ICIP 2023, with its closed-form gate; its noise is independent."""
 
@@ -114,12 +121,43 @@ class Point:
         return asdict(self.rendering) | asdict(self.detector)
 
 
+def named_points(seed: int) -> dict[str, Point]:
+    """Return the points that ``clsim live --quality`` names."""
+    adaptive = {
+        "balanced": Rendering(8, "common", seed, "sobol", "adaptive", probe_spp=1, first_hit_rays=16),
+        "accurate": Rendering(16, "common", seed, "sobol", "adaptive", probe_spp=2, first_hit_rays=32),
+    }
+    return {
+        "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4), IRRADIANCE),
+        **{name: Point(rendering, IRRADIANCE) for name, rendering in adaptive.items()},
+        "exact": Point(Rendering(256, "common", seed), ESIM),
+    }
+
+
 def full_points(seeds: tuple[int, ...]) -> list[Point]:
-    """Return all points of the sweep: renderings times detectors, and some renderings by Sobol points."""
+    """Return all points of the sweep: renderings times detectors, and some that would multiply the rest.
+
+    These are Sobol points, first-hit rays with the same numbers of paths everywhere or with more where events are near,
+    and the named points.
+    """
     renderings = [Rendering(spp, noise, seed) for spp, noise, seed in product(SPP, NOISES, seeds)]
     even = [Rendering(spp, noise, seed, "sobol") for spp, noise, seed in product(SOBOL_SPP, NOISES, seeds)]
     points = [Point(rendering, detector) for rendering in renderings for detector in full_detectors()]
-    return points + [Point(rendering, detector) for rendering in even for detector in (ESIM, BASE)]
+    points += [Point(rendering, detector) for rendering in even for detector in (ESIM, BASE)]
+    for seed in seeds:
+        points += [Point(rendering, IRRADIANCE) for rendering in first_hit_renderings(seed)]
+        points += named_points(seed).values()
+    return list(dict.fromkeys(points))
+
+
+def first_hit_renderings(seed: int) -> list[Rendering]:
+    """Return renderings with first-hit rays: uniform, and adaptive ones with a probe of one and of two paths."""
+    sizes = ((4, 16), (8, 16), (16, 32), (32, 32), (64, 32))
+    return [
+        Rendering(spp, "common", seed, "sobol", sampling, probe_spp, rays)
+        for spp, rays in sizes
+        for sampling, probe_spp in _PROBES
+    ]
 
 
 def full_detectors() -> list[DetectorSetting]:
@@ -144,19 +182,18 @@ def full_detectors() -> list[DetectorSetting]:
 
 def quick_points(seed: int) -> list[Point]:
     """Return a dozen points: the base with one knob turned at a time, and what it is to be compared with."""
-    few, some, more = Rendering(2, "common", seed), Rendering(8, "common", seed), Rendering(32, "common", seed)
+    some, more = Rendering(8, "common", seed), Rendering(32, "common", seed)
     fresh = Rendering(32, "independent", seed)
+    named = named_points(seed)
     return [
-        Point(few, BASE),
         Point(some, ESIM),
         Point(some, BASE),
         Point(some, DetectorSetting("esim-ad", "delta-r", window=13, stride=1, history=1)),
         Point(some, DetectorSetting("wlr-esim", window=13, stride=1, history=1)),
         Point(some, DetectorSetting("esim-ad", "radiance", window=7, stride=1, history=1)),
-        Point(some, DetectorSetting("esim-ad", "radiance", window=13, stride=2, history=1)),
         Point(more, ESIM),
         Point(more, BASE),
         Point(fresh, ESIM),
         Point(fresh, ICIP_2023),
-        Point(fresh, DetectorSetting("esim-ad", "radiance", window=9, stride=1, history=3)),
+        *(named[name] for name in ("draft", "balanced", "accurate")),
     ]

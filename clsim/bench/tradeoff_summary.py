@@ -16,8 +16,9 @@ VALUES = ("f1", "strict_f1")
 _RENDERING = tuple(field.name for field in fields(Rendering) if field.name != "seed")
 _DETECTOR = tuple(field.name for field in fields(DetectorSetting))
 AXES = _RENDERING + _DETECTOR
-_KNOBS = (("method", "gate"), *((name,) for name in AXES if name not in ("method", "gate")))
+_TOGETHER = (("method", "gate"), ("sampling", "probe_spp"))
 """Axes that are turned together count as one knob."""
+_KNOBS = _TOGETHER + tuple((name,) for name in AXES if all(name not in knob for knob in _TOGETHER))
 
 
 def summarise(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -79,12 +80,12 @@ def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], 
     A base row has the detector of ``clsim live``, common noise, the plain sampler and as many samples everywhere, at
     the median spp that was measured so. An axis that one of the two has no use for does not count as a difference.
     """
-    live = asdict(BASE) | {"noise": "common", "sampler": "pcg", "sampling": "uniform"}
+    live = asdict(BASE) | {"noise": "common", "sampler": "pcg", "sampling": "uniform", "first_hit_rays": 0}
     bases = [row for row in rows if all(row[name] == live[name] for name in live)]
     if not bases:
         return []
     bases.sort(key=lambda row: row["spp"])
-    base = bases[len(bases) // 2]
+    base = bases[(len(bases) - 1) // 2]
     pairs = []
     for row in rows:
         turned = [knob for knob in _KNOBS if any(_differs(base, row, name) for name in knob)]

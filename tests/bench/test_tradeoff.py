@@ -11,7 +11,7 @@ import pytest
 
 from clsim.bench import tradeoff, tradeoff_measure
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
+from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering, named_points
 from clsim.detect.device import choose_device
 from clsim.errors import InputError
 from clsim.render import RenderOptions
@@ -21,8 +21,8 @@ from clsim.score import Score
 COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
 POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
 COSTS = {
-    "paths", "rays", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s", "detect_wall_s", "cpu_s",
-    "wall_s", "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
+    "paths", "first_hit_rays_traced", "rays", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s",
+    "detect_wall_s", "cpu_s", "wall_s", "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
 }  # fmt: skip
 
 
@@ -46,6 +46,7 @@ def test_all_figures_are_there(results: dict[str, Any]) -> None:
     for point, wanted in zip(results["points"], POINTS, strict=True):
         assert set(point) == set(wanted.as_dict()) | scores | COSTS
         assert point["paths"] == 16 * 12 * 4 * wanted.rendering.spp
+        assert point["first_hit_rays_traced"] == 0
         assert point["rays"] == pytest.approx(point["paths"] * sum(results["rays_per_path"].values()), abs=1)
         assert point["events"] > 0 and point["detect_cpu_s"] > 0 and point["render_cpu_s"] > 0
         assert point["cpu_s"] == point["render_cpu_s"] + point["detect_cpu_s"]
@@ -113,31 +114,63 @@ def test_frames_and_detection_in_turns_are_the_same_as_one_after_the_other() -> 
     run = tradeoff_measure.run_in_turns(world, options, config, device, lambda: seen.append(1))
     assert len(after.events) > 0 and np.array_equal(run.detected.events, after.events)
     assert run.detected.solved_share == after.solved_share
-    assert run.paths == 16 * 12 * 4 * 2 and len(seen) == 4
-    assert run.rendered.cpu_s > 0 and run.detected.cost.cpu_s > 0
+    assert run.rendered.paths == 16 * 12 * 4 * 2 and len(seen) == 4
+    assert run.rendered.cost.cpu_s > 0 and run.detected.cost.cpu_s > 0
 
 
 def test_samplers_and_sampling_are_axes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     in_turns: list[str] = []
 
     def run_in_turns(*given: Any) -> Any:
-        in_turns.append(given[2].gate)
+        in_turns.append(given[2].method)
         return tradeoff_measure.run_in_turns(*given)
 
     monkeypatch.setattr(tradeoff, "run_in_turns", run_in_turns)
     renderings = [
         Rendering(4, "common", 0),
         Rendering(4, "common", 0, "sobol"),
-        Rendering(4, "common", 0, sampling="adaptive"),
     ]
-    results = run_tradeoff(options(tmp_path, points=[Point(each, BASE) for each in renderings]), ignore)
-    assert in_turns == ["radiance"]
+    wanted = [*(Point(each, BASE) for each in renderings), named_points(0)["balanced"]]
+    results = run_tradeoff(options(tmp_path, points=wanted), ignore)
+    assert in_turns == ["irradiance"]
     plain, even, adaptive = results["points"]
     assert (plain["sampler"], even["sampler"], adaptive["sampling"]) == ("pcg", "sobol", "adaptive")
     assert even["f1"] != plain["f1"], "the sampler did not reach the tracer"
+    pixels = 16 * 12 * 4
+    assert pixels < adaptive["paths"] < pixels * 8 and 0 < adaptive["first_hit_rays_traced"] <= pixels * 16
+    rays = adaptive["paths"] * sum(results["rays_per_path"].values()) + adaptive["first_hit_rays_traced"]
+    assert adaptive["rays"] == pytest.approx(rays, abs=1)
     assert {row["label"] for row in results["settings"]} == {
-        "4 spp common, radiance K13", "4 spp common sobol, radiance K13", "4 spp common adaptive, radiance K13",
+        "4 spp common, radiance K13", "4 spp common sobol, radiance K13",
+        "1 to 8 spp common sobol + 16 first hits, irradiance K7",
     }  # fmt: skip
+
+
+@pytest.mark.parametrize("quality", ["draft", "balanced"])
+def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) -> None:
+    """Also in later passes, which are timed: what they render must be the same."""
+    import clsim
+
+    live = clsim.stream("two-boxes", quality=quality, resolution=(16, 12), duration_s=0.15, fps=20.0)
+    results = run_tradeoff(options(tmp_path, points=[named_points(0)[quality]]), ignore)
+    assert results["points"][0]["events"] == sum(len(batch) for batch in live) > 0
+
+
+def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPatch) -> None:
+    passes: list[Any] = []
+    turns = tradeoff_measure._turns
+
+    def keep(*given: Any) -> Any:
+        passes.append(turns(*given))
+        return passes[-1]
+
+    monkeypatch.setattr(tradeoff_measure, "_turns", keep)
+    world, point = load_world("moving-light", resolution=(16, 12)), named_points(0)["balanced"]
+    given = RenderOptions(spp=8, probe_spp=1, first_hit_rays=16, sampler="sobol", frames=6, fps=20.0)
+    tradeoff_measure.run_in_turns(world, given, point.detector.config(world.sensor), choose_device(), lambda: None)
+    assert len(passes) > 1
+    for each in passes:
+        assert np.array_equal(each.events, passes[0].events) and each.paths == passes[0].paths
 
 
 def test_a_still_scene_has_nothing_to_score(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from clsim.bench.content_key import content_key, world_key
 from clsim.bench.pareto import pareto_front
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import reference_key
-from clsim.bench.tradeoff_settings import BASE, QUICK_POINTS, full_points, quick_points
+from clsim.bench.tradeoff_settings import BASE, QUICK_POINTS, Point, Rendering, full_points, named_points, quick_points
 from clsim.bench.tradeoff_summary import summarise, turned_knobs
 from clsim.render import RenderOptions
 from clsim.scene import load_world
@@ -121,9 +121,24 @@ def test_the_sweeps_have_each_point_once() -> None:
         assert point.detector.config(sensor).threshold_on == sensor.threshold_on
 
 
+def test_named_points_are_those_of_live_runs() -> None:
+    from clsim.live.quality import QUALITIES
+
+    named = named_points(3)
+    assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,)))
+    for name, quality in QUALITIES.items():
+        rendering, detector = named[name].rendering, named[name].detector
+        assert rendering.noise == "common" and rendering.sampling == quality.sampling
+        for field in ("spp", "sampler", "first_hit_rays"):
+            assert getattr(rendering, field) == getattr(quality, field)
+        assert rendering.probe_spp == (quality.probe_spp if quality.sampling == "adaptive" else None)
+        assert (detector.method, detector.window) == (quality.method, quality.window)
+
+
 def test_means_fronts_and_knobs() -> None:
     quick = quick_points(0)
     costs = {8: 1.0, 2: 0.5, 32: 4.0}
+    quick.append(Point(Rendering(2, "common", 0), BASE))
 
     def figures(spp: int, f1: float) -> dict[str, float | None]:
         return {"cpu_s": costs[spp], "detect_cpu_s": 0.1, "f1": f1, "strict_f1": f1 / 2, "dt_median_us": None}
@@ -151,7 +166,7 @@ def test_quick_turns_single_knobs() -> None:
         point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in quick_points(0)
     ]
     knobs = [knob for knob, _, _ in turned_knobs(summarise(rows))]
-    assert knobs == ["method", "method", "method", "spp", "spp", "window", "stride"]
+    assert knobs == ["method", "method", "method", "spp", "window"]
 
 
 def test_the_full_sweep_turns_the_sampler() -> None:
