@@ -27,14 +27,6 @@
 #define CUT (20 * LOG2_E)                // weights below exp(-20) are 0: one surface does not mix with another
 #define NORMAL_SHARE (LOG2_E / (2 * (real)0.2 * (real)0.2))
 
-#ifdef DOUBLE
-#define INVERSE_ROOT 0x5fe6eb50c7b537a9L
-#define ROOT_STEPS 5
-#else
-#define INVERSE_ROOT 0x5f3759df
-#define ROOT_STEPS 4
-#endif
-
 #if VW == 1
 typedef bits bitsv;
 #define AS_BITSV AS_BITS
@@ -52,13 +44,6 @@ typedef bits bitsv;
 static inline realv exp2_negative(realv q) {
     const realv t = -q, shifted = t + ROUNDER;
     return AS_REALV(AS_BITSV(exp2_fraction(t - (shifted - ROUNDER))) + (AS_BITSV(shifted) << MANTISSA));
-}
-
-// Newton's method for 1 / sqrt(v), from half the exponent: the builtin is a call per lane.
-static inline realv square_root(realv v) {
-    realv inverse = AS_REALV(INVERSE_ROOT - (AS_BITSV(v) >> 1));
-    for (int i = 0; i < ROOT_STEPS; i++) inverse *= (real)1.5 - (real)0.5 * v * inverse * inverse;
-    return v * inverse;
 }
 
 // Work-item: a row, plane by plane in loops that compilers vectorise. `frame` holds planes of width·height floats.
@@ -199,7 +184,9 @@ static inline __attribute__((always_inline)) void smooth(
         variance = variance > 0 ? variance : (realv)0;
         const realv others = total * total / (squares > 0 ? squares : (realv)1) - 1;
         variance /= others > 1 ? others : (realv)1;
-        const realv error = square_root(variance) * reflectance / (shown > 0 ? shown : (realv)1);
+        realv deviation;
+        for (int lane = 0; lane < VW; lane++) ((real *)&deviation)[lane] = sqrt(((real *)&variance)[lane]);
+        const realv error = deviation * reflectance / (shown > 0 ? shown : (realv)1);
         STORE(out_error + (size_t)y * span + x, reflectance > LEAST_REFLECTANCE ? error : (realv)0);
     }
 }

@@ -20,6 +20,7 @@ METHODS = [
     {"method": "wlr-esim"},
     {"method": "esim-ad", "gate": "delta-r"},
     {"method": "esim-ad", "gate": "radiance"},
+    {"method": "irradiance"},
 ]
 RULES = ["frame", "interpolated"]
 VARIANTS = [
@@ -99,7 +100,7 @@ def test_float64_kernels_equal_the_reference(method, rule):
     assert assert_same(config, frames, alpha_error=1e-9, margin=1e-9, time_error_us=1) > 100
 
 
-@pytest.mark.parametrize("method", ["esim", "wlr-esim"])
+@pytest.mark.parametrize("method", ["esim", "wlr-esim", "irradiance"])
 def test_float32_kernels_are_near_the_reference(method):
     frames = spoil(random_frames(2, height=17, width=23))
     assert assert_same(config_of(method=method), frames, alpha_error=5e-4, margin=5e-3, time_error_us=200) > 100

@@ -9,7 +9,7 @@ from clsim.detect.reference import ReferenceDetector
 from tests.detect.reference_scenes import random_frames
 
 
-@pytest.mark.parametrize("method", ["esim", "wlr-esim", "esim-ad"])
+@pytest.mark.parametrize("method", ["esim", "wlr-esim", "esim-ad", "irradiance"])
 def test_level_is_the_references(method: str) -> None:
     frames = random_frames(4)
     size = (frames[0].width, frames[0].height, frames[0].names)
