@@ -188,9 +188,9 @@ def esim(frames: Frames) -> F64:
 
 
 def fitted(frames: Frames, **options: Any) -> F64:
-    """Return the level of a regression at every pixel."""
+    """Return the level of a regression (or what ``options`` have as method) at every pixel."""
     height, width = frames.planes.shape[2:]
-    config = DetectorConfig(method="wlr-esim", floor=FLOOR, **options)
+    config = DetectorConfig(**{"method": "wlr-esim", "floor": FLOOR, **options})
     detector = Detector(config, width, height, frames.names)
     levels = []
     for frame in each(frames):
@@ -363,7 +363,7 @@ def reprojected(weight: float, **options: Any) -> Row:
             old_depth = map_coordinates(depth[k - 1], at, order=1, mode="nearest")
             old = map_coordinates(blended[-1], at, order=1, mode="nearest")
             same = np.abs(old_depth - np.linalg.norm(seen, axis=-1)) < 0.02 * depth[k]
-            same &= (at[0] >= 0) & (at[0] <= height - 1) & (at[1] >= 0) & (at[1] <= width - 1)
+            same &= (np.abs(at[0] - (height - 1) / 2) <= height / 2) & (np.abs(at[1] - (width - 1) / 2) <= width / 2)
             blended.append(np.where(same, weight * old + (1 - weight) * frames.luminance[k], frames.luminance[k]))
         mixed = frames.with_luminance(np.stack(blended))
         return fitted(mixed, **options) if options else esim(mixed)
@@ -383,6 +383,7 @@ def plain(case: Case) -> F64:
 
 LINEAR: dict[str, Any] = {"regress": "linear", "bandwidth_h": 0.5}
 BEST: dict[str, Any] = {**LINEAR, "window": 9, "shrink": 1.5}
+CLOSE: dict[str, Any] = {"box": 3, "gate_scale": 0.7}
 GROUPS: dict[str, tuple[str, dict[str, Row]]] = {
     "windows": ("Log or luminance, window and bandwidth", {
         "esim": plain,
@@ -404,11 +405,18 @@ GROUPS: dict[str, tuple[str, dict[str, Row]]] = {
     "gates": ("Behind the radiance gate", {
         "esim": plain,
         "log K13 h1, box 5, s 1 (the first default)": gated(),
-        "log K13 h1, box 3, s .7": gated(box=3, gate_scale=0.7),
+        "log K13 h1, box 3, s .7": gated(**CLOSE),
         **{f"linear K9 h.5, shrink 1.5, box {b}, s {s:g}": gated(box=b, gate_scale=s, **BEST)
            for b in (1, 3, 5) for s in (1.0, 0.7)},
-        "linear K13 h.5, shrink 1.5, box 3, s .7": gated(**{**BEST, "window": 13}, box=3, gate_scale=0.7),
+        "linear K13 h.5, shrink 1.5, box 3, s .7": gated(**{**BEST, "window": 13}, **CLOSE),
         "no gate: linear K9 h.5, shrink 1.5": wlr(**BEST),
+    }),
+    "summary": ("What a user can choose", {
+        "esim": plain,
+        "first default: radiance log K13": gated(),
+        "radiance linear K9": gated(**BEST, **CLOSE),
+        "radiance linear K13": gated(**{**BEST, "window": 13}, **CLOSE),
+        "irradiance K7": wlr(method="irradiance", window=7),
     }),
     "albedo": ("Albedo split out", {
         "log K13": wlr(window=13),
@@ -426,16 +434,22 @@ GROUPS: dict[str, tuple[str, dict[str, Row]]] = {
         "… T = 3": wlr(history=3, **BEST),
         "… reprojected, half": reprojected(0.5, window=9, **LINEAR),
         "esim reprojected, half": reprojected(0.5),
-        "independent: linear K9 h.5": other(wlr(window=9, **LINEAR), noise="independent"),
-        "independent: … T = 3": other(wlr(window=9, history=3, **LINEAR), noise="independent"),
-        "independent: … reprojected, .8": other(reprojected(0.8, window=9, **LINEAR), noise="independent"),
     }),
     "noise": ("Random numbers", {
-        f"{label}: {name}": other(row, **changes)
-        for label, changes in {
-            "independent": {"noise": "independent"}, "common": {}, "common Sobol": {"sampler": "sobol"},
-        }.items()
-        for name, row in {"esim": plain, "log K13": wlr(window=13), "linear K9 h.5, shrink 1.5": wlr(**BEST)}.items()
+        **{f"independent: {name}": other(row, noise="independent") for name, row in {
+            "esim": plain,
+            **{f"log K13 h1, T = {t}": wlr(window=13, history=t) for t in (1, 3)},
+            **{f"linear K13 h1, T = {t}": wlr(window=13, history=t, regress="linear") for t in (1, 3)},
+            "linear K9 h.5, T = 3": wlr(window=9, history=3, **LINEAR),
+            "linear K9 h.5, reprojected, .8": reprojected(0.8, window=9, **LINEAR),
+        }.items()},
+        **{f"{label}: {name}": other(row, sampler=sampler)
+           for label, sampler in {"common": "pcg", "common Sobol": "sobol"}.items()
+           for name, row in {
+               "esim": plain,
+               "log K13 h1": wlr(window=13),
+               "linear K9 h.5, shrink 1.5": wlr(**BEST),
+           }.items()},
     }),
 }  # fmt: skip
 """Tables: a title, and rows by their name."""
@@ -454,6 +468,7 @@ def main() -> None:
     parser.add_argument("--reference-spp", type=int, default=1024)
     parser.add_argument("--out", type=Path, help="Markdown file; default: standard output")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--plot", type=Path, help="PNG file: strict F1 of the first group's rows over samples a pixel")
     arguments = parser.parse_args()
     arguments.cache.mkdir(parents=True, exist_ok=True)
     size = parse_resolution(arguments.resolution)
@@ -464,6 +479,8 @@ def main() -> None:
     text = "\n".join(table(GROUPS[name][0], rows, scenes, spps, ceiling) for name, rows in results.items())
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(results, indent=1))
+    if arguments.plot is not None:
+        plot(arguments.plot, next(iter(results.values())), scenes, spps, ceiling)
     if arguments.out is None:
         print(text)
     else:
@@ -509,6 +526,27 @@ def table(
         lines.append(f"| {label} | " + " | ".join(cell(figures[column]) for column in columns) + " |")
     lines.append("| ceiling | " + " | ".join(cell(ceiling[scene]) for scene in scenes for _ in spps) + " |")
     return "\n".join(lines) + "\n"
+
+
+def plot(
+    path: Path, rows: dict[str, dict[str, Figures]], scenes: list[str], spps: list[int], ceiling: dict[str, Figures]
+) -> None:
+    """Draw strict F1 over samples a pixel, a panel for each scene."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(4 * len(scenes), 3.6), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(scenes), sharey=True))
+    for axes, scene in zip(panels, scenes, strict=True):
+        for label, figures in rows.items():
+            axes.plot(spps, [figures[f"{scene} {spp}"]["strict"] for spp in spps], marker="o", label=label)
+        axes.axhline(ceiling[scene]["strict"], color="0.6", linestyle="--", label="ceiling")
+        axes.set_xscale("log", base=2)
+        axes.set_xticks(spps, [str(spp) for spp in spps])
+        axes.set(title=scene, xlabel="samples a pixel, common random numbers")
+        axes.grid(color="0.9")
+    panels[0].set_ylabel("strict F1")
+    panels[-1].legend(fontsize=8, loc="lower right")
+    figure.savefig(path, dpi=110)
 
 
 def cell(figures: Figures) -> str:
