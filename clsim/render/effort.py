@@ -100,7 +100,9 @@ class Steerer:
             self._offset.zero_()
             self._full_samples.zero_()
         else:
-            interest = self._board.find(self._number) if self._board is not None else None
+            # Where all get the same there is nothing to ask, and maybe nobody who answers.
+            board = self._board if effort.probe_spp < effort.spp else None
+            interest = None if board is None else board.find(self._number)
             if interest is None:
                 self._near.fill(0)
             else:

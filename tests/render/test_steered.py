@@ -112,6 +112,13 @@ def test_paths_go_where_an_event_is_near_two_frames_later():
     assert spent == [8 * 120, 120, 120 + 9 * 7, 120]
 
 
+def test_nobody_is_asked_where_all_pixels_get_the_same():
+    run = Run(lit_world(), InterestBoard(), spp=2, probe_spp=2)
+    for k in range(4):
+        run.fill(k)
+    assert run.spent[0] == 2 * 120
+
+
 def test_a_rise_towards_a_threshold_is_near():
     board = InterestBoard()
     run = Run(lit_world(), board, spp=8, probe_spp=1)
