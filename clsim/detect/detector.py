@@ -64,7 +64,7 @@ class Detector:
     """Turns frames into events by the method, gate and rule of a `DetectorConfig`.
 
     The methods are ESIM, WLR + ESIM and ESIM with adaptive denoising (Tsuji et al., ICIP 2023), the latter also with
-    the radiance gate. `clsim.detect.reference` is the same in float64 numpy.
+    the radiance gate, and ESIM on smoothed irradiance. `clsim.detect.reference` is the same in float64 numpy.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Detector:
         """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``, for people to look at.
 
         It is the regression's or, where none was solved, what the model of the pixel's last event predicts; with
-        ``esim``, the frame's own. NaN before a pixel's first valid frame.
+        ``irradiance``, the window's; with ``esim``, the frame's own. NaN before a pixel's first valid frame.
         """
         if self._engine is None:
             return np.full((self.height, self.width), np.nan, dtype=np.float32)
