@@ -17,7 +17,7 @@ from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_rende
 from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, warm_renderer
 from clsim.bench.tradeoff_peers import LABELS, Peer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
-from clsim.bench.tradeoff_summary import summarise, summarise_peers
+from clsim.bench.tradeoff_summary import savings, summarise, summarise_peers
 from clsim.detect.config import EventRule
 from clsim.detect.device import Device, choose_device
 from clsim.errors import InputError, require_choice
@@ -240,6 +240,7 @@ class _Sweep:
             for group in (points, peers)
         )
         scores = {rule: self.score(ceiling.events[rule], reference, rule).as_dict() for rule in RULES}
+        settings, peer_settings = summarise(points), summarise_peers(peers)
         return {
             "schema": SCHEMA,
             "clsim_version": __version__,
@@ -263,9 +264,10 @@ class _Sweep:
             "rays_per_path": asdict(rays),
             "ceiling": scores,
             "points": points,
-            "settings": summarise(points),
+            "settings": settings,
             "peers": peers,
-            "peer_settings": summarise_peers(peers),
+            "peer_settings": peer_settings,
+            "savings": savings(settings, peer_settings),
         }
 
 

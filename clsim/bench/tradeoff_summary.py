@@ -74,6 +74,29 @@ def summarise_peers(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def savings(rows: list[dict[str, Any]], peers: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return which setting does as well as a baseline, by mean F1 and mean strict F1, at the lowest cost.
+
+    Baselines are ESIM with the most samples of independent noise, whose cost is counted in paths, and each peer, whose
+    cost is counted in processor time. An entry has ``baseline``, ``cost`` ("paths" or "cpu_s"), ``setting`` (the
+    label, None where nothing does as well) and ``factor``, the baseline's cost over the setting's.
+    """
+    plain = [row for row in rows if row["method"] == "esim" and row["noise"] == "independent"]
+    baselines = [(max(plain, key=lambda row: row["spp"]), "paths")] if plain else []
+    baselines += [(peer, "cpu_s") for peer in peers]
+    found = []
+    for baseline, cost in baselines:
+        as_good = [
+            row for row in rows if row is not baseline and all(row[value] >= baseline[value] for value in VALUES)
+        ]
+        best = min(as_good, key=lambda row: row[cost], default=None)
+        entry = {"baseline": baseline["label"], "cost": cost, "setting": None, "factor": None}
+        if best is not None:
+            entry |= {"setting": best["label"], "factor": baseline[cost] / best[cost]}
+        found.append(entry)
+    return found
+
+
 def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
     """Return the pairs (knob, base, other) where ``other`` differs from a base row in one knob alone.
 

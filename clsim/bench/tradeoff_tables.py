@@ -32,8 +32,10 @@ def csv_text(results: dict[str, Any]) -> str:
 
 
 def markdown_text(results: dict[str, Any]) -> str:
-    """Return the Pareto front with the ceiling, and what each knob costs, as Markdown."""
+    """Return the Pareto front with the ceiling, what is saved, and what each knob costs, as Markdown."""
     parts = [_about(results), table(*front_table(results))]
+    if results["savings"]:
+        parts.append("\n".join(_saving(entry) for entry in results["savings"]))
     knobs = turned_knobs(results["settings"])
     if knobs:
         parts.append(f"One knob turned, from {knobs[0][1]['label']}:")
@@ -66,6 +68,13 @@ def _about(results: dict[str, Any]) -> str:
         f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame). "
         f"A path takes {sum(rays.values()):.2f} rays ({rays['bounce']:.2f} bounces, {rays['shadow']:.2f} to lights)."
     )
+
+
+def _saving(entry: dict[str, Any]) -> str:
+    if entry["setting"] is None:
+        return f"- {entry['baseline']}: no setting has its F1 and its strict F1."
+    share = f"1/{entry['factor']:.3g} of its {'paths' if entry['cost'] == 'paths' else 'CPU time'}"
+    return f"- {entry['baseline']}: {entry['setting']} does as well in both scores for {share}."
 
 
 def _front_row(row: dict[str, Any]) -> tuple[str, ...]:

@@ -46,10 +46,12 @@ def test_a_peer_is_in_tables_and_plots(tmp_path: Path, few_samples: None, monkey
     assert row["f1"] == pytest.approx((first["f1"] + second["f1"]) / 2) and row["strict_f1_sd"] > 0
     assert row["seeds"] == [0, 1]
     markdown = markdown_text(results).splitlines()
-    (line,) = [line for line in markdown if "Manabe" in line]
+    (line,) = [line for line in markdown if line.startswith("| Manabe")]
     assert f"{row['strict_f1']:.3f} ± {row['strict_f1_sd']:.3f}" in line
     assert any("ceiling, rule frame" in line for line in markdown), "no ceiling for the peer's rule"
     assert len({line.count("|") for line in markdown[2:] if line[:1] == "|" and "Knob" not in line}) == 1
+    (saving,) = results["savings"]
+    assert saving["baseline"] in line and (saving["setting"] or "no setting") in "".join(markdown)
     rows = list(csv.DictReader(io.StringIO(csv_text(results))))
     assert [each["peer"] for each in rows] == ["", "", "manabe", "manabe"]
     assert float(rows[2]["ceiling_f1"]) == results["ceiling"]["frame"]["f1"]
