@@ -26,13 +26,18 @@ class Governed:
     """A governor and the ladder whose rungs it chooses from.
 
     The first frame is rendered at the best level, since it sets the references; the other ones of the warm-up at the
-    cheapest, which tells where to start.
+    cheapest level with as many first-hit rays, which tells where to start.
     """
 
     def __init__(self, levels: Sequence[Level], fps: float) -> None:
         """Prepare for a run with ``levels`` from the best to the cheapest."""
         self.levels = list(levels)
         self.governor = Governor([level.cost for level in levels], 1.0 / fps)
+        self.restarts = 0
+        """How often references had to be set anew."""
+        best = self.levels[0]
+        self._trial = max(i for i, level in enumerate(levels) if level.first_hit_rays == best.first_hit_rays)
+        self._applied = self._wanted = best
         self._frames = 0
         self._least_s = float("inf")
 
@@ -46,19 +51,32 @@ class Governed:
         """What the level in force lacks against the best, in words; empty if nothing."""
         return self.level.given_up_against(self.levels[0])
 
-    def frame_done(self, source: Steerable, busy_s: float, lag_s: float) -> None:
-        """Take notice of a frame that kept the machine busy for ``busy_s``, in a run that is ``lag_s`` late."""
+    def apply(self, source: Steerable) -> bool:
+        """Set the effort of the source's next frame; True if even a still picture changes, so that nothing may fire.
+
+        For the thread of the source, so that it is known which frame the effort holds for.
+        """
+        before, self._applied = self._applied, self._wanted
+        if before == self._applied:
+            return False
+        source.effort = replace(source.effort, **asdict(self._applied))
+        changed = before.first_hit_rays != self._applied.first_hit_rays
+        self.restarts += changed
+        return changed
+
+    def frame_done(self, busy_s: float, lag_s: float) -> None:
+        """Take notice of a frame that kept the machine busy for ``busy_s``, in a run that is ``lag_s`` late [s]."""
         self._frames += 1
-        if self._frames == 1:
-            _apply(source, self.levels[-1])
-        elif self._frames < WARM_UP_FRAMES:
+        if self._frames < WARM_UP_FRAMES:
+            self._wanted = self.levels[self._trial]
             if self._frames >= _MEASURED_FROM:
                 self._least_s = min(self._least_s, busy_s)
-        elif self._frames == WARM_UP_FRAMES:
-            self.governor.begin(min(self._least_s, busy_s))
-            _apply(source, self.level)
-        elif self.governor.observe(busy_s, lag_s):
-            _apply(source, self.level)
+            return
+        if self._frames == WARM_UP_FRAMES:
+            self.governor.begin(min(self._least_s, busy_s), self._trial)
+        else:
+            self.governor.observe(busy_s, lag_s)
+        self._wanted = self.level
 
     def summary(self) -> dict[str, Any]:
         """Return the level in force (0 is the best), how often it changed, and what was given up."""
@@ -66,9 +84,6 @@ class Governed:
             "level": self.governor.level,
             "levels": len(self.levels),
             "changes": self.governor.changes,
+            "restarts": self.restarts,
             "given_up": self.given_up,
         }
-
-
-def _apply(source: Steerable, level: Level) -> None:
-    source.effort = replace(source.effort, **asdict(level))

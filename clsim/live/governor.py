@@ -73,9 +73,9 @@ class Governor:
         self._failures = [0] * len(costs)
         self._failed_load = [0.0] * len(costs)
 
-    def begin(self, busy_s: float) -> None:
-        """Choose the level to start with, after frames at the cheapest level took ``busy_s``."""
-        self.level = len(self._costs) - 1
+    def begin(self, busy_s: float, level: int) -> None:
+        """Choose the level to start with, after frames at ``level`` took ``busy_s`` [s]."""
+        self.level = level
         self._average_s = busy_s
         self._go_to(self._best_within(_START_SHARE * self._budget_s, busy_s, best=0))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -165,6 +166,7 @@ class Pipeline:
         self._source: FrameSource | None = None
         self._stopping = threading.Event()
         self._consumed = threading.Semaphore(0)
+        self._restarts: deque[int] = deque()
         self._error: BaseException | None = None
         self._sinks_closed = False
         self._sink_lock = threading.Lock()
@@ -229,6 +231,8 @@ class Pipeline:
                 if self._clock is not None and index >= WARM_UP_FRAMES:
                     index = self._clock.wait_for(index, self._stopping)
                 frame = self._ring.acquire()
+                if self._governed is not None and self._governed.apply(cast(Steerable, source)):
+                    self._restarts.append(index)
                 with self._meter.busy("source"):
                     source.fill(self._schedule.source_index(index), frame)
                 frame.index = index
@@ -251,7 +255,7 @@ class Pipeline:
                 assert frame is not None, "take() without a timeout returns a frame or raises"
                 with self._meter.busy("detector"):
                     try:
-                        if self._schedule.crosses_seam(previous, frame.index):
+                        if self._schedule.crosses_seam(previous, frame.index) or self._restarts_by(frame.index):
                             detector.reset()
                         previous = frame.index
                         batch = detector.step(frame)
@@ -267,10 +271,18 @@ class Pipeline:
                 self._write(batch)
                 self._count(batch, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
-                    self._governed.frame_done(cast(Steerable, self._source), self._meter.lap(), self._clock.lag_s)
+                    self._governed.frame_done(self._meter.lap(), self._clock.lag_s)
                 self._consumed.release()
         finally:
             detector.close()
+
+    def _restarts_by(self, index: int) -> bool:
+        """Tell whether the picture has changed by itself since the frame before ``index``, if some were dropped too."""
+        found = False
+        while self._restarts and self._restarts[0] <= index:
+            self._restarts.popleft()
+            found = True
+        return found
 
     def _write(self, batch: EventBatch) -> None:
         with self._sink_lock:

@@ -12,6 +12,8 @@ from clsim.live.ladder import Level, ladder
 BUDGET_S = 1 / 30
 BEST = Level(probe_spp=1, spp=8, first_hit_rays=16)
 LEVELS = ladder(BEST)
+MEASURED = 4
+"""Level of the frames before the clock runs."""
 Load = Callable[[int], float]
 
 
@@ -36,7 +38,7 @@ class Machine:
     def run(self, governor: Governor, frames: int, warm: bool = True) -> "Machine":
         random = np.random.default_rng(self.seed)
         if warm:
-            governor.begin(self.load(0) * self.true_costs[-1])
+            governor.begin(self.load(0) * self.true_costs[MEASURED], MEASURED)
         end_s, coming = 0.0, [governor.level] * 2
         for k in range(frames):
             start_s = max(k * BUDGET_S, end_s)
@@ -131,6 +133,22 @@ def test_a_run_that_is_late_renders_less_until_it_has_caught_up() -> None:
     assert governor.level == level
 
 
+def test_two_late_frames_are_enough_to_go_down() -> None:
+    governor = Governor(costs(), BUDGET_S)
+    for _ in range(50):
+        governor.observe(0.5 * BUDGET_S)
+    assert [governor.observe(1.02 * BUDGET_S) for _ in range(2)] == [False, True]
+
+
+def test_loads_that_rise_and_fall_again_are_not_taken_for_failures() -> None:
+    """Each time the load has fallen the governor is back soon: waits do not grow, as they would if attempts failed."""
+    machine = Machine(lambda k: fitting(0, 0.6) * (2.0 if k % 400 >= 300 else 1.0), costs(), noise=0.02)
+    machine.run(Governor(costs(), BUDGET_S), 4000)
+    for begin in range(400, 4000, 400):
+        assert machine.levels[begin - 90] > 0
+        assert machine.levels[begin + 150] == 0, f"not back after frame {begin}"
+
+
 def test_a_new_load_is_not_made_to_wait_for_the_failures_of_the_old() -> None:
     """Level 0 looks as if it fitted and does not: attempts fail, rarer and rarer. Then the load falls."""
     true_costs = costs()
@@ -146,16 +164,14 @@ def test_costs_must_fall() -> None:
         Governor([3.0, 3.0, 1.0], BUDGET_S)
 
 
-def test_the_ladder_gives_up_samples_then_first_hit_rays_then_probes() -> None:
-    assert LEVELS[0] == BEST and LEVELS[-1] == Level(1, 1, 4, every=8)
-    assert [level.spp for level in LEVELS[:4]] == [8, 4, 2, 1]
-    assert [level.first_hit_rays for level in LEVELS[3:6]] == [16, 8, 4]
-    assert [level.every for level in LEVELS[5:]] == [1, 2, 4, 8]
+def test_the_ladder_gives_up_samples_then_probes_then_first_hit_rays() -> None:
+    assert LEVELS[0] == BEST and LEVELS[-1] == Level(1, 1, 1, every=4)
+    assert [level.spp for level in LEVELS] == [8, 4, 2, 1, 1, 1, 1, 1]
+    assert [level.every for level in LEVELS] == [1, 1, 1, 1, 4, 4, 4, 4]
+    assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 16, 4, 2, 1]
     assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
     assert LEVELS[0].given_up_against(BEST) == ""
-    assert LEVELS[-1].given_up_against(BEST) == (
-        "samples 8 -> 1, first-hit rays 16 -> 4, every pixel probed each 8 frames"
-    )
+    assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
 
 
 @pytest.mark.parametrize("best", [BEST, Level(4, 16, 32), Level(1, 1, 4), Level(1, 1, 1), Level(256, 256, 64)])

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -66,6 +66,7 @@ class InterestedDetector:
         self.fail_at, self.hang_at, self.first_seconds = fail_at, hang_at, first_seconds
         self.go_on = threading.Event()
         self.frames = self.resets = 0
+        self.reset_before: list[int] = []
 
     def step(self, frame: Frame) -> EventBatch:
         if self.frames == self.fail_at:
@@ -83,6 +84,7 @@ class InterestedDetector:
 
     def reset(self) -> None:
         self.resets += 1
+        self.reset_before.append(self.frames)
 
     def close(self) -> None:
         pass
@@ -205,17 +207,32 @@ def test_a_governor_renders_less_where_a_paced_run_would_be_late() -> None:
 
 def test_the_frames_of_the_warm_up_tell_where_to_start() -> None:
     source, governed = SteeredSource(), Governed(ladder(BEST), 10.0)
-    cheapest = governed.levels[-1]
-    for frame, busy_s in enumerate((9.0, 5.0, 0.02, 0.03)):
-        governed.frame_done(source, busy_s, lag_s=0.0)
-        expected = replace(source.effort, spp=1, first_hit_rays=4, every=8)
-        if frame < WARM_UP_FRAMES - 1:
-            assert source.effort == expected
-    predicted = [0.02 * level.cost / cheapest.cost for level in governed.levels]
+    for busy_s in (9.0, 5.0, 0.04):
+        governed.frame_done(busy_s, lag_s=0.0)
+        assert not governed.apply(source)
+        assert source.effort == FakeEffort(probe_spp=1, spp=1, first_hit_rays=16, every=4)
+    governed.frame_done(0.05, lag_s=0.0)
+    predicted = [0.04 * level.cost / governed.levels[4].cost for level in governed.levels]
     assert governed.governor.level == next(i for i, seconds in enumerate(predicted) if seconds <= 0.06)
-    assert 0 < governed.governor.level < len(governed.levels) - 1
-    assert source.effort.first_hit_rays == governed.level.first_hit_rays
+    assert 0 < governed.governor.level < 4
+    assert not governed.apply(source) and source.effort.spp == governed.level.spp
     assert governed.summary()["changes"] == 0
+
+
+def test_nothing_fires_where_other_first_hit_rays_change_a_still_picture() -> None:
+    """The detector is reset for the very frame; samples change without."""
+    source, detector = SteeredSource(), InterestedDetector()
+    governed = Governed(ladder(BEST), 1e-3)  # 1000 s a frame: everything fits
+    pipeline = adaptive(plan(1.0, 1000.0, frames=20), source, detector, pace="real", governed=governed)
+    budget_s = iter([0.01] * WARM_UP_FRAMES + [2000.0] * 100)
+    governed.frame_done = lambda busy_s, lag_s: Governed.frame_done(governed, next(budget_s), lag_s)  # type: ignore[method-assign]
+    pipeline.start()
+    assert pipeline.wait(20)
+    rays = [effort.first_hit_rays for effort in source.efforts]
+    changes = [k for k in range(1, 20) if rays[k] != rays[k - 1]]
+    assert changes and rays[-1] == 1
+    assert detector.reset_before == changes
+    assert governed.summary()["restarts"] == len(changes)
 
 
 class Clock:

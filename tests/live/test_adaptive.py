@@ -1,0 +1,94 @@
+"""Adaptive sampling and the governor in whole runs: a scene in, events out."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.events.files import open_source
+from clsim.live.options import LiveOptions
+from clsim.live.session import open_live
+
+SIZE = (48, 36)
+
+
+def events_of(scene: str, **options: object) -> np.ndarray:
+    settings = {"resolution": SIZE, "frame_count": 12, "fps": 60.0, "sampling": "adaptive"} | options
+    return np.concatenate(list(clsim.stream(scene, **settings)))
+
+
+def summary_of(scene: str, **options: object) -> dict[str, object]:
+    session = open_live(LiveOptions(scene, resolution=SIZE, **options))  # type: ignore[arg-type]
+    session.start()
+    assert session.pipeline.wait(120)
+    return session.summary()
+
+
+def test_runs_and_thread_counts_are_bit_identical() -> None:
+    runs = [events_of("two-boxes", threads=threads).tobytes() for threads in (1, 2, 2)]
+    assert len(runs[0]) > 0 and runs[0] == runs[1] == runs[2]
+
+
+def test_a_still_scene_fires_nothing() -> None:
+    assert len(events_of("still")) == 0
+
+
+def test_paths_go_where_events_are_near() -> None:
+    """Without a map in reach, all frames but the first would be probed alone; with all maps marked, none would."""
+    summary = summary_of("moving-light", quality="balanced", frame_count=12, fps=60.0)
+    pixels = SIZE[0] * SIZE[1]
+    assert summary["effort"] == {"probe_spp": 1, "spp": 8, "first_hit_rays": 16, "every": 1}
+    later = summary["paths"] - 8 * pixels
+    assert 1.05 * 11 * pixels < later < 0.8 * 8 * 11 * pixels
+    assert 12 * pixels < summary["first_hit_rays"] <= 12 * 16 * pixels
+    assert summary["governor"] is None
+
+
+def test_maps_are_found_over_the_seam_of_a_loop() -> None:
+    """The end of the motion does not meet its start: the detector is reset, and nobody may wait for ever."""
+    session = open_live(
+        LiveOptions("two-boxes", resolution=SIZE, sampling="adaptive", loop=True, fps=8.0, frame_count=40)
+    )
+    assert session.schedule.crosses_seam(15, 16)
+    session.start()
+    assert session.pipeline.wait(120)
+    assert session.summary()["frames"] == 40
+
+
+def test_at_the_pace_of_the_clock_the_governor_tells_what_it_does() -> None:
+    summary = summary_of("still", pace="real", fps=20.0, frame_count=12)
+    assert (summary["frames"], summary["events"]) == (12, 0), "changes of effort fire no events"
+    assert set(summary["governor"]) == {"level", "levels", "changes", "restarts", "given_up"}
+    assert summary_of("still", pace="real", fps=20.0, frame_count=2, governor=False)["governor"] is None
+
+
+def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> None:
+    out = tmp_path / "events.aedat4"
+    arguments = ["live", "two-boxes", "--quality", "balanced", "--resolution", "64x48", "--loop", "--json"]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "clsim", *arguments, "--out", str(out)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        deadline = time.monotonic() + 60
+        while (not out.exists() or out.stat().st_size < 20_000) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        run.send_signal(signal.SIGINT)
+        stdout, stderr = run.communicate(timeout=30)
+    finally:
+        run.kill()
+    assert run.returncode == 130, stderr
+    summary = json.loads(stdout)
+    assert summary["interrupted"] and summary["events"] == len(np.concatenate(list(open_source(out)))) > 0
+    about = json.loads((tmp_path / "events.aedat4.json").read_text())
+    assert about["options"]["quality"] == "balanced" and about["options"]["sampling"] == "adaptive"
+
+
+@pytest.mark.parametrize("quality", ["draft", "accurate"])
+def test_each_quality_runs(quality: str) -> None:
+    assert len(events_of("two-boxes", sampling=None, quality=quality, frame_count=4)) > 0
