@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from itertools import pairwise
 from typing import Any, Protocol
 
-from clsim.live.governor import Governor
+from clsim.live.governor import UP_FRAMES, Governor
 from clsim.live.ladder import Level
 
 WARM_UP_FRAMES = 4
 """Frames at the start of a paced run that load kernels and wait for no clock."""
 _MEASURED_FROM = 3
 """The first of them, counted from 1, whose time tells what a frame takes."""
+
+_RESTART_UP_FRAMES = 8 * UP_FRAMES
+"""Frames to wait before a level whose references are set anew, at the price of a frame without events."""
 
 
 class Steerable(Protocol):
@@ -32,7 +36,11 @@ class Governed:
     def __init__(self, levels: Sequence[Level], fps: float) -> None:
         """Prepare for a run with ``levels`` from the best to the cheapest."""
         self.levels = list(levels)
-        self.governor = Governor([level.cost for level in levels], 1.0 / fps)
+        waits = [
+            UP_FRAMES if level.first_hit_rays == below.first_hit_rays else _RESTART_UP_FRAMES
+            for level, below in pairwise([*levels, levels[-1]])
+        ]
+        self.governor = Governor([level.cost for level in levels], 1.0 / fps, waits)
         self.restarts = 0
         """How often references had to be set anew."""
         best = self.levels[0]

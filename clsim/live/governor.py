@@ -19,7 +19,7 @@ _UP_SHARE = 0.75
 """Share that the next level may be predicted to take for the governor to go up."""
 _AVERAGE = 0.25
 """Weight of the latest frame in the exponential average."""
-_UP_FRAMES = 20
+UP_FRAMES = 20
 """Frames for which the next level must have been predicted to fit, before it is tried for the first time."""
 _RISEN = 1.25
 """Frames that take so many times as long as they usually do at the level tell of a load that has risen."""
@@ -49,13 +49,15 @@ class Governor:
         changes: how often it has changed since `begin`.
     """
 
-    def __init__(self, costs: Sequence[float], budget_s: float) -> None:
+    def __init__(self, costs: Sequence[float], budget_s: float, waits: Sequence[int] | None = None) -> None:
         """Begin at the best level.
 
         Args:
             costs: cost of a frame at each level, from the best to the cheapest, relative to each other. They need be
                 roughly right only: a frame's time is predicted from that at the level in force.
             budget_s: time that a frame may take [s].
+            waits: for how many frames each level must have been predicted to fit before the governor goes up to it
+                for the first time; None stands for `UP_FRAMES` everywhere.
         """
         if any(higher <= lower for higher, lower in itertools.pairwise(costs)) or costs[-1] <= 0:
             raise ValueError(f"costs must be positive and fall from level to level, got {list(costs)}")
@@ -63,6 +65,7 @@ class Governor:
         self.changes = 0
         self._costs = tuple(costs)
         self._budget_s = budget_s
+        self._waits = tuple(waits or [UP_FRAMES] * len(costs))
         self._last: deque[float] = deque(maxlen=3)
         self._average_s: float | None = None
         self._ignored = 0
@@ -126,8 +129,7 @@ class Governor:
         load = average_s / self._costs[self.level]
         if load < _OTHER_LOAD * self._failed_load[above]:
             self._failures[above] = 0
-        wait = _UP_FRAMES << self._failures[above]
-        if self._fitting < wait:
+        if self._fitting < self._waits[above] << self._failures[above]:
             return False
         self._go_to(above)
         self._tried_load = load

@@ -159,6 +159,13 @@ def test_a_new_load_is_not_made_to_wait_for_the_failures_of_the_old() -> None:
     assert machine.levels[-1] == 0
 
 
+def test_a_level_may_make_it_wait_longer() -> None:
+    governor = Governor([4.0, 2.0, 1.0], BUDGET_S, waits=[100, 20, 20])
+    governor.begin(5 * BUDGET_S, level=2)
+    changed = [k for k in range(200) if governor.observe(0.1 * BUDGET_S)]
+    assert governor.level == 0 and 20 <= changed[0] < 40 and 100 <= changed[1] - changed[0] < 110
+
+
 def test_costs_must_fall() -> None:
     with pytest.raises(ValueError, match="must be positive and fall"):
         Governor([3.0, 3.0, 1.0], BUDGET_S)
