@@ -38,11 +38,11 @@ def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
     figure = Figure(figsize=(11, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    _limits(panels[0], results)
     for panel, (value, title) in zip(panels, _PANELS, strict=True):
         _draw_panel(panel, results, value)
         panel.set_title(title, fontsize=11)
     panels[0].set_ylabel("agreement with the reference")
-    _limits(panels[0], results)
     figure.suptitle(
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames, "
         f"reference of {results['reference']['spp']} spp",
@@ -62,7 +62,6 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     rows = results["settings"]
-    panel.set_xscale("log")
     panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panel.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
@@ -145,7 +144,8 @@ def _short(row: dict[str, Any]) -> str:
 
 
 def _limits(panel: Any, results: dict[str, Any]) -> None:
-    """Leave room on both sides for labels, and show all scores and ceilings."""
+    """Leave room on both sides for labels, and show all scores and ceilings; both panels have the same axes."""
+    panel.set_xscale("log")
     rows = (*results["settings"], *results["peer_settings"])
     costs = [row["cpu_s"] for row in rows]
     scores = [row[value] for row in rows for value, _ in _PANELS]
