@@ -12,6 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.bvh8_build import fit, grow
+from clsim.render.bvh8_list import BLOCK_FLOATS
 from clsim.render.bvh8_traverse import CORNER_FLOATS, NODE_FLOATS
 
 _ALIGNMENT = 64
@@ -25,7 +26,7 @@ class Bvh8:
 
     Attributes:
         id: what ``closest_in_tree`` and ``any_in_tree`` take; valid as long as this object lives.
-        levels: the most nodes on a way from the root to a leaf.
+        levels: the most nodes on a way from the root to a leaf; 0 where the triangles are so few that they are a list.
         nbytes: memory of nodes and triangles.
     """
 
@@ -39,7 +40,7 @@ class Bvh8:
         # Untouched pages cost nothing: the arrays are made for the worst case and then cut.
         scratch = _aligned(8 * triangles)
         nodes = _aligned(NODE_FLOATS * (triangles // 2 + 1))
-        order = np.empty(max(triangles, 1), np.int32)
+        order = np.empty(triangles + 8, np.int32)
         counts = np.zeros(3, np.int32)
         arrays = [_wrap(a) for a in (scratch, nodes, order, counts)]
         wp.launch(grow, dim=1, inputs=[vertices, indices, arrays[0]], outputs=arrays[1:], device="cpu")
@@ -50,12 +51,16 @@ class Bvh8:
         del nodes
         self._order = order[:triangle_count].copy()
         del order
-        # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
-        self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
-        self._corners[CORNER_FLOATS * triangle_count :] = 0.0
+        blocks = 0 if node_count else triangle_count // 8
+        if blocks:
+            self._corners = _aligned(BLOCK_FLOATS * blocks)
+        else:
+            # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
+            self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
+            self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
-        self._header = np.zeros(3, np.uint64)
-        self._header[:2] = [a.ctypes.data for a in (self._nodes, self._corners)]
+        self._header = np.zeros(4, np.uint64)
+        self._header[[0, 1, 3]] = self._nodes.ctypes.data, self._corners.ctypes.data, blocks
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)
 
@@ -73,7 +78,7 @@ class Bvh8:
             outputs=[_wrap(a) for a in (self._nodes, self._corners, self._extent)],
             device="cpu",
         )
-        self._header[2:].view(np.float32)[0] = self._extent[0]
+        self._header[2:3].view(np.float32)[0] = self._extent[0]
 
 
 def _aligned(floats: int) -> npt.NDArray[np.float32]:

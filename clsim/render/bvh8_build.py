@@ -4,11 +4,12 @@ Two steps, so that a mesh that deforms repeats the second alone. ``grow`` splits
 eight children: always the largest range by area, at the best of 16 planes on each axis by the surface area heuristic
 (Wald, RT 2007), where a leaf costs as much as a test of eight triangles. It leaves the triangles in the order of the
 leaves, and children behind their parents. ``fit`` goes through the nodes backwards, copies the corners of each leaf's
-triangles and unites boxes.
+triangles and unites boxes. Where there are few triangles, ``grow`` makes no node, and ``fit`` the blocks of a list.
 """
 
 import warp as wp
 
+from clsim.render.bvh8_list import BLOCK_FLOATS, FIT_LIST, LIST_TRIANGLES, ROWS
 from clsim.render.bvh8_traverse import CORNER_FLOATS, FIRST_NUMBER, LEAF_TRIANGLES, MAX_DEPTH, NODE_FLOATS
 
 FARTHEST = 1.0e12
@@ -27,6 +28,17 @@ _COMMON = """
     const auto usable = [&](v4 lower, v4 upper) __attribute__((always_inline)) {
         return lower.x >= -FARTHEST && lower.y >= -FARTHEST && lower.z >= -FARTHEST
             && upper.x <= FARTHEST && upper.y <= FARTHEST && upper.z <= FARTHEST;
+    };
+    // The corners of a triangle, and whether a ray may hit it.
+    const auto load = [&](int triangle, v4* p) __attribute__((always_inline)) {
+        bool whole = true;
+        for (int m = 0; m < 3; ++m) {
+            p[m] = corner(triangle, m);
+            whole = whole && usable(p[m], p[m]);
+        }
+        const v4 e = p[1] - p[0], f = p[2] - p[0];
+        const v4 n = e.yzxw * f.zxyw - e.zxyw * f.yzxw;
+        return whole && n.x * n.x + n.y * n.y + n.z * n.z > 0.0f;
     };
 """
 
@@ -65,6 +77,15 @@ _GROW = """
         slot = box;
         id(slot) = triangle;
         enlarge(all, box);
+    }
+
+    if (all.count && all.count <= LIST_TRIANGLES) {
+        // The last block is filled with the last triangle.
+        const int filled = (all.count + 7) / 8 * 8;
+        for (int i = 0; i < filled; ++i) order.data[i] = id(boxes[i < all.count ? i : all.count - 1]);
+        counts.data[0] = counts.data[2] = 0;
+        counts.data[1] = filled;
+        return;
     }
 
     // Divides a range in two where a plane of bins is best, else in the middle of the order; returns the gain.
@@ -232,15 +253,8 @@ _FIT = """
                 float* block = corners.data + CORNER_FLOATS * (long long)first;
                 for (int j = 0; j < size; ++j) {
                     v4 p[3];
-                    bool whole = true;
-                    for (int m = 0; m < 3; ++m) {
-                        p[m] = corner(order.data[first + j], m);
-                        whole = whole && usable(p[m], p[m]);
-                    }
-                    const v4 e = p[1] - p[0], f = p[2] - p[0];
-                    const v4 n = e.yzxw * f.zxyw - e.zxyw * f.yzxw;
                     // Corners that coincide are never hit: so those of a triangle without a normal are made to.
-                    whole = whole && n.x * n.x + n.y * n.y + n.z * n.z > 0.0f;
+                    const bool whole = load(order.data[first + j], p);
                     ((int*)block)[9 * size + j] = FIRST_NUMBER + order.data[first + j];
                     for (int m = 0; m < 3; ++m) {
                         if (whole) {
@@ -268,11 +282,14 @@ _FIT = """
 
 def _native(snippet: str) -> str:
     sizes = {
+        "BLOCK_FLOATS": BLOCK_FLOATS,
         "CORNER_FLOATS": CORNER_FLOATS,
         "FIRST_NUMBER": FIRST_NUMBER,
         "LEAF_TRIANGLES": LEAF_TRIANGLES,
+        "LIST_TRIANGLES": LIST_TRIANGLES,
         "MAX_DEPTH": MAX_DEPTH,
         "NODE_FLOATS": NODE_FLOATS,
+        "ROWS": ROWS,
     }
     for name, value in sizes.items():
         snippet = snippet.replace(name, str(value))
@@ -290,7 +307,7 @@ def _grow(
 ): ...
 
 
-@wp.func_native(_native(_COMMON + _FIT))
+@wp.func_native(_native(_COMMON + FIT_LIST + _FIT))
 def _fit(
     vertices: wp.array(dtype=wp.vec3),
     indices: wp.array(dtype=int),
@@ -311,7 +328,7 @@ def grow(
     out_order: wp.array(dtype=int),
     out_counts: wp.array(dtype=int),
 ):
-    """Find the topology; ``out_counts`` are nodes, triangles and levels. ``scratch`` holds 8 floats a triangle."""
+    """Find the topology; ``out_counts`` are nodes (0: a list), triangles, levels; ``scratch`` holds 8 floats each."""
     _grow(vertices, indices, scratch, out_nodes, out_order, out_counts)
 
 

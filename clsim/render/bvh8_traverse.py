@@ -1,7 +1,7 @@
 """Rays against an 8-wide tree on a CPU: the nearest hit and any hit, as Warp functions in native code.
 
 A node's eight boxes are tested at once with the compiler's vector types, and so are the triangles of a leaf, up to
-eight. ``clsim.render.bvh8`` has the tree.
+eight. ``clsim.render.bvh8`` has the tree, and ``bvh8_list`` what is searched in place of a small one.
 
 No ray slips between triangles that share an edge. The edge functions are those of Woop, Benthin, Wald (JCGT 2(1),
 2013): equal vertices are translated and sheared to equal numbers, the two products of an edge function are rounded on
@@ -14,6 +14,8 @@ Results are bits in integers: the code around is compiled as if there were no Na
 """
 
 import warp as wp
+
+from clsim.render.bvh8_list import ANY_IN_LIST, BLOCK_FLOATS, CLOSEST_IN_LIST
 
 MAX_DEPTH = 20
 """Most nodes on a way from the root to a leaf, both ends included; the builder keeps to it (see ``bvh8``)."""
@@ -29,7 +31,7 @@ FIRST_NUMBER = 0x3F000000
 # complement is a leaf: eight times the first triangle, plus the number of triangles less one. A missing child is the
 # leaf behind the last, without extent: a ray of NaN may go there, and must find memory.
 # Casts are C's, because Warp defines int(x) and float(x) as macros.
-_SEARCH = """
+_COMMON = """
     typedef float v8 __attribute__((ext_vector_type(8)));
     typedef float unaligned8 __attribute__((ext_vector_type(8), aligned(4)));
     typedef int lanes8 __attribute__((ext_vector_type(8)));
@@ -39,7 +41,16 @@ _SEARCH = """
     const float* nodes = (const float*)tree[0];
     const float* corners = (const float*)tree[1];
     const float extent = *(const float*)&tree[2];
+    const int blocks = (int)tree[3];
 
+    const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
+    const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
+    const auto mask = [](lanes8 a) __attribute__((always_inline)) {
+        return (unsigned)__builtin_bit_cast(unsigned char, __builtin_convertvector(a, bits8));
+    };
+"""
+
+_SEARCH = """
     float size = extent, longest = 0.0f;
     int kz = 0;
     for (int k = 0; k < 3; ++k) {
@@ -65,11 +76,6 @@ _SEARCH = """
     }
     const float sz = inverse[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
 
-    const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
-    const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
-    const auto mask = [](lanes8 a) __attribute__((always_inline)) {
-        return (unsigned)__builtin_bit_cast(unsigned char, __builtin_convertvector(a, bits8));
-    };
     // Boxes that the ray meets between t_min and far, and where.
     const auto boxes = [&](const float* node, v8& enter) __attribute__((always_inline)) {
         const auto plane = [&](int row, int k, float shift) __attribute__((always_inline)) {
@@ -170,7 +176,7 @@ _CLOSEST = """
         const unsigned far_bits = __builtin_bit_cast(unsigned, far);
         do {
             if (top == 0) {
-                wp::vec_t<13, int32_t> hit;
+                wp::vec_t<16, int32_t> hit;
                 hit[0] = -1;
                 if (nearest) {
                     const int* row = (const int*)nearest;
@@ -178,7 +184,18 @@ _CLOSEST = """
                     hit[1] = __builtin_bit_cast(int, far);
                     hit[2] = __builtin_bit_cast(int, nearest_u);
                     hit[3] = __builtin_bit_cast(int, nearest_v);
+                    float e[3], f[3];
                     for (int k = 0; k < 9; ++k) hit[4 + k] = row[k * nearest_count];
+                    for (int k = 0; k < 3; ++k) {
+                        const float a = nearest[k * nearest_count];
+                        e[k] = nearest[(3 + k) * nearest_count] - a;
+                        f[k] = nearest[(6 + k) * nearest_count] - a;
+                    }
+                    const float n[3] = {
+                        e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]
+                    };
+                    const float length = __builtin_sqrtf(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+                    for (int k = 0; k < 3; ++k) hit[13 + k] = __builtin_bit_cast(int, n[k] / length);
                 }
                 return hit;
             }
@@ -208,18 +225,23 @@ _ANY = """
 
 
 def _native(snippet: str) -> str:
-    sizes = {"STACK": 7 * MAX_DEPTH + 1, "CORNER_FLOATS": CORNER_FLOATS, "FIRST_NUMBER": FIRST_NUMBER}
+    sizes = {
+        "STACK": 7 * MAX_DEPTH + 1,
+        "BLOCK_FLOATS": BLOCK_FLOATS,
+        "CORNER_FLOATS": CORNER_FLOATS,
+        "FIRST_NUMBER": FIRST_NUMBER,
+    }
     for name, value in sizes.items():
         snippet = snippet.replace(name, str(value))
     return snippet
 
 
-TreeHit = wp.types.vector(length=13, dtype=wp.int32)
+TreeHit = wp.types.vector(length=16, dtype=wp.int32)
 
 
-@wp.func_native(_native(_SEARCH + _CLOSEST))
+@wp.func_native(_native(_COMMON + CLOSEST_IN_LIST + _SEARCH + _CLOSEST))
 def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> TreeHit:
-    """Return triangle (−1: none) and the bits of t, of the weights of vertices 0 and 1, and of the vertices.
+    """Return triangle (−1: none) and bits: of t, the weights of vertices 0 and 1, the vertices and the unit normal.
 
     t is in [t_min, far), and t_min is not negative. The vertices are at hand here, and far away in memory for whoever
     needs them next.
@@ -227,7 +249,7 @@ def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_mi
     ...
 
 
-@wp.func_native(_native(_SEARCH + _ANY))
+@wp.func_native(_native(_COMMON + ANY_IN_LIST + _SEARCH + _ANY))
 def any_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> bool:
     """Return whether the ray meets a triangle at a t in [t_min, far]."""
     ...

@@ -54,7 +54,7 @@ class Geometry:
 class Hit:
     """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
 
-    The vertices are those of the triangle in its mesh's space: the search has them at hand.
+    Vertices and unit normal are those of the triangle in its mesh's space: the search has them at hand.
     """
 
     t: float
@@ -66,6 +66,7 @@ class Hit:
     vertex0: wp.vec3
     vertex1: wp.vec3
     vertex2: wp.vec3
+    normal: wp.vec3
 
 
 @wp.struct
@@ -205,11 +206,17 @@ class Found:
     vertex0: wp.vec3
     vertex1: wp.vec3
     vertex2: wp.vec3
+    normal: wp.vec3
 
 
 @wp.func
 def _bits3(bits: TreeHit, first: int) -> wp.vec3:
     return wp.vec3(wp.cast(bits[first], float), wp.cast(bits[first + 1], float), wp.cast(bits[first + 2], float))
+
+
+@wp.func
+def _unit_normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
+    return wp.normalize(wp.cross(b - a, c - a))
 
 
 def make_search(tree: Tree) -> tuple[Any, Any]:
@@ -226,6 +233,7 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
             _bits3(bits, 4),
             _bits3(bits, 7),
             _bits3(bits, 10),
+            _bits3(bits, 13),
         )
 
     @wp.func
@@ -247,6 +255,7 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
             found.vertex0 = geometry.vertices[first + geometry.indices[at]]
             found.vertex1 = geometry.vertices[first + geometry.indices[at + 1]]
             found.vertex2 = geometry.vertices[first + geometry.indices[at + 2]]
+            found.normal = _unit_normal(found.vertex0, found.vertex1, found.vertex2)
         return found
 
     @wp.func
@@ -290,6 +299,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                     hit.vertex0 = found.vertex0
                     hit.vertex1 = found.vertex1
                     hit.vertex2 = found.vertex2
+                    hit.normal = found.normal
         else:
             found = closest_in_mesh(geometry, 0, origin, direction, hit.t)
             if found.triangle >= 0:
@@ -301,6 +311,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 hit.vertex0 = found.vertex0
                 hit.vertex1 = found.vertex1
                 hit.vertex2 = found.vertex2
+                hit.normal = found.normal
         if wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
@@ -346,19 +357,17 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         p0 = hit.vertex0
         p1 = hit.vertex1
         p2 = hit.vertex2
-        cross = wp.cross(p1 - p0, p2 - p0)
         point = Surface()
         point.front = True
-        point.normal = wp.normalize(cross)
+        point.normal = hit.normal
         if wp.static(features.two_level):
             to_world = to_world_at(geometry, hit.instance, time)
             to_object = to_object_at(geometry, hit.instance, time)
-            point.normal = transform_normal(to_object, cross)
+            point.normal = transform_normal(to_object, hit.normal)
             p0 = transform_point(to_world, p0)
             p1 = transform_point(to_world, p1)
             p2 = transform_point(to_world, p2)
-            cross = wp.cross(p1 - p0, p2 - p0)
-        point.area = 0.5 * wp.length(cross)
+        point.area = 0.5 * wp.length(wp.cross(p1 - p0, p2 - p0))
         point.position = p0 * hit.weight0 + p1 * hit.weight1 + p2 * weight2
         point.shading_normal = point.normal
         if wp.static(features.smooth_normals):
@@ -402,6 +411,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         hit.vertex0 = geometry.vertices[at[0]]
         hit.vertex1 = geometry.vertices[at[1]]
         hit.vertex2 = geometry.vertices[at[2]]
+        hit.normal = _unit_normal(hit.vertex0, hit.vertex1, hit.vertex2)
         return surface_of(geometry, hit, time)
 
     return closest, occluded, surface, surface_of
