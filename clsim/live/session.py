@@ -152,7 +152,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         share_cores=options.render_device == "cpu",
     )
     pipeline.watchers += [output.sink for output in outputs if isinstance(output.sink, FrameRecorder)]
-    about = _about(options.as_dict(), config, schedule) | about_camera(camera, schedule)
+    about = _about(options.as_dict() | {"window": config.side}, config, schedule) | about_camera(camera, schedule)
     return Session(
         world.name,
         camera.width,

@@ -44,7 +44,7 @@ class SteeredSource:
         if len(self.found) == self.fail_at:
             raise FloatingPointError("the source broke")
         self.efforts.append(self.effort)
-        time.sleep(self.seconds * self.effort.spp)
+        time.sleep(self.seconds * (4 + self.effort.spp))
         self.waiting.set()
         interest = self.board.find(len(self.found)) if self.board is not None else None
         self.found.append(None if interest is None else interest.number)
@@ -193,8 +193,8 @@ def test_frames_that_come_late_are_counted_where_none_is_dropped() -> None:
 
 
 def test_a_governor_renders_less_where_a_paced_run_would_be_late() -> None:
-    """All samples would take 160 ms a frame, and there are 50."""
-    source, governed = SteeredSource(InterestBoard(), seconds=0.02), Governed(ladder(BEST), 20.0)
+    """All samples would take 72 ms a frame, and there are 50."""
+    source, governed = SteeredSource(InterestBoard(), seconds=0.006), Governed(ladder(BEST), 20.0)
     pipeline = adaptive(plan(1.0, 20.0, frames=24), source, InterestedDetector(), pace="real", governed=governed)
     pipeline.start()
     assert pipeline.wait(20)
@@ -207,14 +207,14 @@ def test_a_governor_renders_less_where_a_paced_run_would_be_late() -> None:
 
 def test_the_frames_of_the_warm_up_tell_where_to_start() -> None:
     source, governed = SteeredSource(), Governed(ladder(BEST), 10.0)
-    for busy_s in (9.0, 5.0, 0.04):
+    for busy_s in (9.0, 5.0, 0.042):
         governed.frame_done(busy_s, lag_s=0.0)
         assert not governed.apply(source)
-        assert source.effort == FakeEffort(probe_spp=1, spp=1, first_hit_rays=16, every=4)
-    governed.frame_done(0.05, lag_s=0.0)
-    predicted = [0.04 * level.cost / governed.levels[4].cost for level in governed.levels]
+        assert source.effort == FakeEffort(probe_spp=1, spp=1, first_hit_rays=16, every=1)
+    governed.frame_done(0.06, lag_s=0.0)
+    predicted = [0.042 * level.cost / governed.levels[3].cost for level in governed.levels]
     assert governed.governor.level == next(i for i, seconds in enumerate(predicted) if seconds <= 0.06)
-    assert 0 < governed.governor.level < 4
+    assert 0 < governed.governor.level < 3
     assert not governed.apply(source) and source.effort.spp == governed.level.spp
     assert governed.summary()["changes"] == 0
 
