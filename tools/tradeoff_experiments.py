@@ -284,22 +284,35 @@ def since_start(values: F64) -> F64:
     return values - values[0]
 
 
-def chosen_window(large: int, small: int, factor: float, **options: Any) -> Row:
-    """Return a row that takes the large window where its residual is noise, else the small one, which shrinks."""
+def chosen(first: dict[str, Any], second: dict[str, Any], factor: float) -> Row:
+    """Return a row that takes the second fit where the first one's residual is more than ``factor`` times the noise."""
 
     def row(case: Case) -> F64:
-        level = fitted(case.frames, window=small, shrink=1.5, **options)
-        fit = numpy_fit(case.frames, window=large, shrink=0.0, **options)
-        shape = level.shape
-        noise = box(case.frames.variance, large)
-        smooth = fit.residual.reshape(shape) <= factor * noise
-        return np.where(smooth, log(fit.alpha.reshape(shape)), level)
+        level = fitted(case.frames, **second)
+        fit = numpy_fit(case.frames, **first)
+        noise = box(case.frames.variance, first["window"])
+        smooth = fit.residual.reshape(level.shape) <= factor * noise
+        return np.where(smooth, log(fit.alpha.reshape(level.shape)), level)
 
     return row
 
 
-def numpy_fit(frames: Frames, extra: F64 | None = None, **options: Any) -> Fit:
-    """Return the fits of all pixels of all frames, one after the other; ``extra [N, H, W]`` is a further feature."""
+def log_shrunk(share: float, **options: Any) -> Row:
+    """Return a row that regresses ln(Y + share · median) and shrinks; the variance of a log is V / (Y + …)²."""
+
+    def row(case: Case) -> F64:
+        shift = share * float(np.median(case.frames.luminance))
+        fit = numpy_fit(case.frames, shift=shift, **options)
+        return log(np.exp(fit.alpha.reshape(case.frames.luminance.shape)) - shift)
+
+    return row
+
+
+def numpy_fit(frames: Frames, extra: F64 | None = None, shift: float | None = None, **options: Any) -> Fit:
+    """Return the fits of all pixels of all frames, one after the other.
+
+    ``extra [N, H, W]`` is a further feature; with ``shift``, ln(luminance + shift) takes the place of luminance.
+    """
     config = DetectorConfig(method="wlr-esim", **options)
     planes = feature_names(config, frames.names)
     pixels = np.arange(frames.luminance[0].size)
@@ -308,6 +321,11 @@ def numpy_fit(frames: Frames, extra: F64 | None = None, **options: Any) -> Fit:
         seen = observe(frame, planes, config)
         if extra is not None:
             seen.features = np.concatenate([seen.features, extra[k][..., None]], axis=-1)
+        if shift is not None:
+            y = np.maximum(seen.brightness + shift, FLOOR)
+            seen.brightness = np.log(y)
+            if seen.brightness_variance is not None:
+                seen.brightness_variance = seen.brightness_variance / y**2
         put_fit(all_fits, pixels + k * len(pixels), fit_pixels([seen], pixels, config))
     return all_fits
 
@@ -400,7 +418,12 @@ GROUPS: dict[str, tuple[str, dict[str, Row]]] = {
         **{f"… shrink {c:g}": wlr(window=9, shrink=c, **LINEAR) for c in (1.0, 1.5, 2.0)},
         **{f"K{k}, shrink 1.5": wlr(window=k, shrink=1.5, **LINEAR) for k in (7, 13)},
         "K9, share by paired halves": paired_share(window=9, **LINEAR),
-        "K13, K7 where the residual is more than noise": chosen_window(13, 7, 1.5, **LINEAR),
+        "K13, but K7 where the residual is more than noise": chosen(
+            {**LINEAR, "window": 13}, {**BEST, "window": 7}, 1.5),
+        "h .5, but .25 where the residual is more than noise": chosen(
+            {**LINEAR, "window": 9}, {**LINEAR, "window": 9, "bandwidth_h": 0.25}, 1.5),
+        "log, shrink 1.5": log_shrunk(0, **BEST),
+        "ln(Y + .3 median), shrink 1.5": log_shrunk(0.3, **BEST),
     }),
     "gates": ("Behind the radiance gate", {
         "esim": plain,

@@ -36,6 +36,8 @@ def test_numpy_fits_as_the_kernels(case):
     options = {"window": 5, "regress": "linear", "shrink": 1.5}
     found = tool.log(tool.numpy_fit(case.frames, **options).alpha.reshape(case.frames.luminance.shape))
     np.testing.assert_allclose(found, tool.fitted(case.frames, precision="float64", **options), atol=1e-5)
+    shifted = tool.log_shrunk(0, **{**options, "shrink": 0.0})(case)
+    np.testing.assert_allclose(shifted, tool.fitted(case.frames, window=5, precision="float64"), atol=1e-5)
     useless = np.ones(case.frames.luminance.shape)
     same = tool.numpy_fit(case.frames, useless, **options).alpha
     np.testing.assert_allclose(tool.log(same).reshape(found.shape), found, atol=1e-9)
