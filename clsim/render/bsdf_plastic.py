@@ -22,7 +22,11 @@ def _passing(transmittance: wp.array(dtype=float), b: Bsdf, cosine: float) -> fl
     else:
         x = wp.clamp(cosine, 0.0, 1.0) * float(_LAST)
         i = wp.min(int(x), _LAST - 1)
-        share = wp.lerp(transmittance[b.table + i], transmittance[b.table + i + 1], x - float(i))
+        first = b.table + i
+        share = wp.lerp(transmittance[first], transmittance[first + 1], x - float(i))
+        if b.table_share > 0.0:
+            rougher = wp.lerp(transmittance[first + TABLE_SIZE], transmittance[first + TABLE_SIZE + 1], x - float(i))
+            share = wp.lerp(share, rougher, b.table_share)
     return share
 
 

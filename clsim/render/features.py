@@ -133,8 +133,8 @@ def textures_of(material: Material) -> dict[str, int]:
 
 
 def has_roughness(material: Material) -> bool:
-    """Whether a texture of roughness means anything for the material; plastic's coat is tabulated for one roughness."""
-    return material.kind in ("conductor", "dielectric", "principled")
+    """Whether a texture of roughness means anything for the material."""
+    return material.kind in ("conductor", "dielectric", "plastic", "principled")
 
 
 def passes_light(material: Material) -> bool:
@@ -156,18 +156,6 @@ def may_be_mirror(material: Material) -> bool:
 def used_textures(world: World) -> list[int]:
     """Return the indices of the textures that the tracer reads."""
     return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
-
-
-def unsupported(world: World) -> tuple[str, ...]:
-    """Return what the world asks for and the tracer does not do, one sentence each."""
-    materials = _used_materials(world)
-    rows = (
-        (
-            any(m.roughness_texture >= 0 and m.kind == "plastic" for m in materials),
-            "textures of plastic's roughness are left out",
-        ),
-    )
-    return tuple(text for lacks, text in rows if lacks)
 
 
 def moves(world: World) -> bool:

@@ -9,10 +9,12 @@ import warp as wp
 from clsim.render.features import KINDS, Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
+from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
 from clsim.render.textures import Textures, make_textures
 
 DIFFUSE, CONDUCTOR, DIELECTRIC, THIN_DIELECTRIC, PLASTIC, PRINCIPLED = (wp.constant(i) for i in range(len(KINDS)))
 
+_LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
 MASK = wp.constant(1)
 BLEND = wp.constant(2)
@@ -24,7 +26,7 @@ class MaterialRow:
 
     ``dark_back`` says that the back scatters nothing, ``one_sided`` that it emits nothing; ``complex_index`` that
     ``eta`` and ``k`` hold; ``table`` is plastic's first entry in ``Materials.transmittance`` and ``inner`` its mean
-    reflectance from inside.
+    reflectance from inside; where its roughness is textured, there is a stack of tables, and then their ``inner``.
     """
 
     kind: int
@@ -70,7 +72,7 @@ class Bsdf:
     """How light scatters at one point: a material with its textures looked up.
 
     ``eta`` is the index across the surface over that of the ray's side; ``mirror`` says that every lobe is perfectly
-    smooth, ``dark`` that nothing is scattered at all; ``albedo`` is what the plane of that name shows.
+    smooth, ``dark`` that nothing is scattered at all; ``table_share`` is the weight of the table after plastic's.
     """
 
     kind: int
@@ -87,6 +89,7 @@ class Bsdf:
     clearcoat_alpha: float
     nonlinear: int
     table: int
+    table_share: float
     inner: float
     mirror: bool
     dark: bool
@@ -134,6 +137,16 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
                     rgba = lookup(materials.textures, row.roughness_texture, point.uv)
                     b.alpha = b.alpha * rgba[1] * rgba[1]
                     b.metallic = b.metallic * rgba[2]
+                    if wp.static("plastic" in features.kinds):
+                        if b.kind == PLASTIC:
+                            step = rgba[1] * float(_LAST_TABLE)
+                            below = wp.min(int(step), _LAST_TABLE - 1)
+                            b.table = row.table + below * TABLE_SIZE
+                            b.table_share = step - float(below)
+                            inner = row.table + STACK_SIZE * TABLE_SIZE + below
+                            b.inner = wp.lerp(
+                                materials.transmittance[inner], materials.transmittance[inner + 1], b.table_share
+                            )
             smooth = b.alpha < SMOOTH
             b.mirror = (smooth and (b.kind == CONDUCTOR or b.kind == DIELECTRIC)) or b.kind == THIN_DIELECTRIC
             if wp.static("principled" in features.kinds):

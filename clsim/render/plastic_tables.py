@@ -10,6 +10,8 @@ import numpy.typing as npt
 F64 = npt.NDArray[np.float64]
 TABLE_SIZE = 64
 """Entries of a table, at equal steps of the cosine from 0 to 1; the kernel interpolates linearly."""
+STACK_SIZE = 16
+"""Tables of a coat whose roughness is textured, at equal steps of perceptual roughness; the kernel interpolates."""
 _SMOOTH = 1e-3
 
 
@@ -35,6 +37,13 @@ def coat(alpha: float, ior: float) -> tuple[F64, float]:
         back = _directional(mu, alpha, 1.0 / ior, through=False)
         inner += float(np.sum(weights * 0.5 * (high - low) * 2.0 * mu * back))
     return passing, inner
+
+
+def coats(alpha: float, ior: float) -> tuple[F64, F64]:
+    """Return ``coat`` [STACK_SIZE, TABLE_SIZE] and [STACK_SIZE] for √α from 0 to that of ``alpha``."""
+    roughness = np.sqrt(alpha) * np.linspace(0.0, 1.0, STACK_SIZE)
+    found = [coat(float(r * r), ior) for r in roughness]
+    return np.array([passing for passing, _ in found]), np.array([inner for _, inner in found])
 
 
 def _directional(mu: F64, alpha: float, eta: float, *, through: bool) -> F64:

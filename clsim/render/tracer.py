@@ -15,7 +15,7 @@ from clsim.frames import ALL_PLANES, BASE_PLANES, FIRST_HIT_PLANES, Frame, Inter
 from clsim.render.camera import CameraData
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.effort import Effort, Steerer
-from clsim.render.features import Features, Strategy, features_of, unsupported
+from clsim.render.features import Features, Strategy, features_of
 from clsim.render.geometry import Tree
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.sampling import MAX_BOUNCES
@@ -130,13 +130,13 @@ class RenderOptions:
 
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:
-    """Return what is "built in" to this world's kernel, what is "left out", and what of it is "not supported".
+    """Return what is "built in" to this world's kernel and what is "left out".
 
     With it the "device" and the "tree" that rays search there.
     """
     facts = options.features(world).describe()
     place = {"device": options.device, "tree": options.tree or fastest_tree(options.device)}
-    return place | facts | {"not supported": list(unsupported(world))}
+    return place | facts
 
 
 class PathTracer:
@@ -145,9 +145,6 @@ class PathTracer:
     Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
     noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its
     material's albedo, a sphere light has albedo 0.
-
-    Attributes:
-        warnings: what the world asks for and is rendered without, one sentence each.
     """
 
     def __init__(self, world: World, options: RenderOptions, board: InterestBoard | None = None) -> None:
@@ -173,7 +170,6 @@ class PathTracer:
         self.frame_count: int | None = options.frames or max(1, round(world.duration_s * self.fps)) + 1
         self._options = options
         self._device = wp.get_device(options.device)
-        self.warnings = unsupported(world)
         features = options.features(world)
         tree = options.tree or fastest_tree(options.device)
         if tree == "bvh8" and not self._device.is_cpu:

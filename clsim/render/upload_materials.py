@@ -10,7 +10,7 @@ import warp as wp
 
 from clsim.render.features import KINDS, has_roughness, passes_light, used_textures
 from clsim.render.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
-from clsim.render.plastic_tables import TABLE_SIZE, coat
+from clsim.render.plastic_tables import coat, coats
 from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
 from clsim.scene import CheckerTexture, Material, World
 
@@ -42,9 +42,13 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
         setattr(row, name, getattr(material, name))
     row.nonlinear = int(material.nonlinear)
     if material.kind == "plastic":
-        passing, row.inner = coat(material.alpha, material.ior)
-        row.table = TABLE_SIZE * len(tables)
-        tables.append(passing)
+        row.table = sum(map(len, tables))
+        if material.roughness_texture >= 0:
+            passing, inner = coats(material.alpha, material.ior)
+            tables += [passing.ravel(), inner]
+        else:
+            table, row.inner = coat(material.alpha, material.ior)
+            tables.append(table)
     row.one_sided = int(not material.two_sided)
     # Light that crosses a surface must be able to come back.
     row.dark_back = int(not material.two_sided and not passes_light(material))

@@ -123,6 +123,13 @@ def encode_srgb8(linear: npt.ArrayLike) -> U8:
     return np.asarray(np.clip(srgb * 255.0 + 0.5, 0, 255), np.uint8)
 
 
+def roughness_pixels(alpha: npt.ArrayLike) -> U8:
+    """Return GGX's α ``[h, w]`` as ``Material.roughness_texture`` wants it: √α in green; blue changes nothing."""
+    green = np.clip(np.sqrt(np.clip(alpha, 0.0, 1.0)) * 255.0 + 0.5, 0, 255).astype(np.uint8)
+    full = np.full_like(green, 255)
+    return np.stack([full, green, full, full], axis=-1)
+
+
 def decode_radiance_hdr(source: str, data: bytes, budget: PixelBudget) -> F32:
     """Decode Radiance RGBE (Ward, Graphics Gems II, 1991), flat or run-length encoded.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.geometry import flipped_v
-from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture
+from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
 from clsim.scene.mitsuba_xml import Color, Plugin, file_of
 from clsim.scene.motion import Matrix
 from clsim.scene.spectra import GLASSES, METALS
@@ -18,6 +18,7 @@ from clsim.scene.world import CheckerTexture, ImageTexture, Material, Texture, V
 
 WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "clamp", "zero": "clamp"}
 WHITE: Vec3 = (1.0, 1.0, 1.0)
+LUMINANCE = (0.2126, 0.7152, 0.0722)
 
 
 class MaterialReader:
@@ -75,24 +76,23 @@ class MaterialReader:
         self._warn("the bsdf roughdiffuse is rendered as diffuse")
         return self._diffuse(bsdf, "reflectance")
 
-    def _read_plastic(self, bsdf: Plugin, alpha: float = 0.0) -> Material:
+    def _read_plastic(self, bsdf: Plugin) -> Material:
         specular, _ = self._color(bsdf, "specular_reflectance", 1.0, plain=True)
         return replace(
             self._diffuse(bsdf, "diffuse_reflectance"),
             kind="plastic",
             ior=self._ior(bsdf, "polypropylene"),
-            alpha=alpha,
             nonlinear=bsdf.get("nonlinear", False),
             specular_color=specular,
         )
 
     def _read_roughplastic(self, bsdf: Plugin) -> Material:
-        return self._read_plastic(bsdf, self._alpha(bsdf))
+        return self._roughened(self._read_plastic(bsdf), bsdf)
 
-    def _read_conductor(self, bsdf: Plugin, alpha: float = 0.0) -> Material:
+    def _read_conductor(self, bsdf: Plugin) -> Material:
         specular, _ = self._color(bsdf, "specular_reflectance", 1.0, plain=True)
         outside = self._index(bsdf, "ext_eta", 1.0) if "ext_eta" in bsdf.values else 1.0
-        metal = Material(kind="conductor", color=WHITE, alpha=alpha, two_sided=False, specular_color=specular)
+        metal = Material(kind="conductor", color=WHITE, two_sided=False, specular_color=specular)
         name = bsdf.get("material", "Cu" if self._legacy else "none")
         if "eta" in bsdf.values or "k" in bsdf.values:
             eta, _ = self._color(bsdf, "eta", 0.0, plain=True)
@@ -107,19 +107,17 @@ class MaterialReader:
         return replace(metal, eta=_scaled(eta, 1 / outside), k=_scaled(k, 1 / outside))
 
     def _read_roughconductor(self, bsdf: Plugin) -> Material:
-        return self._read_conductor(bsdf, self._alpha(bsdf))
+        return self._roughened(self._read_conductor(bsdf), bsdf)
 
-    def _read_dielectric(self, bsdf: Plugin, alpha: float = 0.0) -> Material:
+    def _read_dielectric(self, bsdf: Plugin) -> Material:
         specular, _ = self._color(bsdf, "specular_reflectance", 1.0, plain=True)
         through, _ = self._color(bsdf, "specular_transmittance", 1.0, plain=True)
         if through != WHITE:
             self._warn("the specular_transmittance of glass is left out")
-        return Material(
-            kind="dielectric", color=WHITE, ior=self._ior(bsdf, "bk7"), alpha=alpha, specular_color=specular
-        )
+        return Material(kind="dielectric", color=WHITE, ior=self._ior(bsdf, "bk7"), specular_color=specular)
 
     def _read_roughdielectric(self, bsdf: Plugin) -> Material:
-        return self._read_dielectric(bsdf, self._alpha(bsdf))
+        return self._roughened(self._read_dielectric(bsdf), bsdf)
 
     def _read_thindielectric(self, bsdf: Plugin) -> Material:
         return replace(self._read_dielectric(bsdf), kind="thin-dielectric")
@@ -174,16 +172,26 @@ class MaterialReader:
             raise InputError(f"{bsdf.place}: the bsdf {bsdf.type} has no bsdf inside")
         return nested[0]
 
-    def _alpha(self, bsdf: Plugin) -> float:
+    def _roughened(self, material: Material, bsdf: Plugin) -> Material:
+        """Return the material with the bsdf's roughness, a number or a texture."""
         if bsdf.get("distribution", "beckmann").lower() != "ggx":
             self._warn("rough surfaces of the Beckmann distribution are rendered with GGX's")
-        if bsdf.child("alpha") is not None:
-            self._warn("textures of roughness are left out")
-            return 0.1
+        texture = bsdf.child("alpha")
+        if texture is not None:
+            return replace(material, alpha=1.0, roughness_texture=self._roughness(self._texture(texture)))
         if "alpha_u" in bsdf.values or "alpha_v" in bsdf.values:
             self._warn("anisotropic roughness is averaged")
-            return float(np.sqrt(bsdf.get("alpha_u", 0.1) * bsdf.get("alpha_v", 0.1)))
-        return bsdf.get("alpha", 0.1)  # type: ignore[no-any-return]
+            return replace(material, alpha=float(np.sqrt(bsdf.get("alpha_u", 0.1) * bsdf.get("alpha_v", 0.1))))
+        return replace(material, alpha=bsdf.get("alpha", 0.1))
+
+    def _roughness(self, index: int) -> int:
+        """Return the texture of α that stands for the luminance of another."""
+        texture = self.textures[index]
+        if not isinstance(texture, ImageTexture):
+            return self._add(("roughness", index), lambda: ImageTexture(roughness_pixels([[0.5]]), srgb=False))
+        table = decode_srgb(np.arange(256) / 255.0) if texture.srgb else np.arange(256) / 255.0
+        alpha = table[texture.pixels[..., :3]] @ LUMINANCE
+        return self._add(("roughness", index), lambda: replace(texture, pixels=roughness_pixels(alpha), srgb=False))
 
     def _ior(self, bsdf: Plugin, inside: str) -> float:
         return self._index(bsdf, "int_ior", GLASSES[inside]) / self._index(bsdf, "ext_ior", GLASSES["air"])
@@ -265,7 +273,7 @@ class MaterialReader:
         if not as_opacity:
             return pixels
         table = np.arange(256) / 255.0 if linear else decode_srgb(np.arange(256) / 255.0)
-        luminance = table[pixels[..., :3]] @ (0.2126, 0.7152, 0.0722)
+        luminance = table[pixels[..., :3]] @ LUMINANCE
         masked: U8 = pixels.copy()
         masked[..., 3] = np.clip(luminance * 255.0 + 0.5, 0, 255).astype(np.uint8)
         return masked
@@ -301,4 +309,4 @@ def _scaled(color: Vec3, factor: float) -> Vec3:
 
 
 def _luminance(color: Vec3) -> float:
-    return 0.2126 * color[0] + 0.7152 * color[1] + 0.0722 * color[2]
+    return float(np.dot(color, LUMINANCE))

@@ -6,11 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture
+from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
 from clsim.scene.pbrt_tokens import Parameters, file_of
 from clsim.scene.spectra import METALS, blackbody_rgb, rgb_of_spectrum
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
@@ -217,16 +218,17 @@ class MaterialReader:
             self._warn("the coat of a coatedconductor is left out")
             return self._conductor(parameters, "conductor.")
         if kind in ("dielectric", "thindielectric"):
-            alpha = self._alpha(parameters, "") if kind == "dielectric" else 0.0
             eta = self.color(parameters, "eta", 1.5)[1]
             if not eta > 0:
                 raise InputError(f"{parameters.place}: eta is {eta:g}, expected more than 0")
-            glass = Material(kind="dielectric", color=WHITE, ior=eta, alpha=alpha)
-            return glass if kind == "dielectric" else replace(glass, kind="thin-dielectric")
+            if kind == "thindielectric":
+                return Material(kind="thin-dielectric", color=WHITE, ior=eta)
+            return self._roughened(Material(kind="dielectric", color=WHITE, ior=eta), parameters, "")
         base = self._diffuse(parameters)
         if kind == "coateddiffuse":
             eta = self.color(parameters, "eta", 1.5)[1]
-            return replace(base, kind="plastic", ior=max(eta, 1.0), alpha=self._alpha(parameters, ""), nonlinear=True)
+            plastic = replace(base, kind="plastic", ior=max(eta, 1.0), nonlinear=True)
+            return self._roughened(plastic, parameters, "")
         if kind != "diffuse":
             self._warn(f"the material {kind} is rendered as diffuse")
         return base
@@ -237,8 +239,7 @@ class MaterialReader:
         return Material(color=(r, g, b), texture=reflectance.index)
 
     def _conductor(self, parameters: Parameters, prefix: str) -> Material:
-        alpha = self._alpha(parameters, prefix)
-        metal = Material(kind="conductor", color=WHITE, alpha=alpha)
+        metal = self._roughened(Material(kind="conductor", color=WHITE), parameters, prefix)
         for name in ("reflectance", f"{prefix}reflectance"):
             if name in parameters.found:
                 reflectance = self.texture(parameters, name, 1.0)
@@ -251,14 +252,34 @@ class MaterialReader:
             k = self.color(parameters, f"{prefix}k", 0.0)
         return replace(metal, eta=eta, k=k)
 
-    def _alpha(self, parameters: Parameters, prefix: str) -> float:
+    def _roughened(self, material: Material, parameters: Parameters, prefix: str) -> Material:
+        """Return the material with its roughness, numbers or a texture."""
         names = [f"{prefix}{name}" for name in ("roughness", "uroughness", "vroughness")]
-        if any(name in parameters.found and parameters.found[name].type == "texture" for name in names):
-            self._warn("textures of roughness are left out")
+        remapped = parameters.flag("remaproughness", True)
+        textured = [n for n in names if n in parameters.found and parameters.found[n].type == "texture"]
+        if textured:
+            if len(textured) > 1:
+                self._warn("of two textures of roughness the first is used")
+            return replace(material, **self._roughness(self.texture(parameters, textured[0], 0.0), remapped))
         whole = parameters.number(names[0], 0.0)
         across = [parameters.number(name, whole) for name in names[1:]]
         if across[0] != across[1]:
             self._warn("anisotropic roughness is averaged")
         roughness = math.sqrt(max(across[0], 0.0) * max(across[1], 0.0))
-        remapped = parameters.flag("remaproughness", True)
-        return min(math.sqrt(roughness) if remapped else roughness, 1.0)
+        return replace(material, alpha=min(math.sqrt(roughness) if remapped else roughness, 1.0))
+
+    def _roughness(self, texture: NamedTexture, remapped: bool) -> dict[str, Any]:
+        """Return α, and the texture of it where there is one, as fields of a material."""
+        image = None if texture.index < 0 else self.textures[texture.index]
+        values = np.full((1, 1, 3), 1.0)
+        if isinstance(image, ImageTexture):
+            table = decode_srgb(np.arange(256) / 255.0) if image.srgb else np.arange(256) / 255.0
+            values = table[image.pixels[..., :3]]
+        roughness = np.maximum((values * texture.color).mean(axis=2), 0.0)
+        alpha = np.sqrt(roughness) if remapped else roughness
+        if not isinstance(image, ImageTexture):
+            return {"alpha": min(float(alpha[0, 0]), 1.0)}
+        key = ("roughness", texture, remapped)
+        if key not in self._added:
+            self._added[key] = self._append(replace(image, pixels=roughness_pixels(alpha), srgb=False))
+        return {"alpha": 1.0, "roughness_texture": self._added[key]}

@@ -12,9 +12,10 @@ import warp as wp
 from clsim.render.devices import start_warp
 from clsim.render.features import features_of
 from clsim.render.materials import Materials
+from clsim.render.plastic_tables import STACK_SIZE, coat, coats
 from clsim.render.textures import make_textures
 from clsim.render.upload_materials import decoding, upload_materials
-from clsim.scene import CheckerTexture, ImageTexture, Material
+from clsim.scene import CheckerTexture, ImageTexture, Material, SphereLight, Static
 
 WRAPS = ("repeat", "clamp", "mirror")
 
@@ -167,6 +168,44 @@ def test_roughness_and_metal_are_textured():
     frame = hw.render(facing(metal, image, environment=(1.0, 1.0, 1.0)), spp=64)
     np.testing.assert_allclose(hw.radiance(frame)[:, :, 0], np.transpose([metal.color] * 4), rtol=1e-3)
     assert np.all(hw.radiance(frame)[0, :, 3] < 0.9)
+
+
+@pytest.mark.parametrize("nonlinear", [False, True])
+def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
+    """Three roughnesses in one picture against a picture of each; smooth, between two tables, and the roughest.
+
+    Seen at 75°, lit from above: what the coat lets through depends on its roughness, and its lobe is elsewhere.
+    """
+    greens = (0, 140, 255)
+    pixels = np.array([[[0, green, 255, 255] for green in (*greens, 255)]], np.uint8)
+    image = ImageTexture(pixels, srgb=False, nearest=True)
+    plain = Material(kind="plastic", color=(0.9, 0.5, 0.2), nonlinear=nonlinear)
+    lamp = SphereLight(0.5, (8.0, 8.0, 8.0), Static(hw.translation(0, 0, 3.5)))
+    view = hw.camera(hw.look_from((0, -96.6, 25.9), (0, 0, 0)), 4, 1, fov_deg=np.degrees(2 * np.arctan(0.5 / 100)))
+
+    def seen(material):
+        scene = facing(material, image, sphere_lights=(lamp,))
+        return hw.radiance(hw.render(hw.with_camera(scene, view), spp=1024))
+
+    several = seen(replace(plain, alpha=0.5, roughness_texture=0))
+    shown = []
+    for column, green in enumerate(greens):
+        alone = replace(plain, alpha=0.5 * (green / 255) ** 2)
+        one = seen(alone)
+        np.testing.assert_allclose(several[:, :, column], one[:, :, column], rtol=0.01)
+        shown.append(one[:, :, column].mean())
+    assert np.ptp(shown) > 0.05 * max(shown)
+
+
+def test_tables_between_two_roughnesses_are_those_of_the_roughness_between():
+    """So that sixteen are enough, from smooth to the roughest coat; only grazing light needs more of the smoothest."""
+    passing, inner = coats(1.0, 1.5)
+    for step in np.arange(STACK_SIZE - 1):
+        expected, expected_inner = coat(max(((step + 0.5) / (STACK_SIZE - 1)) ** 2, 1e-3), 1.5)
+        found = (passing[step] + passing[step + 1]) / 2
+        np.testing.assert_allclose(found[3:], expected[3:], atol=0.01)
+        np.testing.assert_allclose(found[:3], expected[:3], atol=0.035)
+        assert (inner[step] + inner[step + 1]) / 2 == pytest.approx(expected_inner, abs=0.006)
 
 
 def test_checkers_and_images_live_together():

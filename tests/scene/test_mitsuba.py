@@ -156,6 +156,26 @@ def test_bitmaps_keep_their_wrap_transform_and_opacity(tmp_path):
     np.testing.assert_array_equal(opacity.pixels[..., 3], [[255, 0], [0, 0]])  # white is opaque, whatever its alpha
 
 
+@pytest.mark.parametrize("kind", ["conductor", "plastic", "dielectric"])
+def test_textures_of_roughness_keep_their_alpha(tmp_path, kind):
+    """Ours are the root of α in green, and blue multiplies metalness."""
+    gray = np.array([[0, 64], [128, 255]], np.uint8)
+    PIL.Image.fromarray(gray).save(tmp_path / "a.png")
+    bitmap = (
+        '<texture type="bitmap" name="alpha"><string name="filename" value="a.png"/><boolean name="raw" value="{}"/>'
+        '<string name="filter_type" value="nearest"/></texture>'
+    )
+    ggx = '<string name="distribution" value="ggx"/>'
+    for raw in (True, False):
+        text = f'<bsdf type="rough{kind}">{bitmap.format(str(raw).lower())}{ggx}</bsdf>'
+        found, world = material(tmp_path, text)
+        image = world.textures[found.roughness_texture]
+        expected = gray / 255 if raw else decode_srgb(gray / 255)
+        assert (found.kind, found.alpha, image.srgb, image.nearest) == (kind, 1.0, False, True)
+        np.testing.assert_allclose((image.pixels[..., 1] / 255) ** 2, expected, atol=0.005)
+        assert (image.pixels[..., 2] == 255).all() and not world.warnings
+
+
 def test_lights(tmp_path):
     body = """
         <emitter type="point"><point name="position" x="1" y="2" z="3"/><rgb name="intensity" value="4"/></emitter>

@@ -152,6 +152,27 @@ def test_materials_and_spectra(tmp_path):
         load_world(scene(tmp_path, 'Material "hair"\n' + TRIANGLE), strict=True)
 
 
+def test_textures_of_roughness_keep_their_alpha(tmp_path):
+    pixels = np.array([[(0, 0, 0), (60, 90, 120)], [(200, 200, 200), (255, 255, 255)]], np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
+    before = (
+        'Texture "image" "float" "imagemap" "string filename" "a.png" "string encoding" "linear" "float scale" 0.5\n'
+        'Texture "even" "float" "constant" "float value" 0.25\n'
+    )
+    roughness = 0.5 * pixels.mean(axis=2) / 255
+    for kind, model in (("conductor", "conductor"), ("coateddiffuse", "plastic"), ("dielectric", "dielectric")):
+        for remapped in (True, False):
+            flag = f'"bool remaproughness" {str(remapped).lower()}'
+            m, world = material(tmp_path, f'"{kind}" "texture roughness" "image" {flag}', before)
+            image = world.textures[m.roughness_texture]
+            alpha = np.sqrt(roughness) if remapped else roughness
+            assert (m.kind, m.alpha, image.srgb) == (model, 1.0, False)
+            np.testing.assert_allclose((image.pixels[..., 1] / 255) ** 2, alpha, atol=0.005)
+            assert (image.pixels[..., 2] == 255).all() and not world.warnings
+    m, _ = material(tmp_path, '"conductor" "texture roughness" "even"', before)
+    assert (m.alpha, m.roughness_texture) == (0.5, -1)
+
+
 def test_textures(tmp_path):
     pixels = np.arange(16, dtype=np.uint8).reshape(2, 2, 4)
     PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
