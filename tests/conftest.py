@@ -1,9 +1,14 @@
-"""How the suite runs: in parallel where pytest-xdist is installed, and always with working interrupts."""
+"""How the suite runs: in parallel where pytest-xdist is installed, with working interrupts, and by no clock."""
 
 import os
 import signal
 
 import pytest
+from hypothesis import settings
+
+# How long an example takes tells of the machine and of what else it does.
+settings.register_profile("clsim", deadline=None)
+settings.load_profile("clsim")
 
 
 @pytest.hookimpl(tryfirst=True)
