@@ -12,6 +12,7 @@ from unittest.mock import patch
 from clsim.bench.rays import count_searches
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
+from clsim.render.alpha import make_alpha
 from clsim.render.features import Features
 from clsim.render.geometry import Tree, make_intersection
 from clsim.render.integrator import build_kernel
@@ -28,9 +29,8 @@ class RaysPerPath:
 
     Attributes:
         primary: from the camera: 1.
-        bounce: on from a surface, to the nearest hit. Where surfaces are cut out or translucent, a ray starts anew
-            behind each, and rays to lights, which then look for the nearest hit too, count here.
-        shadow: to a light, to any hit.
+        bounce: on from a surface, and on from what is cut out or translucent, behind which a ray starts anew.
+        shadow: to a light, likewise.
     """
 
     primary: float
@@ -66,17 +66,29 @@ def rays_per_path(world: World, options: RenderOptions) -> RaysPerPath:
 
 @contextlib.contextmanager
 def _counting(counts: ctypes.Array[ctypes.c_ulonglong]) -> Iterator[None]:
-    """Have kernels built meanwhile add each search for the nearest hit to ``counts[0]``, for any hit to ``counts[1]``.
+    """Have kernels built meanwhile count in ``counts[0]`` the searches of paths, in ``counts[1]`` those toward lights.
 
     The place of the counts in memory is built into the kernel, so none of these may be kept for later.
     """
 
-    def counted(features: Features, tree: Tree) -> Any:
-        return count_searches(make_intersection(features, tree), ctypes.addressof(counts))
+    toward_light: Any = None
+
+    def counted_intersection(features: Features, tree: Tree) -> Any:
+        nonlocal toward_light
+        functions, toward_light = count_searches(make_intersection(features, tree), ctypes.addressof(counts))
+        return functions
+
+    def counted_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
+        pierce, _ = make_alpha(closest, surface_of, opacity)
+        _, transmittance = make_alpha(toward_light, surface_of, opacity)
+        return pierce, transmittance
 
     build_kernel.cache_clear()
     try:
-        with patch("clsim.render.integrator.make_intersection", counted):
+        with (
+            patch("clsim.render.integrator.make_intersection", counted_intersection),
+            patch("clsim.render.integrator.make_alpha", counted_alpha),
+        ):
             yield
     finally:
         build_kernel.cache_clear()

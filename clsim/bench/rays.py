@@ -64,10 +64,11 @@ def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     return nearest, shadow, places
 
 
-def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[Any, Any, Any, Any]:
+def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[tuple[Any, Any, Any, Any], Any]:
     """Return what ``make_intersection`` gave, so that it counts: on CPUs, in two 64-bit integers at ``address``.
 
-    The first one counts searches for the nearest hit, the second one for any hit.
+    The first one counts searches for the nearest hit, the second one for any hit. What is returned beside them searches
+    for the nearest hit on the way to a light, and counts in the second one.
     """
     closest, occluded, surface, surface_of = functions
 
@@ -80,8 +81,13 @@ def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[
         return closest(geometry, origin, direction, time)
 
     @wp.func
+    def counted_toward_light(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
+        count(1)
+        return closest(geometry, origin, direction, time)
+
+    @wp.func
     def counted_occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
         count(1)
         return occluded(geometry, origin, direction, far, time)
 
-    return counted_closest, counted_occluded, surface, surface_of
+    return (counted_closest, counted_occluded, surface, surface_of), counted_toward_light

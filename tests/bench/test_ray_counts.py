@@ -28,6 +28,12 @@ def test_a_wall_and_a_sky(wall: World, max_depth: int, expected: tuple[int, int,
     assert (rays.primary, rays.bounce, rays.shadow) == expected
 
 
+def test_rays_to_lights_are_told_apart_where_surfaces_may_be_cut_out(wall: World) -> None:
+    """They look for the nearest hit then, as bounces do; this wall is not cut out anywhere."""
+    cut = replace(wall, materials=tuple(replace(each, alpha_mode="mask") for each in wall.materials))
+    assert rays_per_path(cut, RenderOptions(frames=1)) == RaysPerPath(1.0, 1.0, 1.0)
+
+
 def test_a_closed_room_without_a_lamp() -> None:
     """Nothing ends a path but its greatest length, and there is no light to aim at."""
     room = bumpy_room(400)
