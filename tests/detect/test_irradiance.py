@@ -159,7 +159,7 @@ def test_the_sky_is_left_alone_and_leaves_others_alone(seed):
 def test_surfaces_at_right_angles_do_not_mix(seed, corner):
     albedo = textured(seed)
     right = np.broadcast_to(np.arange(albedo.shape[1]) >= corner, albedo.shape)
-    frame = surface(np.where(right, 50.0, 0.1), albedo, (right * 1.0, 0.0, ~right * 1.0))
+    frame = surface(np.where(right, 5e5, 0.1), albedo, (right * 1.0, 0.0, ~right * 1.0))
     np.testing.assert_allclose(seen(frame)[0], np.log(frame.plane("R").astype(np.float64)), rtol=0, atol=2e-7)
 
 
@@ -265,6 +265,17 @@ def test_extreme_values_stay_numbers(precision):
         frame.plane(name)[wild & (rng.random(wild.shape) < 0.3)] = value
     level, error = seen(frame, precision=precision)
     assert np.isfinite(level).all() and np.isfinite(error).all()
+
+
+@pytest.mark.parametrize("precision", ["float32", "float64"])
+def test_more_light_than_squares_can_hold_counts_as_the_most(precision):
+    frame = surface(np.ones((9, 9)), 0.5)
+    frame.planes[:3, 4, 4] = 3e38
+    level, error = seen(frame, precision=precision)
+    expected, expected_error, _ = smoothed_level(frame, config_of())
+    np.testing.assert_allclose(level, expected, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(error, expected_error, rtol=1e-3, atol=1e-5)
+    assert level.max() < np.log(1e12) and (error[4, 1:8] > 0.1).all()
 
 
 def test_the_window_is_the_methods_own_unless_chosen():
