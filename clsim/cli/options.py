@@ -67,16 +67,18 @@ FOLLOW_SPECULAR = Annotated[
 THRESHOLD = Annotated[
     str | None, typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [scene's own]")
 ]
-METHOD_HELP = "esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens."
+METHOD_HELP = (
+    "esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens; irradiance: a "
+    "filter of the light that falls on surfaces."
+)
 METHOD = Annotated[Method, typer.Option(help=METHOD_HELP)]
 LIVE_METHOD = Annotated[
     Method | None,
-    typer.Option(help=f"{METHOD_HELP[:-1]}; irradiance: a filter of the light that falls on surfaces. [esim-ad]"),
+    typer.Option(help=f"{METHOD_HELP} [esim-ad]"),
 ]
 EVENT_RULE = Annotated[
     EventRule, typer.Option(help="interpolated: each crossing gets its own time; frame: at most one event a frame.")
 ]
-WINDOW = Annotated[int, typer.Option(help="Side of the regression window [pixels], odd, 3…21.")]
 LIVE_WINDOW = Annotated[
     int | None, typer.Option(help="Side of the regression window [pixels], odd, 3…21. [the quality's, or the method's]")
 ]
