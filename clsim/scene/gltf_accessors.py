@@ -24,6 +24,7 @@ DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126:
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 EXTENSIONS = (
     "EXT_texture_webp",
+    "KHR_draco_mesh_compression",
     "KHR_lights_punctual",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
@@ -109,6 +110,16 @@ class GltfFile:
             self._decoded[index] = self._decode(accessor, place)
         return self._decoded[index]
 
+    def provide(self, index: int, values: Array) -> None:
+        """Set an accessor's values, where they come compressed; raises InputError unless they are of its shape."""
+        accessor = self.item("accessors", self.json.accessors, index)
+        place = f"{self.path}: accessors[{index}]"
+        shape = (accessor.count, COMPONENTS[accessor.type])
+        if values.shape != shape:
+            raise InputError(f"{place} has the shape {values.shape} when unpacked, expected {shape}")
+        self.claim(values.nbytes, place)
+        self._decoded[index] = _meant(accessor, place, values)
+
     def view(self, index: int) -> memoryview:
         """Return the bytes of a buffer view."""
         view = self.item("bufferViews", self.json.bufferViews, index)
@@ -167,12 +178,7 @@ class GltfFile:
             )
         if accessor.sparse is not None:
             self._replace_sparse(accessor.sparse, place, values)
-        if dtype.kind == "f":
-            if not np.isfinite(values).all():
-                raise InputError(f"{place} holds a number that is not finite")
-        elif accessor.normalized and accessor.componentType != 5125:
-            values = np.maximum(values.astype(np.float32) / np.iinfo(dtype).max, -1.0)
-        return values
+        return _meant(accessor, place, values)
 
     def _has_view(self, accessor: schema.Accessor) -> bool:
         return accessor.bufferView is not None and accessor.bufferView < len(self.json.bufferViews)
@@ -199,6 +205,16 @@ class GltfFile:
         values[indices] = self._strided(
             place, what.bufferView, what.byteOffset, sparse.count, values.dtype, values.shape[1], None
         )
+
+
+def _meant(accessor: schema.Accessor, place: str, values: Array) -> Array:
+    """Return finite numbers; normalized integers stand for shares of 1."""
+    if values.dtype.kind == "f":
+        if not np.isfinite(values).all():
+            raise InputError(f"{place} holds a number that is not finite")
+    elif accessor.normalized and accessor.componentType != 5125:
+        values = np.maximum(values.astype(np.float32) / np.iinfo(DTYPES[accessor.componentType]).max, -1.0)
+    return values
 
 
 def read_bytes(path: Path) -> bytes:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
 from clsim.scene.gltf_accessors import GltfFile
+from clsim.scene.gltf_draco import unpacked
 from clsim.scene.gltf_materials import MaterialReader
 from clsim.scene.world import F32, I32
 
@@ -67,7 +68,8 @@ def read_geometry(
             continue
         if any(name.startswith("COLOR_") for name in primitive.attributes):
             warn("vertex colours are left out")
-        part = _read_primitive(file, f"meshes[{index}].primitives[{k}]", primitive, materials)
+        place = f"meshes[{index}].primitives[{k}]"
+        part = _read_primitive(file, place, unpacked(file, place, primitive), materials)
         if len(part.triangles):
             parts.append(part)
     if not parts:

@@ -76,6 +76,19 @@ class Accessor(Part):
     sparse: Sparse | None = None
 
 
+class Draco(Part):
+    """KHR_draco_mesh_compression: the compressed bytes, and which of their attributes is which."""
+
+    bufferView: Index
+    attributes: dict[str, Index]
+
+
+class PrimitiveExtensions(Part):
+    """Extensions of a primitive."""
+
+    KHR_draco_mesh_compression: Draco | None = None
+
+
 class Primitive(Part):
     """Triangles (or points and lines) of one material."""
 
@@ -84,6 +97,7 @@ class Primitive(Part):
     material: Index | None = None
     mode: Annotated[int, Field(ge=0, le=6)] = 4
     targets: list[dict[str, Index]] = []
+    extensions: PrimitiveExtensions = PrimitiveExtensions()
 
 
 class Mesh(Part):
