@@ -32,6 +32,7 @@ class Features:
         follow_specular: features are of the first surface that is not a mirror or clear glass.
         one_sided: some used material's back is black.
         triangle_lights: some triangle emits.
+        still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
         environment: the environment emits.
@@ -62,6 +63,7 @@ class Features:
     follow_specular: bool
     one_sided: bool
     triangle_lights: bool
+    still_lamps: bool
     sphere_lights: bool
     punctual_lights: bool
     environment: bool
@@ -153,6 +155,17 @@ def may_be_mirror(material: Material) -> bool:
     return material.kind == "thin-dielectric"
 
 
+def _still_lamps(world: World) -> bool:
+    """Whether no triangle that emits moves or deforms, or has a texture that matters to its light."""
+    lamps = [max(material.emission) > 0 for material in world.materials]
+    textured = any(
+        lamp and (material.emission_texture >= 0 or material.alpha_mode != "opaque")
+        for lamp, material in zip(lamps, world.materials, strict=True)
+    )
+    moving = {i.mesh for i in world.instances if i.motion.duration_s > 0 or deforms(world.meshes[i.mesh])}
+    return not textured and not any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
+
+
 def used_textures(world: World) -> list[int]:
     """Return the indices of the textures that the tracer reads."""
     return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
@@ -195,6 +208,7 @@ def features_of(
         follow_specular=follow_specular and any(may_be_mirror(material) for material in materials),
         one_sided=any(not material.two_sided for material in materials),
         triangle_lights=any(max(material.emission) > 0 for material in materials),
+        still_lamps=_still_lamps(world),
         sphere_lights=bool(world.sphere_lights),
         punctual_lights=bool(world.punctual_lights),
         environment=max(world.environment) > 0 or world.environment_map is not None,

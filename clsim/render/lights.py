@@ -25,6 +25,18 @@ from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
 
 @wp.struct
+class Lamp:
+    """An emitting triangle that stands still, in world space: all that drawing a point on it needs, side by side."""
+
+    corner: wp.vec3
+    edge1: wp.vec3
+    edge2: wp.vec3
+    normal: wp.vec3
+    area: float
+    material: int
+
+
+@wp.struct
 class Lights:
     """The light table; ``cumulative[i]`` is the probability that a light of number ≤ i is drawn."""
 
@@ -34,6 +46,7 @@ class Lights:
     triangle: wp.array(dtype=int)
     instance_first: wp.array(dtype=int)
     triangle_rank: wp.array(dtype=int)
+    lamps: wp.array(dtype=Lamp)
     first_sphere: int
     sphere_radiance: wp.array(dtype=wp.vec3)
     first_punctual: int
@@ -98,16 +111,37 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
     side = make_side(features)
 
     @wp.func
+    def area_pdf(probability: float, point: Surface, direction: wp.vec3, t: float) -> float:
+        """The density per steradian of a point that is drawn evenly on a triangle with that probability."""
+        pdf = float(0.0)
+        cosine = wp.abs(wp.dot(point.normal, direction))
+        if cosine * point.area > 1.0e-20:
+            pdf = probability * t * t / (cosine * point.area)
+        return pdf
+
+    @wp.func
     def triangle_pdf(
         lights: Lights, instance: int, triangle: int, point: Surface, direction: wp.vec3, t: float
     ) -> float:
         pdf = float(0.0)
         rank = lights.triangle_rank[triangle]
-        cosine = wp.abs(wp.dot(point.normal, direction))
-        if rank >= 0 and cosine * point.area > 1.0e-20:
-            probability = lights.probability[lights.instance_first[instance] + rank]
-            pdf = probability * t * t / (cosine * point.area)
+        if rank >= 0:
+            pdf = area_pdf(lights.probability[lights.instance_first[instance] + rank], point, direction, t)
         return pdf
+
+    @wp.func
+    def on_lamp(lights: Lights, geometry: Geometry, light: int, weights: wp.vec3, time: float) -> Surface:
+        point = Surface()
+        if wp.static(features.still_lamps):
+            lamp = lights.lamps[light]
+            point.position = lamp.corner + lamp.edge1 * weights[1] + lamp.edge2 * weights[2]
+            point.normal = lamp.normal
+            point.area = lamp.area
+            point.material = lamp.material
+            point.front = True
+        else:
+            point = surface(geometry, lights.instance[light], lights.triangle[light], weights[0], weights[1], time)
+        return point
 
     @wp.func
     def sphere_pdf(lights: Lights, geometry: Geometry, index: int, position: wp.vec3, time: float) -> float:
@@ -136,10 +170,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         light = wp.lower_bound(lights.cumulative, choice + STEP)
         if wp.static(features.triangle_lights):
             if light < lights.first_sphere:
-                weights = uniform_triangle(u)
-                instance = lights.instance[light]
-                triangle = lights.triangle[light]
-                lamp = surface(geometry, instance, triangle, weights[0], weights[1], time)
+                lamp = on_lamp(lights, geometry, light, uniform_triangle(u), time)
                 away = lamp.position - point.position
                 leaving = side(point.normal, away)
                 distance2 = wp.dot(away, away)
@@ -148,7 +179,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     if wp.dot(lamp.normal, toward) > 0.0:
                         lamp.front = False
                         lamp.normal = -lamp.normal
-                    sample.pdf = triangle_pdf(lights, instance, triangle, lamp, toward, wp.sqrt(distance2))
+                    sample.pdf = area_pdf(lights.probability[light], lamp, toward, wp.sqrt(distance2))
                     sample.radiance = emitted(materials, lamp)
                     sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
                     # The shadow ray ends as far before the lamp as it starts off the surface.

@@ -17,7 +17,7 @@ from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTab
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Tree, mat34
 from clsim.render.integrator import Scene
-from clsim.render.lights import Lights
+from clsim.render.lights import Lamp, Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.shutter import SHUTTER_KEYS, key_times
 from clsim.render.upload_materials import upload_materials
@@ -266,6 +266,8 @@ class SceneData:
         lights.triangle = self._array(np.concatenate(triangle_of), wp.int32)
         lights.instance_first = self._array(instance_first[:-1], wp.int32)
         lights.triangle_rank = self._array(np.concatenate(ranks), wp.int32)
+        if self._features.still_lamps:
+            lights.lamps = self._lamps(placement.meshes[0], emitting[0])
         lights.first_sphere = instance_first[-1]
         lights.sphere_radiance = self._array([light.radiance for light in world.sphere_lights], wp.vec3)
         lights.first_punctual = lights.first_sphere + len(world.sphere_lights)
@@ -274,6 +276,19 @@ class SceneData:
         lights.environment = wp.vec3(*world.environment)
         lights.environment_probability = float(probability[-1])
         return lights
+
+    def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
+        """Return the table of emitting triangles, all of them in the mesh of what never moves."""
+        corners = mesh.vertices[mesh.triangles[triangles]].astype(np.float64)
+        rows = np.zeros(len(triangles), Lamp.numpy_dtype())
+        rows["corner"] = corners[:, 0]
+        rows["edge1"], rows["edge2"] = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        cross = np.cross(rows["edge1"].astype(np.float64), rows["edge2"].astype(np.float64))
+        length = np.linalg.norm(cross, axis=1)
+        rows["normal"] = cross / np.maximum(length, 1e-300)[:, None]
+        rows["area"] = 0.5 * length
+        rows["material"] = mesh.material_ids[triangles]
+        return self._array(rows, Lamp)
 
     def _punctual_table(self, world: World) -> Any:
         lights, table = world.punctual_lights, Punctual()

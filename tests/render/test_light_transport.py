@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from clsim.scene import Material, SphereLight, Static
+from clsim.scene.motion import Keyframes
 
 WHITE = Material(color=(1.0, 1.0, 1.0))
 LAMP = Material(color=(0.0, 0.0, 0.0), emission=(4.0, 5.0, 6.0), two_sided=False)
@@ -131,6 +132,18 @@ LIT_ROOMS = {
         environment=(0.3, 0.5, 0.7),
     ),
 }
+
+
+def test_a_lamp_shines_alike_whether_it_could_move_or_not():
+    """One that stands still is drawn from a table of its own."""
+    still = LIT_ROOMS["triangles"]
+    resting = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0),) * 2, ((0.0, 0.0, 0.0, 1.0),) * 2)
+    could = replace(still, instances=(*still.instances[:-1], replace(still.instances[-1], motion=resting)))
+    expected, found = (hw.radiance(hw.render(scene, spp=64)) for scene in (could, still))
+    assert expected.mean() > 0.03
+    np.testing.assert_allclose(found.mean(), expected.mean(), rtol=1e-4)
+    # A path may part from its twin where rounding decides.
+    assert np.mean(np.isclose(found, expected, rtol=1e-4)) > 0.95
 
 
 @pytest.mark.parametrize("lit_by", LIT_ROOMS)
