@@ -9,6 +9,7 @@ import pytest
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.frames import Frame, InterestBoard, InterestMap
+from clsim.live.clock import FrameClock
 from clsim.live.governed import WARM_UP_FRAMES, Governed
 from clsim.live.ladder import Level, ladder
 from clsim.live.load import BusyMeter
@@ -166,13 +167,20 @@ def test_frames_may_be_dropped_between_a_steered_source_and_its_detector() -> No
 
 
 @pytest.mark.parametrize("ring", ["block", "drop-oldest"])
-def test_loading_kernels_at_the_start_makes_no_frame_late(ring: str) -> None:
-    source, detector = SteeredSource(InterestBoard(in_step=ring == "block")), InterestedDetector(first_seconds=0.6)
-    pipeline = adaptive(plan(1.0, 5.0, frames=7), source, detector, ring=ring, pace="real")
+def test_the_clock_starts_when_all_kernels_were_loaded(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    source, detector = SteeredSource(InterestBoard(in_step=ring == "block")), InterestedDetector(first_seconds=0.1)
+    started: list[tuple[int, int]] = []
+    start = FrameClock.start
+
+    def note(clock: FrameClock, index: int) -> None:
+        started.append((index, detector.frames))
+        start(clock, index)
+
+    monkeypatch.setattr(FrameClock, "start", note)
+    pipeline = adaptive(plan(1.0, 100.0, frames=10), source, detector, ring=ring, pace="real")
     pipeline.start()
     assert pipeline.wait(20)
-    progress = pipeline.progress
-    assert (progress.frames, progress.late_frames, progress.dropped_frames) == (7, 0, 0)
+    assert started == [(WARM_UP_FRAMES, WARM_UP_FRAMES)]
 
 
 def test_a_paced_run_ends_where_its_detector_breaks_in_the_warm_up() -> None:
