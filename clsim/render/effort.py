@@ -101,7 +101,7 @@ class Steerer:
             self._full_samples.zero_()
         else:
             # Where all get the same there is nothing to ask, and maybe nobody who answers.
-            board = self._board if effort.probe_spp < effort.spp else None
+            board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
             interest = None if board is None else board.find(self._number)
             if interest is None:
                 self._near.fill(0)

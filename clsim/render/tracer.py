@@ -87,6 +87,11 @@ class RenderOptions:
     """
     probe_spp: int | None = None
     """Paths a pixel where no event is near; None traces ``spp`` everywhere. Needs first-hit rays and common noise."""
+    probe_every: int = 1
+    """Frames from one probe of a pixel to the next where no event is near; in between, the last irradiance is taken.
+
+    Needs first-hit rays and common noise where it is more than 1.
+    """
     tree: Tree | None = None
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
@@ -102,6 +107,7 @@ class RenderOptions:
             ("--threads", self.threads),
             ("tile_pixels", self.tile_pixels),
             ("--probe-spp", self.probe_spp),
+            ("--probe-every", self.probe_every),
         ):
             if value is not None and value < 1:
                 raise InputError(f"{option} must be at least 1, got {value}")
@@ -115,13 +121,13 @@ class RenderOptions:
             raise InputError(f"--first-hit-rays must be at least 0, got {self.first_hit_rays}")
         if self.first_hit_rays and self.variances:
             raise InputError("first-hit rays give no variances; expected --first-hit-rays 0 where variances are wanted")
-        if self.probe_spp is not None:
-            if not self.first_hit_rays:
-                raise InputError("--probe-spp needs --first-hit-rays of at least 1, got 0")
-            if self.noise != "common":
-                raise InputError(f"--probe-spp needs --noise common, got {self.noise}")
-            if self.probe_spp > self.spp:
-                raise InputError(f"--probe-spp must be at most --spp, which is {self.spp}, got {self.probe_spp}")
+        for option, steers in (("--probe-spp", self.probe_spp is not None), ("--probe-every", self.probe_every > 1)):
+            if steers and not self.first_hit_rays:
+                raise InputError(f"{option} needs --first-hit-rays of at least 1, got 0")
+            if steers and self.noise != "common":
+                raise InputError(f"{option} needs --noise common, got {self.noise}")
+        if self.probe_spp is not None and self.probe_spp > self.spp:
+            raise InputError(f"--probe-spp must be at most --spp, which is {self.spp}, got {self.probe_spp}")
 
     def features(self, world: World) -> Features:
         """Return what the kernel for that world has."""
@@ -185,7 +191,8 @@ class PathTracer:
         self._settings.width = camera.width
         self._steerer: Steerer | None = None
         if options.first_hit_rays:
-            effort = Effort(options.spp, options.probe_spp or options.spp, options.first_hit_rays)
+            probe_spp = options.probe_spp or options.spp
+            effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
         self._paths = 0
         self._cancelled = threading.Event()

@@ -164,14 +164,22 @@ def test_without_the_kept_difference_a_change_of_samples_would_fire():
 
 
 def test_pixels_take_turns():
-    run = Run(lit_world(), spp=4, probe_spp=2)
+    run = Run(lit_world(), spp=4, probe_spp=2, probe_every=3)
     run.fill(0)
-    run.tracer.effort = Effort(4, 2, 8, every=3)
     turns = []
     for k in range(1, 4):
         run.fill(k)
         turns.append(run.spent[0])
     assert turns == [80, 80, 80]
+
+
+def test_near_an_event_nobody_waits_for_a_turn():
+    board = InterestBoard()
+    run = Run(lit_world(), board, spp=2, probe_spp=2, probe_every=1000)
+    for k in range(3):
+        run.fill(k)
+        board.publish(interest(k, np.ones((10, 12), bool)))
+    assert run.spent[0] == 2 * 120
 
 
 def test_going_back_in_time_starts_anew():
@@ -199,6 +207,8 @@ def test_light_is_neither_made_nor_lost_in_a_furnace():
         ({"probe_spp": 1}, "--probe-spp needs --first-hit-rays of at least 1, got 0"),
         ({"first_hit_rays": 4, "probe_spp": 1, "noise": "independent"}, "--probe-spp needs --noise common"),
         ({"first_hit_rays": 4, "probe_spp": 9, "spp": 8}, "--probe-spp must be at most --spp, which is 8, got 9"),
+        ({"probe_every": 2}, "--probe-every needs --first-hit-rays of at least 1, got 0"),
+        ({"first_hit_rays": 4, "probe_every": 0}, "--probe-every must be at least 1, got 0"),
         ({"first_hit_rays": 4, "probe_spp": 0}, "--probe-spp must be at least 1, got 0"),
     ],
 )
