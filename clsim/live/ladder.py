@@ -19,9 +19,9 @@ _INTEREST_SHARE = 0.4
 _BELOW_ONE_PATH: tuple[dict[str, int], ...] = (
     {"first_hit_rays": 4},
     {"every": 2},
+    {"every": 4},
     {"first_hit_rays": 2},
     {"first_hit_rays": 1},
-    {"every": 4},
 )
 """What is given up once there is one path a pixel: in this order the strict F1 falls least, as measured where the
 camera moves (which needs first-hit rays) and where a lamp does (which needs probes)."""

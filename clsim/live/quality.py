@@ -49,7 +49,7 @@ QUALITIES: dict[Quality, Point] = {
         method="irradiance", window=7, sampling="adaptive", probe_spp=1, spp=8, first_hit_rays=16, sampler="sobol"
     ),
     "accurate": Point(
-        method="irradiance", window=7, sampling="adaptive", probe_spp=2, spp=16, first_hit_rays=32, sampler="sobol"
+        method="irradiance", window=7, sampling="adaptive", probe_spp=2, spp=16, first_hit_rays=64, sampler="sobol"
     ),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=256, first_hit_rays=0, sampler="pcg"

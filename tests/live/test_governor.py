@@ -174,9 +174,9 @@ def test_costs_must_fall() -> None:
 def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() -> None:
     assert LEVELS[0] == BEST and LEVELS[-1] == Level(1, 1, 1, every=4)
     assert [level.spp for level in LEVELS] == [8, 4, 2, 1, 1, 1, 1, 1, 1]
-    assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 4, 4, 2, 1, 1]
-    assert [level.every for level in LEVELS] == [1, 1, 1, 1, 1, 2, 2, 2, 4]
-    assert [level.first_hit_rays for level in ladder(Level(1, 1, 4))] == [4, 4, 2, 1, 1]
+    assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 4, 4, 4, 2, 1]
+    assert [level.every for level in LEVELS] == [1, 1, 1, 1, 1, 2, 4, 4, 4]
+    assert [level.first_hit_rays for level in ladder(Level(1, 1, 4))] == [4, 4, 4, 2, 1]
     assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
     assert LEVELS[0].given_up_against(BEST) == ""
     assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
