@@ -318,7 +318,8 @@ def test_the_kernel_compiles_for_cuda_without_a_gpu(first_hits, tmp_path):
     archs = wp.get_cuda_supported_archs()
     if not archs:
         pytest.skip("this build of Warp has no CUDA compiler")
-    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS, "first_hits": first_hits}
+    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
+    odd |= {"first_hits": first_hits, "still_lamps": first_hits}
     kernel = build_kernel(Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}))
     arch = 80 if 80 in archs else archs[0]
     wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=tmp_path, use_ptx=True)
