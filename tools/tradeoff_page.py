@@ -28,7 +28,6 @@ def points() -> list[Point]:
         chosen += [Point(Rendering(spp, "independent", seed), ESIM) for spp in (32, 512)]
         chosen += [Point(Rendering(spp, "common", seed), ESIM) for spp in (2, 8, 32, 128)]
         chosen += [Point(Rendering(spp, "common", seed), BASE) for spp in (8, 32)]
-        chosen += [Point(Rendering(128, "common", seed, "sobol"), ESIM)]
         chosen += [
             Point(Rendering(spp, "common", seed, "sobol", first_hit_rays=rays), ESIM)
             for spp, rays in ((64, 64), (128, 64))
@@ -98,6 +97,7 @@ def main() -> None:
         _report,
     )
     given.out.mkdir(parents=True, exist_ok=True)
+    # A Mitsuba scene is called scene.xml, in a folder that tells which.
     name = Path(given.scene).parent.name if given.scene.endswith(".xml") else Path(given.scene).stem
     (given.out / f"{name}.md").write_text(page(results))
     (given.out / f"{name}.json").write_text(json.dumps(results))

@@ -130,7 +130,7 @@ def named_points(seed: int) -> dict[str, Point]:
     return {
         "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4), IRRADIANCE),
         **{name: Point(rendering, IRRADIANCE) for name, rendering in adaptive.items()},
-        "exact": Point(Rendering(256, "common", seed), ESIM),
+        "exact": Point(Rendering(128, "common", seed, "sobol"), ESIM),
     }
 
 
