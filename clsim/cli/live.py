@@ -78,8 +78,9 @@ def live(
     pace: Annotated[
         Literal["max", "real"],
         typer.Option(
-            help="As fast as it can; or by the wall clock: then from --quality balanced, unless another is given, and "
-            "with a governor, which renders less while the machine is too slow (up to --spp, and never more)."
+            help="As fast as it can; or by the wall clock: then from --quality balanced, unless another is given (with "
+            "--sampling uniform, if --noise independent or --first-hit-rays 0 is), and with a governor, which renders "
+            "less while the machine is too slow (up to --spp, and never more)."
         ),
     ] = "max",
     governor: Annotated[

@@ -25,9 +25,7 @@ LIVE_SPP = Annotated[
     int | None,
     typer.Option(help="Light paths per pixel and frame; with adaptive sampling, where events are near. [8]"),
 ]
-PROBE_SPP = Annotated[
-    int | None, typer.Option(help="Light paths per pixel elsewhere, with adaptive sampling. [the quality's]")
-]
+PROBE_SPP = Annotated[int | None, typer.Option(help="Light paths per pixel elsewhere, with adaptive sampling. [1]")]
 FIRST_HIT_RAYS = Annotated[
     int | None,
     typer.Option(

@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clsim.events import SinkError
+
 if TYPE_CHECKING:
     from clsim.live.session import Session
     from clsim.live.view.terminal import TerminalScreen
@@ -20,10 +22,15 @@ _REFRESH_S = 0.1
 _STEEP_SHARE = 0.01
 INTERRUPTED = 130
 OUTPUT_FAILED = 1
+READER_LEFT = 141
+"""As of a program that SIGPIPE ends, which Python ignores."""
 
 
 def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | None = None) -> int:
-    """Run a session to its end or to Ctrl-C, painting the screen if there is one; return the exit status."""
+    """Run a session to its end or to Ctrl-C, painting the screen if there is one; return the exit status.
+
+    A run whose outputs have all failed ends with a sentence; one whose readers have all left, without a word.
+    """
     console = Console(stderr=True)
     for output in session.pipeline.outputs:
         warning = getattr(output.sink, "warning", None)
@@ -35,6 +42,7 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
         console.print(f"clsim: {sentence}", style="yellow", highlight=False)
     session.start()
     interrupted, all_ended = False, True
+    failure: SinkError | None = None
     try:
         if screen is not None:
             _paint_to_the_end(session, screen)
@@ -48,14 +56,21 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
     except KeyboardInterrupt:
         interrupted = True
         all_ended = session.pipeline.stop()
-    session.write_sidecars(complete=not interrupted)
+    except SinkError as error:
+        failure = error
+    session.write_sidecars(complete=not interrupted and failure is None)
     summary = session.summary() | {"interrupted": interrupted}
-    _print_warnings(console, session, summary)
+    failed = [output for output in session.pipeline.outputs if output.error is not None]
+    unread = bool(failed) and all(output.reader_left for output in failed)
+    if failure is None and not (unread and len(failed) == len(session.pipeline.outputs)):
+        _print_warnings(console, session, summary)
+        if not as_json:
+            _print_summary(console, summary)
+    elif not unread:
+        print(f"clsim: {failure}", file=sys.stderr)
     if as_json:
         print(json.dumps(summary), flush=True)
-    else:
-        _print_summary(console, summary)
-    status = INTERRUPTED if interrupted else OUTPUT_FAILED if any("error" in o for o in summary["outputs"]) else 0
+    status = INTERRUPTED if interrupted else READER_LEFT if unread else OUTPUT_FAILED if failed else 0
     if not all_ended:
         # A thread is still inside a compiler; the files are closed, so nothing is lost by not waiting for it.
         sys.stdout.flush()
@@ -86,7 +101,7 @@ def _status_line(session: Session) -> Text:
         f"{summary['frames_per_s']:.1f} frames/s",
         f"{_count(summary['events'])} events",
         f"{_count(summary['events'] / simulated_s)} events/s simulated",
-        f"solved {summary['solved_share']:.0%}",
+        *([] if summary["solved_share"] is None else [f"solved {summary['solved_share']:.0%}"]),
         f"ring {progress.fill}",
         f"drops {summary['dropped_frames']}",
     ]
@@ -109,8 +124,10 @@ def _print_summary(console: Console, summary: dict[str, Any]) -> None:
         f"{summary['startup_s'] or 0:.1f} s)",
         highlight=False,
     )
+    solved = summary["solved_share"]
     console.print(
-        f"solved {summary['solved_share']:.1%} of the pixels, {summary['dropped_frames']} frames dropped, "
+        ("" if solved is None else f"solved {solved:.1%} of the pixels, ")
+        + f"{summary['dropped_frames']} frames dropped, "
         f"{summary['cpu_s']:.1f} CPU-seconds" + (" — interrupted" if summary["interrupted"] else ""),
         highlight=False,
     )
@@ -134,6 +151,14 @@ def _print_warnings(console: Console, session: Session, summary: dict[str, Any])
             f"{summary['most_crossings']:,}, and brightness between frames is taken to be linear; where it is smooth, "
             f"--fps {session.schedule.fps * math.ceil(summary['most_crossings'] / 3):g} would keep it to 3 a step, but "
             "where a sharp edge passes no rate does",
+            style="yellow",
+            highlight=False,
+        )
+    governor = summary["governor"]
+    if governor is not None and governor["too_slow"] and summary["late_frames"] + summary["dropped_frames"]:
+        console.print(
+            f"clsim: too slow for {session.schedule.fps:g} fps even at the lowest level: try a smaller --resolution "
+            "or a lower --fps",
             style="yellow",
             highlight=False,
         )

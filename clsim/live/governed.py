@@ -87,11 +87,12 @@ class Governed:
         self._wanted = self.level
 
     def summary(self) -> dict[str, Any]:
-        """Return the level in force (0 is the best), how often it changed, and what was given up."""
+        """Return the level in force (0 is the best), how often it changed, what was given up, and if in vain."""
         return {
             "level": self.governor.level,
             "levels": len(self.levels),
             "changes": self.governor.changes,
             "restarts": self.restarts,
             "given_up": self.given_up,
+            "too_slow": self.governor.too_slow,
         }

@@ -76,6 +76,12 @@ class Governor:
         self._failures = [0] * len(costs)
         self._failed_load = [0.0] * len(costs)
 
+    @property
+    def too_slow(self) -> bool:
+        """Whether frames take longer than their budget although the level is the cheapest."""
+        cheapest = self.level == len(self._costs) - 1
+        return cheapest and self._average_s is not None and self._average_s > self._budget_s
+
     def begin(self, busy_s: float, level: int) -> None:
         """Choose the level to start with, after frames at ``level`` took ``busy_s`` [s]."""
         self.level = level

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -121,13 +121,17 @@ class LiveOptions:
     def point(self) -> Point:
         """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
 
-        Without a quality, adaptive sampling and a governor, which need first-hit rays, start from "balanced".
+        Without a quality, adaptive sampling and the pace of the wall clock start from "balanced"; what rules adaptive
+        sampling out then makes it uniform.
         """
-        may_govern = self.pace == "real" and self.governor and self.noise == "common" and self.first_hit_rays != 0
         if self.quality is not None:
             named = QUALITIES[self.quality]
-        elif may_govern or self.sampling == "adaptive":
+        elif self.sampling == "adaptive":
             named = QUALITIES[BASIS]
+        elif self.pace == "real":
+            named = QUALITIES[BASIS]
+            if self.noise != "common" or self.first_hit_rays == 0:
+                named = replace(named, sampling="uniform")
         else:
             named = DEFAULT
         return with_given(named, {name: getattr(self, name) for name in setting_names()})
@@ -135,8 +139,16 @@ class LiveOptions:
     @property
     def governed(self) -> bool:
         """Whether a governor sets the samples, to keep up with the wall clock."""
-        able = self.noise == "common" and self.point.first_hit_rays > 0
-        return self.pace == "real" and self.governor and able
+        return self.pace == "real" and self.governor and self.ungovernable is None
+
+    @property
+    def ungovernable(self) -> str | None:
+        """The option that leaves a governor nothing to set, as the command line spells it."""
+        if self.noise != "common":
+            return f"--noise {self.noise}"
+        if self.point.first_hit_rays > 0:
+            return None
+        return f"--quality {self.quality}" if self.first_hit_rays is None else "--first-hit-rays 0"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, for a sidecar, with the settings that follow from them."""

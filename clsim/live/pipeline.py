@@ -89,8 +89,16 @@ class Output:
     name: str
     sink: Sink
     error: str | None = None
+    reader_left: bool = False
+    """Whether the error is that nobody reads any longer, as with ``| head``."""
     sidecar: Path | None = None
     closed: bool = False
+
+    def fail(self, error: Exception) -> None:
+        """Keep the first error, in words."""
+        if self.error is None:
+            self.error = str(error)
+            self.reader_left = isinstance(error.__cause__ or error, BrokenPipeError)
 
 
 @dataclass
@@ -293,7 +301,7 @@ class Pipeline:
                     try:
                         output.sink.write(batch)
                     except (SinkError, OSError) as error:
-                        output.error = str(error)
+                        output.fail(error)
             if self.outputs and all(output.error for output in self.outputs):
                 raise SinkError("every output has failed: " + "; ".join(o.error or "" for o in self.outputs))
 
@@ -331,5 +339,5 @@ class Pipeline:
                     else:
                         output.sink.close()
                 except (SinkError, OSError) as error:
-                    output.error = output.error or str(error)
+                    output.fail(error)
                 output.closed = True

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.detect.config import DetectorConfig
+from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.events import Sink
 from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, VARIANCE_PLANES, InterestBoard
 from clsim.live.governed import Governed
@@ -45,14 +45,16 @@ class Session:
     notes: tuple[str, ...]
     wall_start_s: float
     cpu_start_s: float
+    solves: bool = True
+    """Whether the method solves regressions at all."""
     level: Level | None = None
     """How much is rendered, unless a governor decides."""
     governed: Governed | None = None
     """What decides how much is rendered, if anything does."""
 
     def start(self) -> None:
-        """Write the sidecars, then start the pipeline."""
-        self.write_sidecars(complete=False)
+        """Write the sidecars, which a kill leaves as they are then, and start the pipeline."""
+        self._write_sidecars(complete=False)
         self.pipeline.start()
 
     def summary(self) -> dict[str, Any]:
@@ -69,7 +71,7 @@ class Session:
             "frames": progress.frames,
             "events": progress.events,
             "on_events": progress.on_events,
-            "solved_share": progress.solved_share,
+            "solved_share": progress.solved_share if self.solves else None,
             "masked_pixels": progress.masked_pixels,
             "steep_pixels": progress.steep_pixels,
             "most_crossings": progress.most_crossings,
@@ -89,15 +91,13 @@ class Session:
         }
 
     def write_sidecars(self, *, complete: bool) -> None:
-        """Write NAME.json beside every output that is a file."""
-        files = [output.sidecar for output in self.pipeline.outputs if output.sidecar is not None]
-        if not files:
-            return
-        info = self.about | {"complete": complete}
-        if complete:
-            info["summary"] = self.summary()
-        for path in files:
-            write_sidecar(path, info)
+        """Write NAME.json beside every output that is a file, with the summary of a run that has ended."""
+        self._write_sidecars(complete=complete, summary=self.summary())
+
+    def _write_sidecars(self, **more: Any) -> None:
+        for output in self.pipeline.outputs:
+            if output.sidecar is not None:
+                write_sidecar(output.sidecar, self.about | more)
 
 
 def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
@@ -163,6 +163,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         world.warnings,
         (*world.notes, *_settings_notes(options)),
         *started,
+        config.method in REGRESSING,
         level,
         governed,
     )
@@ -171,10 +172,10 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
 def _settings_notes(options: LiveOptions) -> list[str]:
     """Return what the user should know of settings that follow from other options."""
     notes = []
-    if options.quality is not None or options.point.sampling == "adaptive":
+    if options.quality is not None or options.pace == "real" or options.point.sampling == "adaptive":
         notes.append(f"{options.quality or 'settings'}: {options.point.text()}")
-    if options.pace == "real" and options.governor and not options.governed:
-        notes.append("no governor: it needs --noise common and first-hit rays, so that late frames stay late")
+    if options.pace == "real" and options.governor and options.ungovernable is not None:
+        notes.append(f"no governor, because of {options.ungovernable}: frames may be late")
     return notes
 
 
@@ -200,7 +201,8 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     )
     about = _about(options.as_dict(), options.config, schedule)
     name = str(options.frames)
-    return Session(name, source.width, source.height, schedule, pipeline, about, (), (), *started)
+    solves = options.config.method in REGRESSING
+    return Session(name, source.width, source.height, schedule, pipeline, about, (), (), *started, solves)
 
 
 def _now() -> tuple[float, float]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 from rich.console import Console
 
-from clsim.cli.status import _print_summary, _status_line
+from clsim.cli.status import _print_summary, _print_warnings, _status_line
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
 from clsim.live.session import open_live
@@ -24,9 +24,13 @@ def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> 
     assert "clsim: draft: irradiance 7x7, 2 spp, 4 first-hit rays, sobol" in words(outcome.stderr)
 
 
-def test_a_run_that_no_governor_can_help_says_so(clsim: Callable[..., object]) -> None:
-    outcome = clsim("live", "still", *SMALL, "--pace", "real", "--noise", "independent", "--view", "none")
-    assert "no governor: it needs --noise common and first-hit rays" in words(outcome.stderr)
+@pytest.mark.parametrize("cause", ["--noise independent", "--first-hit-rays 0", "--quality exact"])
+def test_a_run_that_no_governor_can_help_names_the_cause(clsim: Callable[..., object], cause: str) -> None:
+    outcome = clsim("live", "still", *SMALL, "--pace", "real", *cause.split(), "--view", "none")
+    assert f"no governor, because of {cause}: frames may be late" in words(outcome.stderr)
+
+
+def test_nobody_misses_a_governor_that_was_declined(clsim: Callable[..., object]) -> None:
     outcome = clsim("live", "still", *SMALL, "--pace", "real", "--no-governor", "--view", "none")
     assert "governor" not in outcome.stderr
 
@@ -51,8 +55,32 @@ def test_what_was_given_up_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert f"governor: gave up {given_up} (0 changes), 0 frames late" in words(capsys.readouterr().err)
 
 
+@pytest.mark.parametrize(("method", "solves"), [("esim", False), ("irradiance", False), ("esim-ad", True)])
+def test_only_methods_that_solve_regressions_tell_how_many(
+    capsys: pytest.CaptureFixture[str], method: str, solves: bool
+) -> None:
+    session = open_live(LiveOptions("still", resolution=(16, 12), method=method))  # type: ignore[arg-type]
+    session.pipeline.progress.first_frame_s = 0.1
+    assert ("solved" in _status_line(session).plain) == solves
+    _print_summary(Console(stderr=True), session.summary() | {"interrupted": False})
+    assert ("solved" in capsys.readouterr().err) == solves
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_a_rate_that_cannot_be_had_is_told(capsys: pytest.CaptureFixture[str], late: bool) -> None:
+    session = open_live(LiveOptions("still", resolution=(16, 12), pace="real", fps=25.0))
+    assert session.governed is not None
+    session.governed.governor.begin(2.0 if late else 1e-6, len(session.governed.levels) - 1)
+    session.pipeline.progress.late_frames = 3
+    _print_warnings(Console(stderr=True), session, session.summary())
+    sentence = "too slow for 25 fps even at the lowest level: try a smaller --resolution or a lower --fps"
+    assert (sentence in words(capsys.readouterr().err)) == late
+
+
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "400")
     text = words(clsim("live", "--help").stdout)
     for name, point in QUALITIES.items():
         assert f"{name}: {point.text()}" in text
+    assert "Light paths per pixel elsewhere, with adaptive sampling. [1]" in text
+    assert QUALITIES["balanced"].probe_spp == 1

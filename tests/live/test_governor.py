@@ -57,6 +57,14 @@ class Machine:
         return int(np.count_nonzero(np.diff(self.levels)))
 
 
+def test_it_knows_that_the_cheapest_level_is_too_slow() -> None:
+    cheapest = costs()[-1]
+    for load, expected in ((1.3 * BUDGET_S / cheapest, True), (0.8 * BUDGET_S / cheapest, False)):
+        governor = Governor(costs(), BUDGET_S)
+        machine = Machine(lambda frame, load=load: load, costs()).run(governor, 100)  # type: ignore[misc]
+        assert machine.levels[-1] == len(LEVELS) - 1 and governor.too_slow == expected
+
+
 def costs() -> list[float]:
     return [level.cost for level in LEVELS]
 

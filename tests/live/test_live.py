@@ -124,6 +124,8 @@ def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, m
     summary = json.loads(stdout)
     assert summary["interrupted"] and summary["events"] > 0
     assert len(np.concatenate(list(open_source(out)))) == summary["events"]
+    about = json.loads(out.with_name("events.aedat4.json").read_text())
+    assert about["complete"] is False and about["summary"]["events"] == summary["events"]
 
 
 def test_an_interrupt_while_kernels_are_built(tmp_path: Path) -> None:

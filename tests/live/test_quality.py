@@ -1,6 +1,6 @@
 """Named points of speed against accuracy, and what holds beside them."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import get_args
 
 import pytest
@@ -39,11 +39,18 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
 
 
 def test_without_a_quality_nothing_is_adaptive_unless_the_clock_or_the_user_asks() -> None:
-    assert options().point == options(pace="real", governor=False).point == DEFAULT
+    assert options().point == options(governor=False).point == DEFAULT
     assert options(spp=4).point.spp == 4
     assert options(sampling="adaptive").point == options(pace="real").point == QUALITIES["balanced"]
-    assert options(pace="real", noise="independent").point == DEFAULT
-    assert options(pace="real", first_hit_rays=0).point.sampling == "uniform"
+
+
+def test_the_clock_starts_from_balanced_with_and_without_a_governor() -> None:
+    balanced = QUALITIES["balanced"]
+    assert options(pace="real", governor=False).point == balanced
+    assert options(pace="real", governor=False, quality="draft").point == QUALITIES["draft"]
+    assert options(pace="real", noise="independent").point == replace(balanced, sampling="uniform")
+    without_rays = replace(balanced, sampling="uniform", first_hit_rays=0)
+    assert options(pace="real", first_hit_rays=0).point == without_rays
 
 
 def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:

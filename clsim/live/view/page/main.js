@@ -149,7 +149,7 @@ function showNumbers(nowUs) {
   const known = rate.file?.complete ? sum(rate.file.on) + sum(rate.file.off) : status.events ?? total;
   numbers.push(["events", short(known)]);
   if (status.frames_per_s !== undefined) numbers.push(["frames/s", status.frames_per_s.toFixed(1)]);
-  if (status.solved_share !== undefined) numbers.push(["pixels solved", `${(100 * status.solved_share).toFixed(1)} %`]);
+  if (typeof status.solved_share === "number") numbers.push(["pixels solved", `${(100 * status.solved_share).toFixed(1)} %`]);
   if (status.dropped_frames) numbers.push(["frames dropped", short(status.dropped_frames)]);
   if (status.dropped_events) numbers.push(["events not shown", short(status.dropped_events)]);
   $("numbers").replaceChildren(...numbers.map(([name, value]) => {

@@ -1,0 +1,73 @@
+"""How a run ends when nothing takes its events any longer."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clsim.frames import BASE_PLANES, Frame
+from clsim.frames.exr import ExrWriter
+
+LIVE = ("live", "cornell", "--resolution", "32x24", "--fps", "30", "--loop", "--duration", "100s")
+
+
+@pytest.fixture
+def flickering(tmp_path: Path) -> Path:
+    """Frames in which every pixel fires in every step."""
+    writer = ExrWriter(tmp_path / "frames")
+    for k in range(40):
+        planes = np.ones((len(BASE_PLANES), 48, 64), np.float32)
+        planes[:3] = 0.2 if k % 2 else 0.8
+        writer.write(Frame(planes, BASE_PLANES, 100_000 * k, k))
+    return tmp_path / "frames"
+
+
+def read_a_line(*arguments: object) -> tuple[int, str]:
+    """Return the exit status and what was said on standard error, after one line of standard output was read."""
+    command = [sys.executable, "-m", "clsim", *map(str, arguments)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        assert run.stdout is not None and run.stderr is not None
+        assert run.stdout.readline()
+        run.stdout.close()
+        said = run.stderr.read().decode()
+        return run.wait(120), said
+
+
+def test_a_live_run_whose_reader_leaves_ends_quietly() -> None:
+    assert read_a_line(*LIVE, "--out", "-") == (141, "")
+
+
+def test_detection_whose_reader_leaves_ends_quietly(flickering: Path) -> None:
+    assert read_a_line("detect", flickering, "--fps", "10", "--method", "esim", "--out", "-") == (141, "")
+
+
+def test_the_last_events_may_be_those_that_nobody_reads(tmp_path: Path) -> None:
+    """Here only the close of the output meets the closed pipe, at the end of the run."""
+    from clsim.cli.status import run_session
+    from clsim.events import SinkError
+    from clsim.live.options import LiveOptions
+    from clsim.live.session import open_live
+
+    class Unread:
+        def write(self, batch: object) -> None:
+            pass
+
+        def close(self) -> None:
+            raise SinkError("standard output: writing failed (Broken pipe)") from BrokenPipeError()
+
+    options = LiveOptions("still", resolution=(16, 12), frame_count=2)
+    assert run_session(open_live(options, extra_sinks=(Unread(),)), as_json=False) == 141
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_ends_the_run_with_a_sentence(clsim: Callable[..., object], tmp_path: Path) -> None:
+    (tmp_path / "events").symlink_to("/dev/full")
+    outcome = clsim(*LIVE, "--format", "text", "--out", tmp_path / "events")
+    expected = f"clsim: every output has failed: {tmp_path}/events: writing failed (No space left on device)\n"
+    assert (outcome.status, outcome.stderr) == (1, expected)
+    about = json.loads((tmp_path / "events.json").read_text())
+    assert about["complete"] is False and about["summary"]["outputs"][0]["error"]
