@@ -91,11 +91,8 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
 
 
 def sidecar_path(name: str) -> Path | None:
-    """Return where an output's sidecar goes, None for what is no file: addresses, devices, named pipes."""
-    path = Path(name)
-    if is_address(name) or (path.exists() and not path.is_file()):
-        return None
-    return Path(f"{name}.json")
+    """Return where an output's sidecar goes, None for what is no file."""
+    return None if is_address(name) else Path(f"{name}.json")
 
 
 def write_sidecar(path: Path, info: dict[str, Any]) -> None:
