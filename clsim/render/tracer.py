@@ -251,8 +251,8 @@ class PathTracer:
     def effort(self) -> Effort:
         """What is spent on a pixel; set it, from any thread, for the next frame on. First-hit rays cannot be left out.
 
-        With common noise, a change of paths fires no event: the log brightness of a still picture stays within 1e-4. Other
-        numbers of first-hit rays do change a still picture, where it is textured.
+        With common noise, a change of paths fires no event: the log brightness of a still picture stays within 1e-4.
+        Other numbers of first-hit rays do change a still picture, where it is textured.
         """
         if self._steerer is None:
             raise ValueError("only a renderer with first-hit rays has an effort")
