@@ -73,7 +73,7 @@ def test_luminance_is_regressed_on_request(clsim, folder):
 
 def test_shrink_without_what_it_needs_is_refused(clsim, folder):
     outcome = clsim("detect", folder, "--out", folder.parent / "x.csv", "--shrink", 1.5)
-    assert outcome.status == 2 and "shrink needs regress 'linear'" in outcome.stderr
+    assert outcome.status == 2 and "--shrink needs --regress linear" in outcome.stderr
 
 
 def test_features_by_name(clsim, folder):
@@ -81,7 +81,7 @@ def test_features_by_name(clsim, folder):
     _, everything = detect(clsim, folder)
     assert not np.array_equal(some, everything)
     wrong = clsim("detect", folder, "--out", folder.parent / "x.csv", "--features", "Depth,Wetness")
-    assert wrong.status == 2 and "feature 'Wetness' is unknown" in wrong.stderr
+    assert wrong.status == 2 and "--features: 'Wetness' is unknown" in wrong.stderr
 
 
 def test_missing_variances_are_named(clsim, tmp_path):
@@ -94,7 +94,7 @@ def test_missing_variances_are_named(clsim, tmp_path):
 
 def test_a_kept_window_gate_with_a_chosen_bandwidth_is_refused(clsim, folder):
     outcome = clsim("detect", folder, "--out", folder.parent / "x.csv", "--gate", "published", "--bandwidth", "tsvd")
-    assert outcome.status == 2 and "works with bandwidth 'fixed' alone" in outcome.stderr
+    assert outcome.status == 2 and "--gate published needs --bandwidth fixed" in outcome.stderr
 
 
 def test_a_coarse_time_step_names_a_frame_rate_that_would_do(clsim, tmp_path):
