@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from clsim.cli.options import JSON
+from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.files import open_source
 
@@ -17,9 +18,11 @@ from clsim.events.files import open_source
 def score(
     events: Annotated[str, typer.Argument(help="Events to judge: a file of any format that clsim reads.")],
     reference: Annotated[str, typer.Argument(help="Events held to be true.")],
-    width: Annotated[int, typer.Option(help="Width of the sensor [pixels].")],
-    height: Annotated[int, typer.Option(help="Height of the sensor [pixels].")],
-    fps: Annotated[float, typer.Option(help="Frame rate by which both were made: a frame is ⌈t·fps⌉.")],
+    width: Annotated[int | None, typer.Option(help="Width of the sensor [pixels]. [the files']")] = None,
+    height: Annotated[int | None, typer.Option(help="Height of the sensor [pixels]. [the files']")] = None,
+    fps: Annotated[
+        float | None, typer.Option(help="Frame rate by which both were made: a frame is ⌈t·fps⌉. [the sidecars']")
+    ] = None,
     tau: Annotated[float, typer.Option(help="Largest squared distance of a match, in image widths squared.")] = 5e-4,
     plot: Annotated[Path | None, typer.Option(help="Draw precision, recall and F1 over τ into this PNG.")] = None,
     as_json: JSON = False,
@@ -29,15 +32,19 @@ def score(
     Precision is the share of EVENTS with a reference event near them; the ICIP 2023 paper calls that R(τ), and P(τ)
     what is recall here. F1 is the same.
 
-    Example: `clsim score live.aedat4 reference.aedat4 --width 346 --height 260 --fps 120`
+    Examples: `clsim score live.aedat4 reference.aedat4`, `clsim score a.raw b.raw --width 346 --height 260 --fps 120`
     """
     from clsim.score import Sampling, curves, plot_curves
     from clsim.score import score as score_events
 
-    found, truth = _read(events), _read(reference)
-    result = score_events(found, truth, width, height, fps, tau)
+    (found, found_told), (truth, truth_told) = _read(events), _read(reference)
+    told = {events: found_told, reference: truth_told}
+    columns = int(_agreed("--width", width, told))
+    rows = int(_agreed("--height", height, told))
+    rate = _agreed("--fps", fps, told)
+    result = score_events(found, truth, columns, rows, rate, tau)
     if plot is not None:
-        plot_curves({Path(events).stem: curves(found, truth, Sampling(width, height, fps))}, plot)
+        plot_curves({Path(events).stem: curves(found, truth, Sampling(columns, rows, rate))}, plot)
     if as_json:
         typer.echo(json.dumps(result.as_dict()))
         return
@@ -45,5 +52,31 @@ def score(
         typer.echo(f"{key:<20} {'–' if value is None else f'{value:.6g}'}")
 
 
-def _read(path: str) -> EventBatch:
-    return np.concatenate([empty_batch(), *open_source(path)])
+def _read(path: str) -> tuple[EventBatch, dict[str, float]]:
+    """Return the events of a file, and the options that it or its sidecar tells."""
+    from clsim.events.sidecar import read_sidecar, sidecar_size
+
+    source = open_source(path)
+    batch = np.concatenate([empty_batch(), *source])
+    about = read_sidecar(path)
+    size = sidecar_size(about)
+    if source.width is not None and source.height is not None:
+        size = source.width, source.height
+    told: dict[str, float] = {} if size is None else {"--width": size[0], "--height": size[1]}
+    fps = about.get("fps")
+    if isinstance(fps, int | float) and 0 < fps < float("inf"):
+        told["--fps"] = fps
+    return batch, told
+
+
+def _agreed(option: str, given: float | None, told: dict[str, dict[str, float]]) -> float:
+    """Return an option as it was given, or else as the files tell it."""
+    if given is not None:
+        return given
+    values = {path: found[option] for path, found in told.items() if option in found}
+    if not values:
+        raise InputError(f"{option} is needed, for neither {' nor '.join(told)} tells it")
+    if len(set(values.values())) > 1:
+        differing = ", but ".join(f"{path} has {value:g}" for path, value in values.items())
+        raise InputError(f"{option}: {differing}; expected recordings that agree, or the option")
+    return next(iter(values.values()))

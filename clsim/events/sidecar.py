@@ -15,6 +15,26 @@ def sidecar_path(path: str | os.PathLike[str]) -> Path:
     return Path(f"{os.fspath(path)}.json")
 
 
+def read_sidecar(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what the sidecar of the event file ``path`` tells; nothing if there is none, or it is something else."""
+    try:
+        found = json.loads(sidecar_path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def sidecar_size(about: dict[str, Any]) -> tuple[int, int] | None:
+    """Return the sensor's width and height that a sidecar tells."""
+    camera = about.get("camera")
+    if not isinstance(camera, dict):
+        return None
+    width, height = camera.get("width"), camera.get("height")
+    if not (isinstance(width, int) and isinstance(height, int)):
+        return None
+    return (width, height) if 0 < min(width, height) and max(width, height) <= 1 << 16 else None
+
+
 def write_sidecar(path: Path, info: dict[str, Any]) -> None:
     """Write ``info`` to the sidecar ``path`` so that a reader never sees half of one.
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import Path
 
 from clsim.errors import InputError
 from clsim.events.filesource import EventSource
+from clsim.events.sidecar import read_sidecar, sidecar_size
 from clsim.events.socket_sources import SocketSource
-from clsim.live.outputs import is_address, sidecar_path
+from clsim.live.outputs import is_address
 
 
 def open_events(path_or_url: str | os.PathLike[str]) -> EventSource | SocketSource:
@@ -45,18 +45,7 @@ def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int,
         return given
     if source.width is not None and source.height is not None:
         return source.width, source.height
-    return _sidecar_size(name) or _smallest_size(name)
-
-
-def _sidecar_size(name: str) -> tuple[int, int] | None:
-    path = sidecar_path(name)
-    try:
-        camera = json.loads(path.read_text(encoding="utf-8"))["camera"] if path is not None else {}
-        width, height = camera["width"], camera["height"]
-    except (OSError, ValueError, LookupError, TypeError):
-        return None
-    whole = all(isinstance(side, int) and 0 < side <= 1 << 16 for side in (width, height))
-    return (width, height) if whole else None
+    return sidecar_size({} if is_address(name) else read_sidecar(name)) or _smallest_size(name)
 
 
 def _smallest_size(name: str) -> tuple[int, int]:

@@ -200,6 +200,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         (source.names, source.height, source.width),
     )
     about = _about(options.as_dict(), options.config, schedule)
+    about["camera"] = {"width": source.width, "height": source.height}
     name = str(options.frames)
     solves = options.config.method in REGRESSING
     return Session(name, source.width, source.height, schedule, pipeline, about, (), (), *started, solves)

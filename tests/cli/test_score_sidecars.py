@@ -1,0 +1,100 @@
+"""`clsim score` knows the grid of a recording from its sidecar."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clsim.events import EVENT_DTYPE
+from clsim.events.files import open_sink
+from clsim.frames import BASE_PLANES, Frame
+from clsim.frames.exr import ExrWriter
+
+
+def record(path: Path, times_us: list[int], **about: object) -> Path:
+    """Write one ON event per time to a text file, which does not tell the sensor's size, and a sidecar."""
+    events = np.zeros(len(times_us), EVENT_DTYPE)
+    events["t"], events["on"] = times_us, True
+    events["x"] = 1
+    sink = open_sink(path, 8, 4)
+    sink.write(events)
+    sink.close()
+    if about:
+        Path(f"{path}.json").write_text(json.dumps(about))
+    return path
+
+
+def size(width: int, height: int) -> dict[str, object]:
+    return {"camera": {"width": width, "height": height}}
+
+
+def test_size_and_rate_come_from_the_sidecars(clsim, tmp_path: Path) -> None:
+    """5 ms apart: the same frame at 50 fps, and one frame apart at 200; given options win."""
+    found = record(tmp_path / "found.txt", [11_000], **size(8, 4), fps=50.0)
+    truth = record(tmp_path / "truth.txt", [16_000], **size(8, 4), fps=50.0)
+    f1 = []
+    for options in ([], ["--width", 8, "--height", 4, "--fps", 50], ["--fps", 200]):
+        outcome = clsim("score", found, truth, "--json", *options)
+        assert outcome.status == 0, outcome.stderr
+        f1.append(json.loads(outcome.stdout)["f1"])
+    assert f1 == [1, 1, 0]
+
+
+def test_one_sidecar_is_enough(clsim, tmp_path: Path) -> None:
+    found = record(tmp_path / "found.txt", [11_000])
+    truth = record(tmp_path / "truth.txt", [11_000], **size(8, 4), fps=50.0)
+    for pair in ((found, truth), (truth, found)):
+        assert json.loads(clsim("score", *pair, "--json").stdout)["f1"] == 1
+
+
+@pytest.mark.parametrize(
+    ("found", "truth", "options", "expected"),
+    [
+        (
+            {**size(8, 4), "fps": 50},
+            {**size(8, 4), "fps": 60},
+            [],
+            "--fps: {}/a.txt has 50, but {}/b.txt has 60; expected recordings that agree, or the option",
+        ),
+        (
+            {**size(8, 4), "fps": 50},
+            {**size(8, 5), "fps": 60},
+            ["--fps", "50"],
+            "--height: {}/a.txt has 4, but {}/b.txt has 5; expected recordings that agree, or the option",
+        ),
+        ({"fps": 50}, size(8, 4), ["--width", "8"], None),
+        (size(8, 4), {}, [], "--fps is needed, for neither {}/a.txt nor {}/b.txt tells it"),
+        ({"fps": 50}, {}, ["--width", "8"], "--height is needed, for neither {}/a.txt nor {}/b.txt tells it"),
+        ({**size(8, 4), "fps": -1}, {}, [], "--fps is needed, for neither {}/a.txt nor {}/b.txt tells it"),
+        ({"camera": 3, "fps": 50}, {}, [], "--width is needed, for neither {}/a.txt nor {}/b.txt tells it"),
+    ],
+)
+def test_what_cannot_be_known_is_asked_for(clsim, tmp_path: Path, found, truth, options, expected) -> None:
+    paths = [record(tmp_path / f"{name}.txt", [11_000], **about) for name, about in (("a", found), ("b", truth))]
+    outcome = clsim("score", *paths, *options)
+    if expected is None:
+        assert outcome.status == 0, outcome.stderr
+    else:
+        assert (outcome.status, outcome.stderr) == (2, f"clsim: {expected.replace('{}', str(tmp_path))}\n")
+
+
+@pytest.mark.parametrize("text", ["[1", "[1]", "3", '"fps"'])
+def test_a_file_beside_it_that_is_no_sidecar_tells_nothing(clsim, tmp_path: Path, text: str) -> None:
+    paths = [record(tmp_path / f"{name}.txt", [11_000]) for name in "ab"]
+    (tmp_path / "b.txt.json").write_text(text)
+    outcome = clsim("score", *paths)
+    assert outcome.status == 2 and "--width is needed" in outcome.stderr
+
+
+def test_detected_frames_tell_all_that_is_needed(clsim, tmp_path: Path) -> None:
+    writer = ExrWriter(tmp_path / "frames")
+    for k in range(3):
+        planes = np.ones((len(BASE_PLANES), 3, 5), np.float32)
+        planes[:3] = 0.2 if k % 2 else 0.8
+        writer.write(Frame(planes, BASE_PLANES, 100_000 * k, k))
+    for name in ("a", "b"):
+        detected = clsim("detect", tmp_path / "frames", "--method", "esim", "--out", tmp_path / f"{name}.txt")
+        assert detected.status == 0, detected.stderr
+    outcome = clsim("score", tmp_path / "a.txt", tmp_path / "b.txt", "--json")
+    assert json.loads(outcome.stdout)["f1"] == 1
