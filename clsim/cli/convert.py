@@ -10,7 +10,7 @@ import typer
 
 from clsim.cli import parse
 from clsim.cli.options import FILES, FORMAT, TEXT_TIME
-from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED
+from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
 
 
 def convert(
@@ -50,6 +50,8 @@ def convert(
 
             convert_events(source, target, size, tell, FileOptions(format, text_time))
     except SinkError as error:
+        if isinstance(error.__cause__, BrokenPipeError):
+            return READER_LEFT
         print(f"clsim: {error}", file=sys.stderr)
         return OUTPUT_FAILED
     except KeyboardInterrupt:

@@ -1,5 +1,6 @@
 """How a run ends when nothing takes its events any longer."""
 
+import contextlib
 import json
 import subprocess
 import sys
@@ -9,6 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clsim.events import EVENT_DTYPE
+from clsim.events.files import open_sink
 from clsim.frames import BASE_PLANES, Frame
 from clsim.frames.exr import ExrWriter
 
@@ -43,6 +46,14 @@ def test_a_live_run_whose_reader_leaves_ends_quietly() -> None:
 
 def test_detection_whose_reader_leaves_ends_quietly(flickering: Path) -> None:
     assert read_a_line("detect", flickering, "--fps", "10", "--method", "esim", "--out", "-") == (141, "")
+
+
+def test_conversion_whose_reader_leaves_ends_quietly(tmp_path: Path) -> None:
+    events = np.zeros(100_000, EVENT_DTYPE)
+    events["t"] = np.arange(len(events))
+    with contextlib.closing(open_sink(tmp_path / "many.csv", 4, 4)) as sink:
+        sink.write(events)
+    assert read_a_line("convert", tmp_path / "many.csv", "-") == (141, "")
 
 
 def test_the_last_events_may_be_those_that_nobody_reads(tmp_path: Path) -> None:
