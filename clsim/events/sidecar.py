@@ -32,7 +32,7 @@ def sidecar_size(about: dict[str, Any]) -> tuple[int, int] | None:
     width, height = camera.get("width"), camera.get("height")
     if not (isinstance(width, int) and isinstance(height, int)):
         return None
-    return (width, height) if 0 < min(width, height) and max(width, height) <= 1 << 16 else None
+    return (width, height) if min(width, height) > 0 and max(width, height) <= 1 << 16 else None
 
 
 def write_sidecar(path: Path, info: dict[str, Any]) -> None:
