@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from clsim.bench.mitsuba_files import load_mitsuba_file
 from clsim.bench.mitsuba_peer import camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, frame_time_us
@@ -39,10 +40,10 @@ class MitsubaFrames:
         self.frame_count = options.frames
         self._mitsuba, self._world, self._options = mitsuba, world, options
         self._translated = file is None
-        try:
-            self._scene = mitsuba.load_file(str(file)) if file else mitsuba_scene(mitsuba, world, options.max_depth)
-        except RuntimeError as error:
-            raise InputError(f"{file or world.name}: Mitsuba cannot load it: {error}") from None
+        if file:
+            self._scene = load_mitsuba_file(mitsuba, file)
+        else:
+            self._scene = mitsuba_scene(mitsuba, world, options.max_depth)
         path = {"type": "path", "max_depth": options.max_depth, "rr_depth": options.roulette_start}
         aovs = ",".join(name for name in _PLANES.values() if name)
         self._integrator = mitsuba.load_dict({"type": "aov", "aovs": aovs, "image": path})

@@ -13,7 +13,7 @@ from clsim.frames import ALBEDO, RADIANCE, Frame, FrameSource
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
 
-ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "living-room" / "scene_mi3.xml"
+ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
 WIDTH, HEIGHT, SPP = 32, 24, 1024
 
 
