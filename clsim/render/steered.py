@@ -4,7 +4,8 @@
 
 A pixel of a frame gets three sorts of samples. *First-hit rays* see what is there, and nothing more: they cost a
 fraction of a path and end early where all look alike. *Probe* paths are traced in every pixel, or in every n-th in
-turn. Where an event is near, paths go on to the full number, of which the probe's are the first.
+turn. Where an event is near, paths go on to the full number, of which the probe's are the first. A path begins with the
+first-hit ray of its number, so that what it hits first need not be looked for again.
 
 The picture is put together as light seen directly + albedo × irradiance: the first two from the first-hit rays, so that
 neither textures nor edges are noisy, the irradiance as a ratio of what the paths reflect and their own albedo. Where
@@ -133,7 +134,7 @@ def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3
 
 
 @wp.func
-def _store(seen: FirstHits, paths: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
+def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
     """Planes in the order of ``frames.FIRST_HIT_PLANES``."""
     coverage = seen.hits / wp.max(seen.count, 1.0)
     share = 1.0 / wp.max(seen.hits, 1.0)
@@ -144,7 +145,7 @@ def _store(seen: FirstHits, paths: int, e: wp.vec3, pixel: int, out_planes: wp.a
     _store3(out_planes, 6, pixel, seen.normal * share)
     out_planes[9, pixel] = seen.depth * share
     out_planes[10, pixel] = coverage
-    out_planes[11, pixel] = seen.count + float(paths)
+    out_planes[11, pixel] = float(samples)
     out_planes[12, pixel] = luminance(emission)
 
 
@@ -154,7 +155,7 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
     ``near`` is uint8 ``[H·W]``, not 0 where all ``settings.samples`` paths are wanted. Kept from frame to frame, vec3
     ``[H·W]``: the ``irradiance`` of the last frame; ``correction``, by which it differed from the probe's, and
     ``offset``, by which it differed from that of all ``full_samples`` (int32; 0 for none yet). ``out_spent`` int32
-    ``[2, H·W]`` counts first-hit rays and paths.
+    ``[2, H·W]`` counts first-hit rays that no path begins with, and paths.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -174,8 +175,6 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
     ):
         pixel = first_pixel + wp.tid()
         state = sampling.absorb(settings.stream, pixel)
-        # No path has a negative number.
-        looks = sampling.absorb(state, -2)
         full = near[pixel] != wp.uint8(0)
         wanted = wp.max(steering.probe, steering.before)
         if full:
@@ -188,25 +187,24 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         by_before = Reflected()
         by_all = Reflected()
         paths = int(0)
+        looks = int(0)
         stream = sampling.Stream()
-        for i in range(steering.first_hits + wanted):
-            look = i < steering.first_hits
-            # One place that traces, for two are twice the code.
-            if not look or i < steering.first_look or seen.spread > 1.0:
-                number = wp.where(look, i, i - steering.first_hits)
-                source = wp.where(look, looks, state)
+        for i in range(wp.max(steering.first_hits, wanted)):
+            on = i < wanted
+            look = i < steering.first_hits and (i < steering.first_look or seen.spread > 1.0)
+            if on or look:
                 if wp.static(sobol):
-                    stream.scrambling = sampling.stream_key(sampling.absorb(source, -1))
-                    stream.reversed_index = reverse_bits(wp.uint32(number))
-                stream.key = sampling.stream_key(sampling.absorb(source, number))
-                sample = shoot(scene, camera, settings, pixel, stream, look)
+                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+                    stream.reversed_index = reverse_bits(wp.uint32(i))
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                sample = shoot(scene, camera, settings, pixel, stream, not on)
                 # A sample that is not finite is dropped whole.
-                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                    if look:
-                        seen = _see(seen, sample)
-                    else:
+                sound = sampling.finite(sample.normal)
+                if look and sound and sampling.finite(sample.emission):
+                    seen = _see(seen, sample)
+                if on:
+                    if sound and sampling.finite(sample.radiance):
                         sums = _reflect(sums, sample)
-                if not look:
                     paths = paths + 1
                     if paths == steering.probe:
                         by_probe = sums
@@ -214,6 +212,8 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
                         by_before = sums
                     if paths == settings.samples:
                         by_all = sums
+                else:
+                    looks = looks + 1
 
         e = irradiance[pixel]
         kept = correction[pixel]
@@ -230,8 +230,8 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
             full_samples[pixel] = settings.samples
         irradiance[pixel] = e
         correction[pixel] = kept
-        _store(seen, paths, e, pixel, out_planes)
-        out_spent[0, pixel] = int(seen.count)
+        _store(seen, looks + paths, e, pixel, out_planes)
+        out_spent[0, pixel] = looks
         out_spent[1, pixel] = paths
 
     return render_steered

@@ -138,11 +138,22 @@ def test_first_hit_rays_end_where_all_look_alike():
     run = Run(lit_world())
     run.tracer.effort = Effort(1, 1, 64)
     frame = run.fill(0)
-    rays = frame.plane("Samples") - 1  # one path
+    rays = frame.plane("Samples")
     assert set(np.unique(rays)) == {16.0, 64.0}
     edge = (frame.plane("Coverage") > 0) & (frame.plane("Coverage") < 1)
     assert edge.any() and (rays[edge] == 64).all()
-    assert run.spent == (120, int(rays.sum()))
+    assert run.spent == (120, int(rays.sum()) - 120), "a path begins with one of them"
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "pcg"])
+def test_first_hits_are_the_same_whether_paths_go_on_or_not(sampler):
+    few, many = (Run(textured_world(), spp=spp, first_hit_rays=8, sampler=sampler) for spp in (1, 12))
+    one, other = few.fill(0), many.fill(0)
+    looks = few.spent[1] + 120
+    assert few.spent[0] == 120 and looks > 2 * 120
+    assert many.spent == (12 * 120, 0), "all first-hit rays are paths"
+    for name in FIRST_HIT_PLANES[3:11] + FIRST_HIT_PLANES[12:]:
+        np.testing.assert_array_equal(one.plane(name), other.plane(name), err_msg=name)
 
 
 def test_a_change_of_effort_changes_nothing_in_a_still_scene():
