@@ -24,6 +24,7 @@ from clsim.cli.options import (
     NOISE,
     OPENCL,
     OUT_HELP,
+    PROBE_EVERY,
     PROBE_SPP,
     QUALITY,
     RENDER_DEVICE,
@@ -59,6 +60,7 @@ def live(
     spp: LIVE_SPP = None,
     sampling: SAMPLING = None,
     probe_spp: PROBE_SPP = None,
+    probe_every: PROBE_EVERY = None,
     first_hit_rays: FIRST_HIT_RAYS = None,
     resolution: RESOLUTION = None,
     threshold: THRESHOLD = None,
@@ -84,8 +86,9 @@ def live(
         ),
     ] = "max",
     governor: Annotated[
-        bool, typer.Option("--governor/--no-governor", help="With --pace real: render less rather than fall behind.")
-    ] = True,
+        bool | None,
+        typer.Option("--governor/--no-governor", help="With --pace real: render less rather than fall behind. [yes]"),
+    ] = None,
     ring: Annotated[
         Literal["block", "drop-oldest"],
         typer.Option(help="block loses nothing; drop-oldest never waits (with --pace real)."),
@@ -107,6 +110,8 @@ def live(
     outputs = tuple(out or ())
     if as_json and any(map(is_standard_output, outputs)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
+    if governor and pace != "real":
+        raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
     options = LiveOptions(
         scene=scene,
         strict=strict,
@@ -118,6 +123,7 @@ def live(
         spp=spp,
         sampling=sampling,
         probe_spp=probe_spp,
+        probe_every=probe_every,
         first_hit_rays=first_hit_rays,
         resolution=None if resolution is None else parse.resolution(resolution),
         threshold=None if threshold is None else parse.threshold(threshold),
@@ -133,7 +139,7 @@ def live(
         max_depth=max_depth,
         threads=threads,
         pace=pace,
-        governor=governor,
+        governor=governor is not False,
         ring=ring,
         render_device=render_device,
         opencl=opencl,

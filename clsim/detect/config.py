@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Literal, get_args
 
 from clsim.errors import InputError, require_choice
@@ -27,6 +27,18 @@ SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
 KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
 """Gates that need the window of each pixel's last event, and so recorded frames."""
+_OF_GATES = ("gate", "gate_scale", "box")
+_OF_REGRESSIONS = (
+    "stride",
+    "history",
+    "kernel",
+    "bandwidth_h",
+    "bandwidth",
+    "ridge",
+    "regress",
+    "shrink",
+    "features",
+)
 
 
 @dataclass(frozen=True)
@@ -125,6 +137,22 @@ class DetectorConfig:
         if self.window is not None:
             return self.window
         return 7 if self.method == "irradiance" else 13
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the options, as the command line spells them, that are not the default's but change nothing."""
+        names: tuple[str, ...] = ()
+        if self.method == "esim":
+            names += ("window",)
+        if self.method not in REGRESSING:
+            names += _OF_REGRESSIONS
+        if self.method != "esim-ad":
+            names += _OF_GATES
+        elif self.gate != "radiance":
+            names += ("gate_scale", "box")
+            if self.gate == "published":
+                names += ("kernel",)
+        defaults = {field.name: field.default for field in fields(self)}
+        return tuple(f"--{name.replace('_', '-')}" for name in names if getattr(self, name) != defaults[name])
 
     @property
     def linear(self) -> bool:

@@ -31,7 +31,8 @@ class Session:
     Attributes:
         name: what is shown: a scene, or a folder of frames.
         about: what a sidecar tells of the run: options, thresholds, camera, poses.
-        warnings: what the scene asks for and clsim lacks, one sentence each.
+        warnings: what is asked for and will not be: by the scene, of what clsim lacks, and by options that the method
+            has no use for; one sentence each.
         notes: what was chosen where the scene leaves it open, likewise.
     """
 
@@ -118,11 +119,12 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     config = _live_config(options, world)
     point = options.point
     adaptive = point.sampling == "adaptive"
-    level = Level(point.probe_spp if adaptive else point.spp, point.spp, point.first_hit_rays)
+    level = Level(point.probe_spp if adaptive else point.spp, point.spp, point.first_hit_rays, point.probe_every)
     governed = Governed(ladder(level), fps) if options.governed else None
     render_options = RenderOptions(
         spp=point.spp,
         probe_spp=point.probe_spp if adaptive else None,
+        probe_every=point.probe_every,
         first_hit_rays=point.first_hit_rays,
         fps=fps,
         seed=options.seed,
@@ -160,7 +162,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         schedule,
         pipeline,
         about,
-        world.warnings,
+        (*world.warnings, *_unused_options(config)),
         (*world.notes, *_settings_notes(options)),
         *started,
         config.method in REGRESSING,
@@ -177,6 +179,15 @@ def _settings_notes(options: LiveOptions) -> list[str]:
     if options.pace == "real" and options.governor and options.ungovernable is not None:
         notes.append(f"no governor, because of {options.ungovernable}: frames may be late")
     return notes
+
+
+def _unused_options(config: DetectorConfig) -> tuple[str, ...]:
+    """Return a sentence about options that change nothing."""
+    unused = config.unused()
+    if not unused:
+        return ()
+    user = f"--method {config.method}" if config.method != "esim-ad" else f"--gate {config.gate}"
+    return (f"{user} has no use for {', '.join(unused)}",)
 
 
 def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
@@ -203,7 +214,18 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     about["camera"] = {"width": source.width, "height": source.height}
     name = str(options.frames)
     solves = options.config.method in REGRESSING
-    return Session(name, source.width, source.height, schedule, pipeline, about, (), (), *started, solves)
+    return Session(
+        name,
+        source.width,
+        source.height,
+        schedule,
+        pipeline,
+        about,
+        _unused_options(options.config),
+        (),
+        *started,
+        solves,
+    )
 
 
 def _now() -> tuple[float, float]:

@@ -24,6 +24,22 @@ def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> 
     assert "clsim: draft: irradiance 7x7, 2 spp, 4 first-hit rays, sobol" in words(outcome.stderr)
 
 
+def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., object]) -> None:
+    command = ("live", "still", *SMALL, "--first-hit-rays", "4", "--method", "irradiance", "--view", "none")
+    assert "has no use for" not in clsim(*command).stderr
+    outcome = clsim(*command, "--history", "2", "--gate", "delta-r")
+    assert "clsim: --method irradiance has no use for --history, --gate" in words(outcome.stderr)
+
+
+def test_a_governor_without_a_clock_is_refused(clsim: Callable[..., object]) -> None:
+    outcome = clsim("live", "still", *SMALL, "--governor")
+    assert (outcome.status, outcome.stderr) == (
+        2,
+        "clsim: --governor needs --pace real: without a clock to keep, no frame can be late\n",
+    )
+    assert clsim("live", "still", *SMALL, "--no-governor", "--view", "none").status == 0
+
+
 @pytest.mark.parametrize("cause", ["--noise independent", "--first-hit-rays 0", "--quality exact"])
 def test_a_run_that_no_governor_can_help_names_the_cause(clsim: Callable[..., object], cause: str) -> None:
     outcome = clsim("live", "still", *SMALL, "--pace", "real", *cause.split(), "--view", "none")

@@ -1,0 +1,81 @@
+"""An option is called unused where, and only where, it changes no event."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from reference_scenes import random_frames, run
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.reference import ReferenceDetector
+from clsim.frames import Frame
+
+BASES = {
+    "esim": {},
+    "irradiance": {},
+    "wlr-esim": {},
+    "esim-ad": {},
+    "esim-ad delta-r": {"gate": "delta-r"},
+    "esim-ad published": {"gate": "published"},
+}
+CHANGES = {
+    "--gate": {"gate": "delta-r"},
+    "--gate-scale": {"gate_scale": 0.3},
+    "--box": {"box": 9},
+    "--event-rule": {"event_rule": "frame"},
+    "--threshold": {"threshold_on": 0.15, "threshold_off": 0.15},
+    "--window": {"window": 3},
+    "--stride": {"stride": 2},
+    "--history": {"history": 3},
+    "--kernel": {"kernel": "epanechnikov"},
+    "--bandwidth": {"bandwidth": "optimised"},
+    "--bandwidth-h": {"bandwidth_h": 0.4},
+    "--ridge": {"ridge": 0.5},
+    "--regress": {"regress": "linear"},
+    "--shrink": {"regress": "linear", "shrink": 0.5},
+    "--response": {"response": "lin-log"},
+    "--luminance": {"luminance": "rec601"},
+    "--scale": {"scale": 4e-3},
+    "--floor": {"floor": 0.05},
+    "--features": {"features": ("Nx",)},
+}
+
+
+@pytest.fixture(scope="module")
+def frames() -> list[Frame]:
+    """Coloured frames with every plane that a method may ask for."""
+    result = []
+    for frame in random_frames(3, count=5, noise=0.2, step=1.0):
+        frame.planes[:3] *= 0.1
+        frame.plane("Variance.Luminance")[:] *= 0.1**2
+        frame.planes[0] *= np.linspace(0.5, 1.5, frame.height, dtype=np.float32)[:, None] + 0.1 * frame.index
+        size = (frame.height, frame.width)
+        more = {"Emission": 0.0, "Samples": 4.0, **{f"Variance.{name}": 1e-3 for name in frame.names[:-1]}}
+        planes = [frame.planes, *(np.full((1, *size), value, np.float32) for value in more.values())]
+        result.append(Frame(np.concatenate(planes), (*frame.names, *more), frame.time_us, frame.index))
+    return result
+
+
+@pytest.mark.parametrize("option", CHANGES)
+@pytest.mark.parametrize("base", BASES)
+def test_an_unused_option_is_one_that_changes_nothing(base: str, option: str, frames: list[Frame]) -> None:
+    if base == "esim-ad published" and option in ("--regress", "--shrink", "--bandwidth"):
+        pytest.skip("is refused")
+    plain = DetectorConfig(method=base.split()[0], window=7, threshold_on=0.1, threshold_off=0.1, **BASES[base])
+    if option == "--shrink":
+        plain = replace(plain, regress="linear")
+    change = CHANGES[option]
+    if option == "--gate" and plain.gate == change["gate"]:
+        change = {"gate": "published"}
+    changed = replace(plain, **change)
+
+    def events(config: DetectorConfig) -> np.ndarray:
+        return run(ReferenceDetector(config, frames[0].width, frames[0].height, frames[0].names), frames)
+
+    assert len(events(plain))
+    assert (option in changed.unused()) == np.array_equal(events(plain), events(changed))
+
+
+def test_defaults_are_no_unused_options() -> None:
+    for method in ("esim", "irradiance", "wlr-esim", "esim-ad"):
+        assert DetectorConfig(method=method).unused() == ()
