@@ -1,7 +1,13 @@
 // Smoothed irradiance: what a surface receives varies slowly, what it reflects does not. Luminance is divided by albedo,
 // averaged over neighbours of the same surface (a cross-bilateral window), and multiplied by the centre's albedo again.
 //
-// Build macros: REACH (half the window's side), HAS_COVERAGE, HAS_SAMPLES, HAS_EMISSION.
+// Shadows have edges that no depth and no normal shows. So the window's mean gives way to that of its inner 3x3 pixels,
+// and that to the pixel itself, each by the share of the difference that noise does not explain:
+// max(0, 1 - EXCESS * noise / energy), both measured in the 9x9 pixels around. Noise is what second differences
+// across second differences leave: these see no straight edge and no slope (Immerkaer, CVIU 1996).
+//
+// Build macros: REACH (half the window's side), HAS_COVERAGE, HAS_SAMPLES, HAS_EMISSION, FINE_NOISE and COARSE_NOISE (the
+// variance of both details where irradiance is noise of variance 1).
 // exp2_fraction(f) = 2^f for |f| <= 1/2 comes from clsim/detect/irradiance.py as a polynomial.
 //
 // The packed image has these planes after mask and brightness (which is luminance here); all are 0 where the mask is.
@@ -26,6 +32,19 @@
 #define LOG2_E ((real)1.4426950408889634)
 #define CUT (20 * LOG2_E)                // weights below exp(-20) are 0: one surface does not mix with another
 #define NORMAL_SHARE (LOG2_E / (2 * (real)0.2 * (real)0.2))
+
+// What `smooth` finds, an image like the packed one: borders of BORDER, 0 where nothing is known.
+#define DETAIL_PLANES 3
+#define D_MEAN 0     // the window's mean irradiance
+#define D_COARSE 1   // inner 3x3 pixels less the window
+#define D_FINE 2     // the pixel less these
+// Sums over 2 * BOX_REACH + 1 pixels of a row, alike.
+#define ENERGY_PLANES 3
+#define N_COARSE 0
+#define N_FINE 1
+#define N_NOISE 2
+#define BOX_REACH 4
+#define EXCESS ((real)2)
 
 #if VW == 1
 typedef bits bitsv;
@@ -127,7 +146,7 @@ static inline realv depth_slope(__global const real *centre, long step, int pitc
 
 // VW neighbours; out_error only if asked for.
 static inline __attribute__((always_inline)) void smooth(
-    __global const real *packed, int pitch, int span, const int with_error, __global real *out_level,
+    __global const real *packed, int pitch, int span, const int with_error, __global real *out_details,
     __global real *out_error)
 {
     const int x = get_global_id(0) * VW, y = get_global_id(1);
@@ -147,7 +166,7 @@ static inline __attribute__((always_inline)) void smooth(
             sharpness[dy][dx] = (real)0.84932180028801907 / (least + slope_x * (real)dx + slope_y * (real)dy);
 
     const real share = LOG2_E * 2 / (REACH * REACH);   // the window's sigma is half its reach
-    realv total = 0, sum = 0, squares = 0, spread = 0;
+    realv total = 0, sum = 0, inner_total = 0, inner_sum = 0, squares = 0, spread = 0;
     for (int dy = -REACH; dy <= REACH; dy++) {
         __global const real *row = centre + dy * row_size - REACH;
         const int row_distance = dy < 0 ? -dy : dy;
@@ -163,6 +182,10 @@ static inline __attribute__((always_inline)) void smooth(
             const realv off = LOAD(row + P_E * pitch + i) - e_centre;
             total += w;
             sum += w * off;
+            if (row_distance <= 1 && dx >= -1 && dx <= 1) {
+                inner_total += w;
+                inner_sum += w * off;
+            }
             if (with_error) {
                 squares += w * w;
                 spread += w * off * off;
@@ -170,16 +193,15 @@ static inline __attribute__((always_inline)) void smooth(
         }
     }
     const realv each = (real)1 / (total > 0 ? total : (realv)1), mean = sum * each;
-    const realv e = total > 0 ? e_centre + mean : (realv)0;
-    const realv reflectance = LOAD(centre + P_REFLECTANCE * pitch), emission = LOAD(centre + P_EMISSION * pitch);
-    const realv shown = reflectance > LEAST_REFLECTANCE ? emission + e * reflectance : LOAD(centre + BRIGHTNESS * pitch);
-    realv level;
-    for (int lane = 0; lane < VW; lane++) {
-        const real value = ((real *)&shown)[lane];
-        ((real *)&level)[lane] = response(value < (real)BIG ? value : (real)BIG, (real)FLOOR_Y);
-    }
-    STORE(out_level + (size_t)y * span + x, level);
+    const realv inner = inner_sum / (inner_total > 0 ? inner_total : (realv)1);
+    const realv usable = LOAD(centre + P_USABLE * pitch), e = total > 0 ? e_centre + mean : (realv)0;
+    __global real *out = out_details + (y + BORDER) * (long)DETAIL_PLANES * pitch + BORDER + x;
+    STORE(out + D_MEAN * pitch, e);
+    STORE(out + D_COARSE * pitch, usable * (inner - mean));
+    STORE(out + D_FINE * pitch, usable * -inner);
     if (with_error) {
+        const realv reflectance = LOAD(centre + P_REFLECTANCE * pitch), emission = LOAD(centre + P_EMISSION * pitch);
+        const realv shown = emission + e * reflectance;
         realv variance = spread * each - mean * mean;
         variance = variance > 0 ? variance : (realv)0;
         const realv others = total * total / (squares > 0 ? squares : (realv)1) - 1;
@@ -191,14 +213,84 @@ static inline __attribute__((always_inline)) void smooth(
     }
 }
 
-// Work-item: VW neighbours. out_level, out_error: [H][span].
-__kernel void smooth_level(__global const real *packed, int pitch, int span, __global real *out_level)
+// Work-item: VW neighbours. out_details: [H + 2 BORDER][DETAIL_PLANES][pitch]; out_error: [H][span].
+__kernel void smooth_plain(__global const real *packed, int pitch, int span, __global real *out_details)
 {
-    smooth(packed, pitch, span, 0, out_level, out_level);
+    smooth(packed, pitch, span, 0, out_details, out_details);
 }
 
-__kernel void smooth_level_and_error(
-    __global const real *packed, int pitch, int span, __global real *out_level, __global real *out_error)
+__kernel void smooth_with_error(
+    __global const real *packed, int pitch, int span, __global real *out_details, __global real *out_error)
 {
-    smooth(packed, pitch, span, 1, out_level, out_error);
+    smooth(packed, pitch, span, 1, out_details, out_error);
+}
+
+// Work-item: a row. out_energies: [H][ENERGY_PLANES][pitch]; out_sums: [H + 2 BORDER][ENERGY_PLANES][pitch].
+__kernel void sum_energies(
+    __global const real *packed, __global const real *details, int width, int pitch,
+    __global real *restrict out_energies, __global real *restrict out_sums)
+{
+    const int y = get_global_id(0);
+    const long row_size = (long)DETAIL_PLANES * pitch;
+    __global const real *usable = packed + (y + BORDER) * (long)PLANES * pitch + P_USABLE * pitch + BORDER;
+    __global const real *coarse = details + (y + BORDER) * row_size + D_COARSE * pitch + BORDER;
+    __global const real *fine = coarse + (D_FINE - D_COARSE) * pitch;
+    __global real *restrict energy = out_energies + (long)y * ENERGY_PLANES * pitch + BORDER;
+    __global real *restrict across = energy + N_NOISE * pitch;
+    for (int x = -1; x <= width; x++) {
+        const real above = coarse[x - row_size] + fine[x - row_size], below = coarse[x + row_size] + fine[x + row_size];
+        energy[x + N_FINE * pitch] = above + below - 2 * (coarse[x] + fine[x]);
+    }
+    for (int x = 0; x < width; x++) {
+        __global const real *second = energy + N_FINE * pitch + x;
+        const real left = second[0] - second[-1];
+        const real twice = second[1] - second[0] - left;
+        across[x] = usable[x] * twice * twice * ((real)1 / 36);
+        energy[x + N_COARSE * pitch] = coarse[x] * coarse[x];
+    }
+    energy[-1 + N_FINE * pitch] = energy[width + N_FINE * pitch] = 0;
+    for (int x = 0; x < width; x++) energy[x + N_FINE * pitch] = fine[x] * fine[x];
+    __global real *restrict out = out_sums + (y + BORDER) * (long)ENERGY_PLANES * pitch + BORDER;
+    for (int j = 0; j < ENERGY_PLANES; j++)
+        for (int x = 0; x < width; x++) {
+            __global const real *in = energy + j * pitch + x;
+            real sum = 0;
+#pragma unroll
+            for (int dx = -BOX_REACH; dx <= BOX_REACH; dx++) sum += in[dx];
+            out[j * pitch + x] = sum;
+        }
+}
+
+// The share of a detail that is more than noise.
+static inline realv share_of(realv energy, realv noise) {
+    const realv share = 1 - EXCESS * noise / (energy > (real)SMALLEST ? energy : (realv)(real)SMALLEST);
+    return share > 0 ? share : (realv)0;
+}
+
+// Work-item: VW neighbours. out_level: [H][span].
+__kernel void level_of_details(
+    __global const real *packed, __global const real *details, __global const real *sums, int pitch, int span,
+    __global real *out_level)
+{
+    const int x = get_global_id(0) * VW, y = get_global_id(1);
+    realv energy[ENERGY_PLANES];
+    for (int j = 0; j < ENERGY_PLANES; j++) {
+        __global const real *in = sums + ((y + BORDER) * (long)ENERGY_PLANES + j) * pitch + BORDER + x;
+        energy[j] = 0;
+        for (int dy = -BOX_REACH; dy <= BOX_REACH; dy++) energy[j] += LOAD(in + dy * (long)ENERGY_PLANES * pitch);
+    }
+    __global const real *detail = details + (y + BORDER) * (long)DETAIL_PLANES * pitch + BORDER + x;
+    const realv coarse = share_of(energy[N_COARSE], (real)COARSE_NOISE * energy[N_NOISE]);
+    const realv fine = share_of(energy[N_FINE], (real)FINE_NOISE * energy[N_NOISE]);
+    const realv e = LOAD(detail + D_MEAN * pitch)
+                  + coarse * (LOAD(detail + D_COARSE * pitch) + fine * LOAD(detail + D_FINE * pitch));
+    __global const real *centre = packed + (y + BORDER) * (long)PLANES * pitch + BORDER + x;
+    const realv reflectance = LOAD(centre + P_REFLECTANCE * pitch), emission = LOAD(centre + P_EMISSION * pitch);
+    const realv shown = reflectance > LEAST_REFLECTANCE ? emission + e * reflectance : LOAD(centre + BRIGHTNESS * pitch);
+    realv level;
+    for (int lane = 0; lane < VW; lane++) {
+        const real value = ((real *)&shown)[lane];
+        ((real *)&level)[lane] = response(value < (real)BIG ? value : (real)BIG, (real)FLOOR_Y);
+    }
+    STORE(out_level + (size_t)y * span + x, level);
 }

@@ -3,7 +3,7 @@
 Dividing by albedo before a filter and multiplying afterwards keeps texture sharp whatever the filter blurs; weights
 from the first hit's depth and normal keep it on one surface (the joint bilateral filter: Eisemann and Durand, "Flash
 Photography Enhancement via Intrinsic Relighting", ToG 2004). Irradiance is averaged before the logarithm is taken, so
-that few samples leave no bias.
+that few samples leave no bias. The window gives way to smaller ones where they differ from it by more than noise.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.program import Buffer, Workplace
+from clsim.detect.program import BORDER, Buffer, Workplace
+from clsim.detect.reference_irradiance import detail_noise
 from clsim.detect.reference_observation import LUMINANCE_WEIGHTS
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES
@@ -73,30 +74,41 @@ class Smoothing:
 
     Attributes:
         level: ``[H, span]``, L of each pixel [natural-log units].
-        error: ``[H, span]``, its standard error, where `run` was asked for it.
+        error: ``[H, span]``, the standard error of the window's mean, as a share of brightness, where `run` was asked.
     """
 
     def __init__(self, workplace: Workplace, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Build the kernels for this window."""
         self._workplace = workplace
-        kernels = ("smooth_level", "smooth_level_and_error")
-        self._plain, self._with_error = workplace.kernels(
+        kernels = ("smooth_plain", "smooth_with_error", "sum_energies", "level_of_details")
+        self._plain, self._with_error, self._sum, self._level = workplace.kernels(
             "irradiance", kernels, _macros(config, names), _prefix(workplace)
         )
         layout = workplace.layout
+        bordered = (layout.height + 2 * BORDER, 3, layout.pitch)
+        self._details = workplace.allocate(bordered)
+        self._energies = workplace.allocate((layout.height, *bordered[1:]))
+        self._sums = workplace.allocate(bordered)
         self.level = workplace.allocate((layout.height, layout.span))
         self.error = workplace.allocate((layout.height, layout.span))
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
         """Smooth a packed frame."""
-        layout = self._workplace.layout
-        kernel, out = (self._with_error, (self.level, self.error)) if with_error else (self._plain, (self.level,))
-        self._workplace.launch(kernel, layout.vectors, packed, layout.pitch, layout.span, *out)
+        layout, launch = self._workplace.layout, self._workplace.launch
+        kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
+        launch(kernel, layout.vectors, packed, layout.pitch, layout.span, self._details, *out_error)
+        launch(
+            self._sum, (layout.height,), packed, self._details, layout.width, layout.pitch, self._energies, self._sums
+        )
+        launch(self._level, layout.vectors, packed, self._details, self._sums, layout.pitch, layout.span, self.level)
 
 
 def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]:
+    coarse, fine = detail_noise(config.side // 2)
     return {
         "REACH": config.side // 2,
+        "COARSE_NOISE": f"{coarse:.17e}",
+        "FINE_NOISE": f"{fine:.17e}",
         "HAS_COVERAGE": int(COVERAGE[0] in names),
         "HAS_EMISSION": int(EMISSION[0] in names),
         "HAS_SAMPLES": int(SAMPLES[0] in names),
