@@ -7,7 +7,8 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
-from tools import tradeoff_experiments as tool
+from tools import tradeoff_experiments as tables
+from tools import tradeoff_prototypes as tool
 
 SIZE = (16, 12)
 
@@ -72,14 +73,14 @@ def test_tables_have_a_row_and_column_for_everything(tmp_path, monkeypatch):
                "plot": picture}  # fmt: skip
     arguments = [text for name, value in options.items() for text in (f"--{name}", str(value))]
     monkeypatch.setattr("sys.argv", ["tradeoff_experiments.py", *arguments])
-    tool.main()
+    tables.main()
     lines = [line for line in out.read_text().splitlines() if line.startswith("| ")]
     labels = [line.split("|")[1].strip() for line in lines]
     for group in ("summary", "noise"):
-        assert set(tool.GROUPS[group][1]) <= set(labels)
+        assert set(tables.GROUPS[group][1]) <= set(labels)
     assert labels.count("ceiling") == 2 and all(line.count("|") == 4 for line in lines)
     figures = json.loads(data.read_text())["summary"]["esim"]["moving-light 4"]
-    assert lines[1].endswith(f"| {tool.cell(figures)} |")
+    assert lines[1].endswith(f"| {tables.cell(figures)} |")
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
@@ -87,7 +88,7 @@ def test_every_row_runs(case):
     """At 4 samples of a tiny picture figures mean nothing, but a row that cannot run shows."""
     clean = case.sibling()
     shape = (4, *SIZE[::-1])
-    for _, rows in tool.GROUPS.values():
+    for _, rows in tables.GROUPS.values():
         for label, row in rows.items():
             made = row(clean)
             assert made.dtype.names or (made.shape == shape and np.isfinite(made).all()), label
