@@ -10,10 +10,16 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
-from clsim.render.steered import LEAST_LOOK, Steering
+from clsim.render.steered import GRADES, LEAST_LOOK, Steering
 
 NEAR = 0.1
-"""Pixels within this share of the contrast threshold are near to an event."""
+"""Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
+SURE = 2.0
+"""Standard errors from a threshold at which a decision is safe: one in 22 is wrong, with normal errors."""
+TIMELY = 0.25
+"""Share of a step to which the time of an event is found, with that safety, where one is sure to fire."""
+STILL = 0.05
+"""Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
@@ -23,10 +29,11 @@ class Effort:
     """How much is spent on a pixel of a frame.
 
     Attributes:
-        spp: paths where an event is near.
-        probe_spp: paths elsewhere, at most ``spp``; with common random numbers the first of them.
+        spp: paths where the most are needed to tell whether, or when, an event fires.
+        probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
+            numbers make them the first of ``spp``.
         first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing.
-        every: a pixel that is not near an event is probed in each so many-th frame, in turn with its neighbours.
+        every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 
     spp: int
@@ -42,6 +49,11 @@ class Effort:
             raise InputError(f"--first-hit-rays must be at least 1 here, got {self.first_hit_rays}")
         if self.every < 1:
             raise InputError(f"every must be at least 1, got {self.every}")
+
+    @property
+    def top(self) -> int:
+        """How often the probe is doubled to come to ``spp``, or beyond; at most so often that there are `GRADES`."""
+        return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
 class Steerer:
@@ -62,20 +74,19 @@ class Steerer:
         self._board = board
         self._number = 0
         self._index = -1
-        self._before = effort.probe_spp
-        self._near = np.zeros((height, width), dtype=np.uint8)
-        self._padded = np.zeros((height + 2, width + 2), dtype=bool)
-        self._device_near: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
+        self._before = effort
+        self._grades = np.zeros((height, width), dtype=np.uint8)
+        self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
+        self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
-        self._correction: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
-        self._offset: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
-        self._full_samples: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
+        self._correction: Any = wp.zeros((GRADES, pixels), dtype=wp.vec3, device=device)
+        self._known: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
 
     @property
     def kept(self) -> tuple[Any, ...]:
-        """The arrays of the kernel, from ``near`` to ``full_samples``."""
-        return self._device_near, self._irradiance, self._correction, self._offset, self._full_samples
+        """The arrays of the kernel, from ``grades`` to ``known``."""
+        return self._device_grades, self._irradiance, self._correction, self._known
 
     @property
     def spent(self) -> Any:
@@ -92,24 +103,26 @@ class Steerer:
         steering.first_hits = effort.first_hit_rays
         steering.first_look = min(max(LEAST_LOOK, effort.first_hit_rays // 4), effort.first_hit_rays)
         steering.every, steering.turn = effort.every, self._number
-        steering.probe = effort.probe_spp
+        steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._number == 0:
             # Nothing that was kept tells of this frame.
-            self._before = effort.probe_spp
-            self._near.fill(1)
-            self._offset.zero_()
-            self._full_samples.zero_()
+            self._before = effort
+            self._grades.fill(GRADES + 1)
+            self._correction.zero_()
+            self._known.zero_()
         else:
             # Where all get the same there is nothing to ask, and maybe nobody who answers.
             board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
             interest = None if board is None else board.find(self._number)
             if interest is None:
-                self._near.fill(0)
+                self._grades.fill(0)
             else:
-                self._mark(interest)
-        wp.copy(self._device_near, wp.array(self._near.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
-        steering.before = self._before
-        self._before, self._index = effort.probe_spp, index
+                self._grade(interest, effort.top)
+        wp.copy(self._device_grades, wp.array(self._grades.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
+        before = self._before
+        if (before.probe_spp, before.spp) != (effort.probe_spp, effort.spp):
+            steering.before = before.probe_spp
+        self._before, self._index = effort, index
         self._number += 1
         return steering, effort.spp
 
@@ -119,12 +132,35 @@ class Steerer:
         self.first_hit_rays += int(first_hit_rays)
         self.paths += int(paths)
 
-    def _mark(self, interest: InterestMap) -> None:
-        """Mark the pixels that may reach a threshold by now, and their neighbours, for detectors look around too."""
-        zone = 0.5 * NEAR * (interest.to_on + interest.to_off)
+    def _grade(self, interest: InterestMap, top: int) -> None:
+        """Choose by how many doublings of the probe a decision is safe, or an event is timed; add 1 near an event.
+
+        Twice the samples halve the variance. Neighbours get half as many, theirs a quarter: as they are smoothed, their
+        noise is the pixel's too. Where nobody knows an error, the zone decides between the probe and all.
+        """
         rise = _AHEAD * interest.change
-        far = (interest.to_on - np.maximum(rise, 0) > zone) & (interest.to_off + np.minimum(rise, 0) > zone)
-        # A pixel without a reference is not far, whatever NaN compares to.
-        np.logical_not(far, out=self._padded[1:-1, 1:-1])
-        rows = self._padded[:-2] | self._padded[1:-1] | self._padded[2:]
-        np.copyto(self._near, rows[:, :-2] | rows[:, 1:-1] | rows[:, 2:])
+        on, off = interest.to_on - np.maximum(rise, 0), interest.to_off + np.minimum(rise, 0)
+        distance, change = np.maximum(np.minimum(on, off), 0), np.abs(interest.change)
+        threshold = 0.5 * (interest.to_on + interest.to_off)
+        # With common random numbers an error stays the same where nothing changes, and cancels.
+        error = SURE * interest.stderr * np.minimum(1, change / (STILL * threshold))
+        needed = np.square(error)
+        enough = np.square(np.maximum(distance, TIMELY * change))
+        grades = self._grades
+        grades.fill(0)
+        for _ in range(top):
+            grades += needed > enough
+            enough *= 2
+        for _ in range(2):
+            around = self._largest_around(grades)
+            np.maximum(grades, around - (around > 0), out=grades)
+        # A pixel without a reference is near, whatever NaN compares to.
+        near = ~(distance > NEAR * threshold)
+        np.maximum(grades, top * self._largest_around(near & ~(interest.stderr > 0)), out=grades)
+        grades += np.maximum(grades > 0, self._largest_around(near))
+
+    def _largest_around(self, values: Any) -> Any:
+        """Return the largest value of each pixel and its eight neighbours, uint8 ``[H, W]``."""
+        self._padded[1:-1, 1:-1] = values
+        rows = np.maximum(np.maximum(self._padded[:-2], self._padded[1:-1]), self._padded[2:])
+        return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

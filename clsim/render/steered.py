@@ -4,14 +4,16 @@
 
 A pixel of a frame gets three sorts of samples. *First-hit rays* see what is there, and nothing more: they cost a
 fraction of a path and end early where all look alike. *Probe* paths are traced in every pixel, or in every n-th in
-turn. Where an event is near, paths go on to the full number, of which the probe's are the first. A path begins with the
-first-hit ray of its number, so that what it hits first need not be looked for again.
+turn. Where a decision needs more, paths go on to twice, four times … the probe, at most to the full number; the probe's
+are the first of them. How often the probe is doubled is the pixel's *grade*. A path begins with the first-hit ray of
+its number, so that what it hits first need not be looked for again.
 
 The picture is put together as light seen directly + albedo × irradiance: the first two from the first-hit rays, so that
-neither textures nor edges are noisy, the irradiance as a ratio of what the paths reflect and their own albedo. Where
-only probes were traced, the last difference of full number and probe is added to the irradiance (a control variate kept
-from an earlier frame). With common random numbers that difference changes as slowly as the scene. Where the full number
-itself is changed, the step that this makes is kept and taken off likewise: no change of the numbers fires an event.
+neither textures nor edges are noisy, the irradiance as a ratio of what the paths reflect and their own albedo. To what
+the paths of a grade find, the last difference between a higher grade and this one is added (control variates kept from
+earlier frames, one for each grade, as in multilevel Monte Carlo). With common random numbers these differences change
+as slowly as the scene. The first time that a grade is traced, and where the numbers of paths themselves are changed,
+the step that this makes is kept and taken off likewise: no change of the numbers fires an event.
 """
 
 from typing import Any
@@ -25,6 +27,8 @@ from clsim.render.sobol import reverse_bits
 
 LEAST_LOOK = 4
 """First-hit rays, or a quarter of them all if that is more, after which a pixel may be found to show one thing."""
+GRADES = 6
+"""Numbers of paths among which a pixel has its choice: the probe, doubled again and again, and the full number."""
 _ALIKE_ALBEDO = wp.constant(0.01)
 _ALIKE_NORMAL = wp.constant(0.05)
 _ALIKE_DEPTH = wp.constant(0.05)
@@ -37,12 +41,17 @@ _LEAST = wp.constant(0.2)
 
 @wp.struct
 class Steering:
-    """How many samples pixels get in this frame; ``before`` is the probe of the frame before."""
+    """How many samples pixels get in this frame.
+
+    At the grade ``top`` it is the full number. ``before`` is the probe of the frame before where the numbers of paths
+    have changed since, else 0.
+    """
 
     first_hits: int
     first_look: int
     probe: int
     before: int
+    top: int
     every: int
     turn: int
 
@@ -127,6 +136,14 @@ def _beside(e: wp.vec3, kept: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def _paths_of(grade: int, steering: Steering, full: int) -> int:
+    paths = full
+    if grade < steering.top:
+        paths = wp.lshift(steering.probe, grade)
+    return paths
+
+
+@wp.func
 def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
     out[plane, pixel] = value[0]
     out[plane + 1, pixel] = value[1]
@@ -152,9 +169,11 @@ def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp
 def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, settings_type: Any, options: Any) -> Any:
     """Return the kernel; a thread is a pixel.
 
-    ``near`` is uint8 ``[H·W]``, not 0 where all ``settings.samples`` paths are wanted. Kept from frame to frame, vec3
-    ``[H·W]``: the ``irradiance`` of the last frame; ``correction``, by which it differed from the probe's, and
-    ``offset``, by which it differed from that of all ``full_samples`` (int32; 0 for none yet). ``out_spent`` int32
+    ``grades`` is uint8 ``[H·W]``: 0 where the probe will do and may wait for its turn, else 1 more than how often it is
+    doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. Kept from frame to frame:
+    ``irradiance``, vec3 ``[H·W]``, of the last frame; ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from
+    that of each grade's paths when these were last traced; ``known``, int32 ``[H·W]``: for how many grades, from the
+    lowest, there is a correction. ``out_spent`` int32
     ``[2, H·W]`` counts first-hit rays that no path begins with, and paths.
     """
 
@@ -165,27 +184,32 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         settings: settings_type,
         first_pixel: int,
         steering: Steering,
-        near: wp.array(dtype=wp.uint8),
+        grades: wp.array(dtype=wp.uint8),
         irradiance: wp.array(dtype=wp.vec3),
-        correction: wp.array(dtype=wp.vec3),
-        offset: wp.array(dtype=wp.vec3),
-        full_samples: wp.array(dtype=int),
+        correction: wp.array2d(dtype=wp.vec3),
+        known: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
         out_spent: wp.array2d(dtype=int),
     ):
         pixel = first_pixel + wp.tid()
         state = sampling.absorb(settings.stream, pixel)
-        full = near[pixel] != wp.uint8(0)
-        wanted = wp.max(steering.probe, steering.before)
-        if full:
-            wanted = wp.max(wanted, settings.samples)
-        elif (pixel + steering.turn) % steering.every != 0:
+        grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
+        wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
+        if grades[pixel] == wp.uint8(0) and steering.before == 0 and (pixel + steering.turn) % steering.every != 0:
             wanted = int(0)
+        # The grade whose correction is added: none where that of another number of paths is.
+        base = wp.min(grade, known[pixel] - 1)
+        if known[pixel] == 0:
+            base = grade
+        if steering.before > 0:
+            base = int(-1)
+        kept = correction[wp.max(base, 0), pixel]
+        last = irradiance[pixel]
+        e = irradiance[pixel]
+        traced = int(0)
+        next_paths = int(steering.probe)
         seen = FirstHits()
         sums = Reflected()
-        by_probe = Reflected()
-        by_before = Reflected()
-        by_all = Reflected()
         paths = int(0)
         looks = int(0)
         stream = sampling.Stream()
@@ -206,30 +230,27 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
                     if sound and sampling.finite(sample.radiance):
                         sums = _reflect(sums, sample)
                     paths = paths + 1
-                    if paths == steering.probe:
-                        by_probe = sums
                     if paths == steering.before:
-                        by_before = sums
-                    if paths == settings.samples:
-                        by_all = sums
+                        e = _irradiance(sums, last - kept)
+                    if paths == next_paths and traced <= steering.top:
+                        if traced == base:
+                            e = _irradiance(sums, last - kept)
+                        # Until the picture's irradiance is known, that of the grade.
+                        correction[traced, pixel] = _irradiance(sums, last)
+                        traced = traced + 1
+                        next_paths = _paths_of(traced, steering, settings.samples)
                 else:
                     looks = looks + 1
 
-        e = irradiance[pixel]
-        kept = correction[pixel]
-        fresh = full_samples[pixel] == 0
-        if full and (fresh or full_samples[pixel] == settings.samples):
-            e = _beside(_irradiance(by_all, e - offset[pixel]), offset[pixel])
-            kept = e - _irradiance(by_probe, e)
-        elif paths > 0:
-            e = _beside(_irradiance(by_before, e - kept), kept)
-            kept = e - _irradiance(by_probe, e)
-            if full:
-                offset[pixel] = e - _irradiance(by_all, e)
-        if full:
-            full_samples[pixel] = settings.samples
-        irradiance[pixel] = e
-        correction[pixel] = kept
+        if paths > 0:
+            e = _beside(e, kept)
+            for i in range(traced):
+                correction[i, pixel] = e - correction[i, pixel]
+            if base >= 0:
+                correction[base, pixel] = kept
+                traced = wp.max(traced, known[pixel])
+            known[pixel] = traced
+            irradiance[pixel] = e
         _store(seen, looks + paths, e, pixel, out_planes)
         out_spent[0, pixel] = looks
         out_spent[1, pixel] = paths

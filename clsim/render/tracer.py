@@ -233,7 +233,7 @@ class PathTracer:
             changed |= {4: planes, 5: bits}
         else:
             steering, self._settings.samples = self._steerer.prepare(index)
-            changed |= {4: steering, 10: planes}
+            changed |= {4: steering, 9: planes}
         for launch in self._launches:
             for place, value in changed.items():
                 launch.set_param_at_index(place, value)
