@@ -117,6 +117,7 @@ class _Sweep:
             seed=rendering.seed,
             sampler=rendering.sampler,
             probe_spp=rendering.probe_spp,
+            probe_every=rendering.probe_every,
             first_hit_rays=rendering.first_hit_rays,
             fps=self.fps,
             frames=self.frames,

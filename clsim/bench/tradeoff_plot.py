@@ -127,6 +127,8 @@ def _along_lines(panel: Any, results: dict[str, Any], value: str) -> list[tuple[
 
 def _short(row: dict[str, Any]) -> str:
     parts = [f"{row['spp']} spp" if row["probe_spp"] is None else f"{row['probe_spp']}–{row['spp']} spp"]
+    if row["probe_every"] > 1:
+        parts.append(f"each {row['probe_every']}")
     if row["sampler"] != "pcg":
         parts.append(row["sampler"])
     if row["first_hit_rays"]:

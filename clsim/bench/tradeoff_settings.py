@@ -39,12 +39,15 @@ class Rendering:
     probe_spp: int | None = None
     """Paths where no event is near, if sampling is adaptive; ``spp`` are traced elsewhere."""
     first_hit_rays: int = 0
+    probe_every: int = 1
+    """Frames in which all pixels are probed once, in turn; if sampling is adaptive, those near an event in each."""
 
     @property
     def label(self) -> str:
         """A short name, such as ``8 spp common sobol`` or ``1 to 8 spp common + 16 first hits``."""
         spp = f"{self.spp}" if self.probe_spp is None else f"{self.probe_spp} to {self.spp}"
-        parts = [f"{spp} spp {self.noise}"]
+        turns = "" if self.probe_every == 1 else f" each {self.probe_every} frames"
+        parts = [f"{spp} spp{turns} {self.noise}"]
         if self.sampler != "pcg":
             parts.append(self.sampler)
         if self.first_hit_rays:

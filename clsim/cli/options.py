@@ -26,6 +26,13 @@ LIVE_SPP = Annotated[
     typer.Option(help="Light paths per pixel and frame; with adaptive sampling, where events are near. [8]"),
 ]
 PROBE_SPP = Annotated[int | None, typer.Option(help="Light paths per pixel elsewhere, with adaptive sampling. [1]")]
+PROBE_EVERY = Annotated[
+    int | None,
+    typer.Option(
+        help="Frames in which the light of all pixels is found once, in turn; with adaptive sampling, where events are "
+        "near in each. [1]"
+    ),
+]
 FIRST_HIT_RAYS = Annotated[
     int | None,
     typer.Option(

@@ -71,6 +71,6 @@ def ladder(best: Level) -> list[Level]:
         spp = levels[-1].spp // 2
         levels.append(replace(levels[-1], spp=spp, probe_spp=min(levels[-1].probe_spp, spp)))
     for less in _BELOW_ONE_PATH:
-        if less.get("first_hit_rays", 0) < best.first_hit_rays:
+        if less.get("first_hit_rays", 0) < best.first_hit_rays and less.get("every", best.every + 1) > best.every:
             levels.append(replace(levels[-1], **less))
     return levels

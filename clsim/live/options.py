@@ -39,6 +39,8 @@ class LiveOptions:
     """Whether every pixel gets the same number of light paths, or more where an event may come."""
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
+    probe_every: int | None = None
+    """Frames in which the light of all pixels is found once, in turn; of those where an event is near, in each."""
     spp: int | None = None
     """Light paths per pixel and frame; where sampling is adaptive, of the pixels of interest."""
     first_hit_rays: int | None = None
@@ -93,6 +95,7 @@ class LiveOptions:
         for option, maybe in (
             ("--spp", self.spp),
             ("--probe-spp", self.probe_spp),
+            ("--probe-every", self.probe_every),
             ("--frame-count", self.frame_count),
             ("--threads", self.threads),
         ):
@@ -134,7 +137,11 @@ class LiveOptions:
                 named = replace(named, sampling="uniform")
         else:
             named = DEFAULT
-        return with_given(named, {name: getattr(self, name) for name in setting_names()})
+        point = with_given(named, {name: getattr(self, name) for name in setting_names()})
+        if self.probe_every is None and (self.noise != "common" or point.first_hit_rays == 0):
+            # Nothing can be kept from frame to frame.
+            point = replace(point, probe_every=1)
+        return point
 
     @property
     def governed(self) -> bool:
@@ -161,6 +168,11 @@ class LiveOptions:
         point = self.point
         if point.sampling == "uniform" and self.probe_spp is not None:
             raise InputError(f"--probe-spp {self.probe_spp} is for --sampling adaptive, but sampling is uniform")
+        if point.probe_every > 1:
+            if point.first_hit_rays == 0:
+                raise InputError(f"--probe-every {point.probe_every} needs --first-hit-rays of at least 1, got 0")
+            if self.noise != "common":
+                raise InputError(f"--probe-every {point.probe_every} needs --noise common, got {self.noise}")
         if point.sampling == "adaptive":
             if point.first_hit_rays == 0:
                 raise InputError("--sampling adaptive needs --first-hit-rays of at least 1, got 0")

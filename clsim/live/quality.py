@@ -28,6 +28,8 @@ class Point:
     first_hit_rays: int
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
+    probe_every: int = 1
+    """Frames in which the light of all pixels is found once, in turn; of those where an event is near, in each."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
@@ -36,6 +38,8 @@ class Point:
         parts = [self.method + side, f"{paths} spp"]
         if self.first_hit_rays:
             parts.append(f"{self.first_hit_rays} first-hit rays")
+        if self.probe_every > 1:
+            parts.insert(2, f"pixels probed each {self.probe_every} frames")
         return ", ".join([*parts, self.sampler])
 
 

@@ -107,7 +107,7 @@ class RenderOptions:
             ("--threads", self.threads),
             ("tile_pixels", self.tile_pixels),
             ("--probe-spp", self.probe_spp),
-            ("probe_every", self.probe_every),
+            ("--probe-every", self.probe_every),
         ):
             if value is not None and value < 1:
                 raise InputError(f"{option} must be at least 1, got {value}")
@@ -121,7 +121,7 @@ class RenderOptions:
             raise InputError(f"--first-hit-rays must be at least 0, got {self.first_hit_rays}")
         if self.first_hit_rays and self.variances:
             raise InputError("first-hit rays give no variances; expected --first-hit-rays 0 where variances are wanted")
-        for option, steers in (("--probe-spp", self.probe_spp is not None), ("probe_every", self.probe_every > 1)):
+        for option, steers in (("--probe-spp", self.probe_spp is not None), ("--probe-every", self.probe_every > 1)):
             if steers and not self.first_hit_rays:
                 raise InputError(f"{option} needs --first-hit-rays of at least 1, got 0")
             if steers and self.noise != "common":

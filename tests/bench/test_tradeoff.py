@@ -11,7 +11,7 @@ import pytest
 
 from clsim.bench import tradeoff, tradeoff_measure
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering, named_points
+from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
 from clsim.detect.device import choose_device
 from clsim.errors import InputError
 from clsim.render import RenderOptions
@@ -154,6 +154,22 @@ def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) ->
     live = clsim.stream("two-boxes", quality=quality, resolution=(16, 12), duration_s=0.15, fps=20.0)
     results = run_tradeoff(options(tmp_path, points=[named_points(0)[quality]]), ignore)
     assert results["points"][0]["events"] == sum(len(batch) for batch in live) > 0
+
+
+def test_pixels_that_take_turns_are_a_setting_of_their_own(tmp_path: Path) -> None:
+    """Uniform, where no map is asked for, and adaptive, where pixels near an event do not wait."""
+    given = {"sampler": "sobol", "first_hit_rays": 4}
+    renderings = [
+        Rendering(2, "common", 0, **given),
+        Rendering(2, "common", 0, **given, probe_every=2),
+        Rendering(2, "common", 0, sampling="adaptive", probe_spp=2, **given, probe_every=2),
+    ]
+    results = run_tradeoff(options(tmp_path, points=[Point(each, IRRADIANCE) for each in renderings], frames=5), ignore)
+    every, turns, near = (point["paths"] / (2 * 16 * 12) for point in results["points"])
+    assert (every, turns) == (5, 3) and turns < near < every
+    assert [point["probe_every"] for point in results["points"]] == [1, 2, 2]
+    labels = {row["label"] for row in results["settings"]}
+    assert "2 spp each 2 frames common sobol + 4 first hits, irradiance K7" in labels and len(labels) == 3
 
 
 def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPatch) -> None:

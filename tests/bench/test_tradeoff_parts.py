@@ -129,7 +129,7 @@ def test_named_points_are_those_of_live_runs() -> None:
     for name, quality in QUALITIES.items():
         rendering, detector = named[name].rendering, named[name].detector
         assert rendering.noise == "common" and rendering.sampling == quality.sampling
-        for field in ("spp", "sampler", "first_hit_rays"):
+        for field in ("spp", "sampler", "first_hit_rays", "probe_every"):
             assert getattr(rendering, field) == getattr(quality, field)
         assert rendering.probe_spp == (quality.probe_spp if quality.sampling == "adaptive" else None)
         assert (detector.method, detector.window) == (quality.method, quality.window)

@@ -185,12 +185,18 @@ def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() ->
     assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 4, 4, 4, 2, 1]
     assert [level.every for level in LEVELS] == [1, 1, 1, 1, 1, 2, 4, 4, 4]
     assert [level.first_hit_rays for level in ladder(Level(1, 1, 4))] == [4, 4, 4, 2, 1]
+    assert [(level.first_hit_rays, level.every) for level in ladder(Level(1, 1, 4, every=2))] == [
+        (4, 2), (4, 4), (2, 4), (1, 4)
+    ]  # fmt: skip
+    assert {level.every for level in ladder(Level(1, 8, 16, every=6))} == {6}
     assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
     assert LEVELS[0].given_up_against(BEST) == ""
     assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
 
 
-@pytest.mark.parametrize("best", [BEST, Level(4, 16, 32), Level(1, 1, 4), Level(1, 1, 1), Level(256, 256, 64)])
+@pytest.mark.parametrize(
+    "best", [BEST, Level(4, 16, 32), Level(1, 1, 4), Level(1, 1, 4, 2), Level(1, 1, 1), Level(256, 256, 64)]
+)
 def test_each_rung_costs_less_than_the_one_above(best: Level) -> None:
     found = [level.cost for level in ladder(best)]
     assert found == sorted(set(found), reverse=True)

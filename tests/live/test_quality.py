@@ -22,7 +22,13 @@ def test_every_named_point_can_be_rendered_and_detected() -> None:
         assert options(quality=name).point == point
         DetectorConfig(method=point.method, window=point.window)
         probe = point.probe_spp if point.sampling == "adaptive" else None
-        RenderOptions(spp=point.spp, probe_spp=probe, first_hit_rays=point.first_hit_rays, sampler=point.sampler)
+        RenderOptions(
+            spp=point.spp,
+            probe_spp=probe,
+            probe_every=point.probe_every,
+            first_hit_rays=point.first_hit_rays,
+            sampler=point.sampler,
+        )
 
 
 def test_what_is_given_wins_over_the_named_point() -> None:
@@ -36,6 +42,17 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
     assert options(quality="balanced", method="esim-ad", window=9).point.window == 9
     assert options(quality="balanced", method="irradiance").point.window == QUALITIES["balanced"].window
     assert options(quality="accurate", spp=1).point.probe_spp == 1
+
+
+def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
+    assert options(first_hit_rays=4, probe_every=3).point.probe_every == 3
+    assert options(quality="balanced", probe_every=2).point == replace(QUALITIES["balanced"], probe_every=2)
+    assert "1 to 8 spp, pixels probed each 2 frames, 16" in options(quality="balanced", probe_every=2).point.text()
+    assert "probed" not in QUALITIES["balanced"].text()
+    turns = QUALITIES["draft"].probe_every
+    assert options(quality="draft", spp=2).point.probe_every == turns
+    assert options(quality="draft", noise="independent").point.probe_every == 1
+    assert options(quality="draft", first_hit_rays=0).point.probe_every == 1
 
 
 def test_without_a_quality_nothing_is_adaptive_unless_the_clock_or_the_user_asks() -> None:
@@ -83,6 +100,12 @@ def test_the_sidecar_tells_the_settings_that_hold() -> None:
         (
             {"sampling": "adaptive", "first_hit_rays": 0},
             "--sampling adaptive needs --first-hit-rays of at least 1, got 0",
+        ),
+        ({"probe_every": 0}, "--probe-every must be at least 1, got 0"),
+        ({"probe_every": 2}, "--probe-every 2 needs --first-hit-rays of at least 1, got 0"),
+        (
+            {"quality": "draft", "probe_every": 3, "noise": "independent"},
+            "--probe-every 3 needs --noise common, got independent",
         ),
         ({"first_hit_rays": -1}, "--first-hit-rays must not be negative, got -1"),
         ({"quality": "best"}, "--quality must be one of draft, balanced, accurate, exact, got 'best'"),
