@@ -14,7 +14,8 @@ from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_ke
 from clsim.bench.point_store import PointStore
 from clsim.bench.ray_counts import RaysPerPath, rays_per_path
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
-from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, warm_renderer
+from clsim.bench.stopwatch import Stopwatch
+from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, start_up, warm_renderer
 from clsim.bench.tradeoff_peers import LABELS, Peer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import savings, summarise, summarise_peers
@@ -87,9 +88,12 @@ def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
 class _Sweep:
     def __init__(self, options: TradeoffOptions, report: Report) -> None:
         quick = options.quick
-        self.world: World = load_world(
-            options.scene, resolution=options.resolution or ((64, 48) if quick else (128, 96))
-        )
+        self.loading = Stopwatch()
+        with self.loading:
+            self.world: World = load_world(
+                options.scene, resolution=options.resolution or ((64, 48) if quick else (128, 96))
+            )
+        self.starts: dict[Any, Stopwatch] = {}
         self.frames = options.frames or (24 if quick else 48)
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
@@ -171,8 +175,26 @@ class _Sweep:
         what = f"{name}, {options.spp} spp"
         return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
 
+    def start(self, point: Point) -> None:
+        """Load the kernels that a point needs, unless they are: it is no part of its cost."""
+        options, config = self.render_options(point.rendering), point.detector.config(self.world.sensor)
+        rendering, detecting = self.start_keys(point)
+        if rendering not in self.starts or detecting not in self.starts:
+            self.tell("loading kernels")
+            for key, watch in zip(
+                self.start_keys(point), start_up(self.world, options, config, self.device), strict=True
+            ):
+                self.starts.setdefault(key, watch)
+
+    def start_keys(self, point: Point) -> tuple[Any, Any]:
+        """Return what the kernels of rendering, and those of detection, depend on."""
+        features = self.render_options(point.rendering).features(self.world)
+        return features, (point.detector, features.first_hits)
+
     def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:
         """Render once and let each detector see the frames."""
+        for point in points:
+            self.start(point)
         what = f"rendering, {rendering.label}"
         frames, rendered = render_sequence(
             self.world, self.render_options(rendering), lambda: self.tell(what, rendering.spp)
@@ -186,6 +208,7 @@ class _Sweep:
     def measure_in_turns(self, points: list[Point], reference: Reference) -> None:
         """Render anew for each detector, which says where."""
         for point in points:
+            self.start(point)
             options = self.render_options(point.rendering)
             config = point.detector.config(self.world.sensor)
             on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
@@ -196,6 +219,7 @@ class _Sweep:
         """Score a point and store its figures."""
         scored = self.score(done.detected.events, reference, point.detector.event_rule)
         rendered, detected = done.rendered.cost, done.detected.cost
+        starting = [self.loading, *(self.starts[key] for key in self.start_keys(point))]
         costs = {
             "paths": done.rendered.paths,
             "first_hit_rays_traced": done.rendered.first_hit_rays,
@@ -206,6 +230,8 @@ class _Sweep:
             "detect_wall_s": detected.wall_s,
             "render_peak_bytes": rendered.peak_bytes,
             "detect_peak_bytes": detected.peak_bytes,
+            "startup_cpu_s": sum(each.cpu_s for each in starting),
+            "startup_wall_s": sum(each.wall_s for each in starting),
         }
         self.store.append(content_key(point.as_dict()), _figures(scored, costs))
 

@@ -66,6 +66,27 @@ def warm_renderer(world: World, options: RenderOptions) -> None:
         tracer.close()
 
 
+def start_up(
+    world: World, options: RenderOptions, config: DetectorConfig, device: Device
+) -> tuple[Stopwatch, Stopwatch]:
+    """Render the first frame and let a detector see it, which loads the kernels of both; return what each took."""
+    rendering, detecting = Stopwatch(), Stopwatch()
+    with rendering:
+        tracer = PathTracer(world, options)
+        try:
+            frame = _new_frame(tracer)
+            tracer.fill(0, frame)
+        finally:
+            tracer.close()
+    with detecting:
+        detector = Detector(config, frame.width, frame.height, frame.names, device=device)
+        try:
+            detector.step(frame)
+        finally:
+            detector.close()
+    return rendering, detecting
+
+
 def render_each(world: World, options: RenderOptions, take: Callable[[Frame], None]) -> Rendered:
     """Render ``options.frames`` frames into one frame's memory and hand each to ``take``; count the rendering alone."""
     tracer, watch = PathTracer(world, options), Stopwatch()
