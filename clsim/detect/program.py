@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -17,6 +18,9 @@ BORDER = 32
 """Columns and rows around a packed image (common.clh)."""
 FIRST_FEATURE = 2
 """Planes of a packed image before the features: mask and brightness (common.clh)."""
+
+_NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
+_USES_BRIGHTNESS = re.compile(r"\b(natural_log|response|level_of|levels_of)\(")
 
 
 @dataclass(frozen=True)
@@ -89,11 +93,16 @@ class Workplace:
     def kernels(
         self, file: str, names: tuple[str, ...], macros: Mapping[str, object] | None = None, prefix: str = ""
     ) -> list[Any]:
-        """Build ``file``.cl, with ``prefix`` between common.clh and it, and return its kernels of these names."""
+        """Build ``file``.cl, with ``prefix`` between the headers and it, and return its kernels of these names.
+
+        Macros that the text does not name are left out: OpenCL caches programs by text and options.
+        """
         import pyopencl as cl
 
-        options = tuple(sorted({**self._options, **(macros or {})}.items()))
-        program = _build(self.device.context, file, prefix, options)
+        text = _text(file, prefix)
+        named = set(_NAME.findall(_COMMENT.sub("", text)))
+        options = {key: value for key, value in {**self._options, **(macros or {})}.items() if key in named}
+        program = _build(self.device.context, text, tuple(sorted(options.items())))
         return [cl.Kernel(program, name) for name in names]
 
     def allocate(self, shape: tuple[int, ...], dtype: npt.DTypeLike | None = None, fill: float = 0) -> Buffer:
@@ -139,12 +148,20 @@ class Workplace:
         return value
 
 
+def _text(file: str, prefix: str) -> str:
+    """Return the text of a program: the headers that it needs, ``prefix``, and ``file``.cl."""
+    source = _read(f"{file}.cl")
+    headers = ["common.clh", *(["brightness.clh"] if _USES_BRIGHTNESS.search(source) else [])]
+    return "\n".join([*map(_read, headers), prefix, source])
+
+
+@cache
+def _read(name: str) -> str:
+    return (files("clsim.kernels") / name).read_text(encoding="utf-8")
+
+
 @lru_cache(maxsize=64)
-def _build(context: Any, name: str, prefix: str, options: tuple[tuple[str, object], ...]) -> Any:
+def _build(context: Any, text: str, options: tuple[tuple[str, object], ...]) -> Any:
     import pyopencl as cl
 
-    folder = files("clsim.kernels")
-    common = (folder / "common.clh").read_text(encoding="utf-8")
-    source = (folder / f"{name}.cl").read_text(encoding="utf-8")
-    flags = [f"-D{key}={value}" for key, value in options]
-    return cl.Program(context, f"{common}\n{prefix}\n{source}").build(options=flags)
+    return cl.Program(context, text).build(options=[f"-D{key}={value}" for key, value in options])

@@ -341,6 +341,25 @@ def test_new_frame_sizes_use_the_same_programs():
     assert misses[0] == misses[1]
 
 
+def test_how_bright_a_luminance_is_makes_no_new_programs_but_where_it_matters(monkeypatch):
+    """The extremes of windows, box means and the regression itself are of any brightness; compiling them takes long."""
+    from clsim.detect import program
+
+    built, build = [], program._build
+
+    def recorded(context, *what):
+        built[-1].add(what)
+        return build(context, *what)
+
+    monkeypatch.setattr(program, "_build", recorded)
+    frames = random_frames(14, count=2)
+    for options in ({}, {"floor": 0.01}, {"response": "lin-log"}, {"regress": "linear"}):
+        built.append(set())
+        run(Detector(config_of(**options), 11, 9, frames[0].names), frames)
+    assert [len(each) for each in built] == [6] * 4
+    assert len(set.intersection(*built)) == 3
+
+
 @pytest.mark.parametrize("gate", ["delta-r-exact", "published"])
 def test_gates_that_keep_old_windows_work_on_recorded_frames_alone(gate):
     frames = random_frames(15, count=3)
