@@ -3,8 +3,9 @@
 //
 // Shadows have edges that no depth and no normal shows. So the window's mean gives way to that of its inner 3x3 pixels,
 // and that to the pixel itself, each by the share of the difference that noise does not explain:
-// max(0, 1 - EXCESS * noise / energy), both measured in the 9x9 pixels around. Noise is what second differences
-// across second differences leave: these see no straight edge and no slope (Immerkaer, CVIU 1996).
+// max(0, 1 - EXCESS * noise / energy), both measured in the 9x9 pixels around. Noise is the lesser of two estimates from
+// second differences: those across second differences see no upright and no level edge (Immerkaer, CVIU 1996), the least
+// of a pixel's four sees none that is straight for three pixels.
 //
 // Build macros: REACH (half the window's side), HAS_COVERAGE, HAS_SAMPLES, HAS_EMISSION, FINE_NOISE and COARSE_NOISE (the
 // variance of both details where irradiance is noise of variance 1).
@@ -37,12 +38,15 @@
 #define DETAIL_PLANES 3
 #define D_MEAN 0     // the window's mean irradiance
 #define D_COARSE 1   // inner 3x3 pixels less the window
-#define D_FINE 2     // the pixel less these
-// Sums over 2 * BOX_REACH + 1 pixels of a row, alike.
-#define ENERGY_PLANES 3
+#define D_REST 2     // the pixel less the window
+// Sums over 2 * BOX_REACH + 1 pixels of a row, alike: squares of the coarse detail and of the fine one, which is the pixel
+// less its inner 3x3, and the estimates of noise.
+#define ENERGY_PLANES 4
 #define N_COARSE 0
 #define N_FINE 1
-#define N_NOISE 2
+#define N_TWICE 2
+#define N_LEAST 3
+#define LEAST_OF_FOUR ((real)1.678)   // mean of the least square of four second differences of normal noise
 #define BOX_REACH 4
 #define EXCESS ((real)2)
 
@@ -198,7 +202,7 @@ static inline __attribute__((always_inline)) void smooth(
     __global real *out = out_details + (y + BORDER) * (long)DETAIL_PLANES * pitch + BORDER + x;
     STORE(out + D_MEAN * pitch, e);
     STORE(out + D_COARSE * pitch, usable * (inner - mean));
-    STORE(out + D_FINE * pitch, usable * -inner);
+    STORE(out + D_REST * pitch, usable * -mean);
     if (with_error) {
         const realv reflectance = LOAD(centre + P_REFLECTANCE * pitch), emission = LOAD(centre + P_EMISSION * pitch);
         const realv shown = emission + e * reflectance;
@@ -232,24 +236,24 @@ __kernel void sum_energies(
 {
     const int y = get_global_id(0);
     const long row_size = (long)DETAIL_PLANES * pitch;
-    __global const real *usable = packed + (y + BORDER) * (long)PLANES * pitch + P_USABLE * pitch + BORDER;
+    __global const real *usable = packed + ((y + BORDER) * (long)PLANES + P_USABLE) * pitch + BORDER;
     __global const real *coarse = details + (y + BORDER) * row_size + D_COARSE * pitch + BORDER;
-    __global const real *fine = coarse + (D_FINE - D_COARSE) * pitch;
+    __global const real *here = coarse + (D_REST - D_COARSE) * pitch;
+    __global const real *above = here - row_size, *below = here + row_size;
     __global real *restrict energy = out_energies + (long)y * ENERGY_PLANES * pitch + BORDER;
-    __global real *restrict across = energy + N_NOISE * pitch;
-    for (int x = -1; x <= width; x++) {
-        const real above = coarse[x - row_size] + fine[x - row_size], below = coarse[x + row_size] + fine[x + row_size];
-        energy[x + N_FINE * pitch] = above + below - 2 * (coarse[x] + fine[x]);
-    }
     for (int x = 0; x < width; x++) {
-        __global const real *second = energy + N_FINE * pitch + x;
-        const real left = second[0] - second[-1];
-        const real twice = second[1] - second[0] - left;
-        across[x] = usable[x] * twice * twice * ((real)1 / 36);
+        const real fine = here[x] - coarse[x], centre = 2 * here[x];
+        const real sides = here[x - 1] + here[x + 1], ends = above[x] + below[x];
+        const real rising = above[x + 1] + below[x - 1], falling = above[x - 1] + below[x + 1];
+        const real twice = rising + falling + 2 * centre - 2 * (sides + ends);
+        const real across = (sides - centre) * (sides - centre), down = (ends - centre) * (ends - centre);
+        const real up = (rising - centre) * (rising - centre), off = (falling - centre) * (falling - centre);
+        const real straight = MIN(across, down), slanted = MIN(up, off);
         energy[x + N_COARSE * pitch] = coarse[x] * coarse[x];
+        energy[x + N_FINE * pitch] = fine * fine;
+        energy[x + N_TWICE * pitch] = usable[x] * twice * twice * ((real)1 / 36);
+        energy[x + N_LEAST * pitch] = usable[x] * MIN(straight, slanted) * (1 / LEAST_OF_FOUR);
     }
-    energy[-1 + N_FINE * pitch] = energy[width + N_FINE * pitch] = 0;
-    for (int x = 0; x < width; x++) energy[x + N_FINE * pitch] = fine[x] * fine[x];
     __global real *restrict out = out_sums + (y + BORDER) * (long)ENERGY_PLANES * pitch + BORDER;
     for (int j = 0; j < ENERGY_PLANES; j++)
         for (int x = 0; x < width; x++) {
@@ -280,10 +284,11 @@ __kernel void level_of_details(
         for (int dy = -BOX_REACH; dy <= BOX_REACH; dy++) energy[j] += LOAD(in + dy * (long)ENERGY_PLANES * pitch);
     }
     __global const real *detail = details + (y + BORDER) * (long)DETAIL_PLANES * pitch + BORDER + x;
-    const realv coarse = share_of(energy[N_COARSE], (real)COARSE_NOISE * energy[N_NOISE]);
-    const realv fine = share_of(energy[N_FINE], (real)FINE_NOISE * energy[N_NOISE]);
-    const realv e = LOAD(detail + D_MEAN * pitch)
-                  + coarse * (LOAD(detail + D_COARSE * pitch) + fine * LOAD(detail + D_FINE * pitch));
+    const realv noise = MIN(energy[N_TWICE], energy[N_LEAST]);
+    const realv coarse_share = share_of(energy[N_COARSE], (real)COARSE_NOISE * noise);
+    const realv fine_share = share_of(energy[N_FINE], (real)FINE_NOISE * noise);
+    const realv coarse = LOAD(detail + D_COARSE * pitch), fine = LOAD(detail + D_REST * pitch) - coarse;
+    const realv e = LOAD(detail + D_MEAN * pitch) + coarse_share * (coarse + fine_share * fine);
     __global const real *centre = packed + (y + BORDER) * (long)PLANES * pitch + BORDER + x;
     const realv reflectance = LOAD(centre + P_REFLECTANCE * pitch), emission = LOAD(centre + P_EMISSION * pitch);
     const realv shown = reflectance > LEAST_REFLECTANCE ? emission + e * reflectance : LOAD(centre + BRIGHTNESS * pitch);

@@ -23,6 +23,7 @@ from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SA
 NEEDED_PLANES = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
 PACKED_PLANES = 9
 """Planes of a packed image after mask and luminance (irradiance.cl)."""
+_DETAIL_PLANES, _ENERGY_PLANES = 3, 4
 
 
 def check_planes(names: tuple[str, ...]) -> None:
@@ -85,10 +86,10 @@ class Smoothing:
             "irradiance", kernels, _macros(config, names), _prefix(workplace)
         )
         layout = workplace.layout
-        bordered = (layout.height + 2 * BORDER, 3, layout.pitch)
-        self._details = workplace.allocate(bordered)
-        self._energies = workplace.allocate((layout.height, *bordered[1:]))
-        self._sums = workplace.allocate(bordered)
+        rows = layout.height + 2 * BORDER
+        self._details = workplace.allocate((rows, _DETAIL_PLANES, layout.pitch))
+        self._energies = workplace.allocate((layout.height, _ENERGY_PLANES, layout.pitch))
+        self._sums = workplace.allocate((rows, _ENERGY_PLANES, layout.pitch))
         self.level = workplace.allocate((layout.height, layout.span))
         self.error = workplace.allocate((layout.height, layout.span))
 

@@ -2,9 +2,27 @@
 
 import numpy as np
 
+from clsim.detect.config import DetectorConfig
+from clsim.detect.detector import Detector
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame
 
 SURFACE = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
+
+
+def config_of(**options):
+    return DetectorConfig(**{"method": "irradiance", "precision": "float64", **options})
+
+
+def seen(frame, device=None, **options):
+    """L and its standard error, ``[H, W]`` each, in the kernels' precision; NaN where the pixel is not valid."""
+    detector = Detector(config_of(**options), frame.width, frame.height, frame.names, device=device)
+    detector.step(frame)
+    engine = detector._engine
+    level = engine.workplace.read(engine.state)[:, 1, : frame.width].astype(np.float64)
+    detector.interest()
+    error = engine.workplace.read(engine.smoothing.error)[:, : frame.width].astype(np.float64)
+    detector.close()
+    return level, error
 
 
 def surface(irradiance, albedo, normal=(0.0, 0.0, 1.0), depth=2.0, **planes):
@@ -36,6 +54,20 @@ def textured_room(seed, height=14, width=22):
         Emission=np.where((rng.random(shape) < 0.1) | (coverage == 0), rng.uniform(0.5, 9.0, shape), 0.0),
         Samples=rng.integers(0, 5, shape),
     )
+
+
+def shadowed_wall(seed, samples, height=30, width=41, slant=0.75):
+    """A textured wall half in shadow, and what falls on it, ``[H, W]``: exponential noise, ``samples`` of it averaged.
+
+    No depth and no normal shows the edge; with ``slant`` 0 it is upright, and with ``samples`` None there is no noise.
+    """
+    rng = np.random.default_rng(seed)
+    fine = 8
+    x, y = np.meshgrid(np.arange(fine * width) / fine, np.arange(fine * height) / fine)
+    light = np.where(x + slant * (y - height / 2) < width / 2, 1.0, 0.2)
+    light = light.reshape(height, fine, width, fine).mean(axis=(1, 3))
+    noise = 1.0 if samples is None else rng.gamma(samples, 1.0 / samples, light.shape)
+    return surface(light * noise, rng.uniform(0.05, 0.9, light.shape)), light
 
 
 def spoiled(frame, seed, share=0.05):

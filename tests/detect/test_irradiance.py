@@ -14,26 +14,10 @@ from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference_irradiance import smoothed_level
 from clsim.errors import InputError
 from clsim.frames import Frame
-from tests.detect.irradiance_scenes import SURFACE, spoiled, surface, textured_room
+from tests.detect.irradiance_scenes import SURFACE, config_of, seen, spoiled, surface, textured_room
 
 FEW = settings(max_examples=15, deadline=None)
 SEEDS = st.integers(0, 10**6)
-
-
-def config_of(**options):
-    return DetectorConfig(**{"method": "irradiance", "precision": "float64", **options})
-
-
-def seen(frame, device=None, **options):
-    """L and its standard error, ``[H, W]`` each, in the kernels' precision; NaN where the pixel is not valid."""
-    detector = Detector(config_of(**options), frame.width, frame.height, frame.names, device=device)
-    detector.step(frame)
-    engine = detector._engine
-    level = engine.workplace.read(engine.state)[:, 1, : frame.width].astype(np.float64)
-    detector.interest()
-    error = engine.workplace.read(engine.smoothing.error)[:, : frame.width].astype(np.float64)
-    detector.close()
-    return level, error
 
 
 @pytest.mark.parametrize(("precision", "exact"), [("float32", 1e-5), ("float64", 1e-12)])
