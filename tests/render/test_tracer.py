@@ -311,6 +311,7 @@ def test_starting_is_silent():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first_hits", [False, True])
 def test_the_kernel_compiles_for_cuda_without_a_gpu(first_hits, tmp_path):
     """Every feature at once, to PTX: what a CPU-only machine can check of the other backend."""

@@ -84,6 +84,7 @@ def test_tables_have_a_row_and_column_for_everything(tmp_path, monkeypatch):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_every_row_runs(case):
     """At 4 samples of a tiny picture figures mean nothing, but a row that cannot run shows."""
     clean = case.sibling()
