@@ -21,7 +21,9 @@ class InterestMap:
         to_on: float32 ``[H, W]``, distance of L to the ON threshold [natural-log units].
         to_off: float32 ``[H, W]``, distance of L to the OFF threshold, likewise.
         change: float32 ``[H, W]``, change of L since the frame before [natural-log units].
-        stderr: float32 ``[H, W]``, standard error of L [natural-log units].
+        stderr: float32 ``[H, W]``, standard error of L [natural-log units], 0 where nobody knows it. It is that of one
+            frame by itself, from how uneven the light around the pixel is: what persists from frame to frame counts in
+            full, though it cancels in ``change`` and in both distances.
     """
 
     number: int

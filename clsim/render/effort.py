@@ -15,7 +15,7 @@ from clsim.render.steered import GRADES, LEAST_LOOK, Steering
 NEAR = 0.1
 """Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
 SURE = 2.0
-"""Standard errors from a threshold at which a decision is safe: one in 22 is wrong, with normal errors."""
+"""Standard errors from a threshold at which a decision is safe: with normal errors, one in 44 is wrong."""
 TIMELY = 0.25
 """Share of a step to which the time of an event is found, with that safety, where one is sure to fire."""
 STILL = 0.05

@@ -246,8 +246,7 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
             e = _beside(e, kept)
             for i in range(traced):
                 correction[i, pixel] = e - correction[i, pixel]
-            if base >= 0:
-                correction[base, pixel] = kept
+            if steering.before == 0:
                 traced = wp.max(traced, known[pixel])
             known[pixel] = traced
             irradiance[pixel] = e
