@@ -169,17 +169,21 @@ class LiveOptions:
         if point.sampling == "uniform" and self.probe_spp is not None:
             raise InputError(f"--probe-spp {self.probe_spp} is for --sampling adaptive, but sampling is uniform")
         if point.probe_every > 1:
-            if point.first_hit_rays == 0:
-                raise InputError(f"--probe-every {point.probe_every} needs --first-hit-rays of at least 1, got 0")
+            self._need_first_hit_rays(f"--probe-every {point.probe_every}")
             if self.noise != "common":
                 raise InputError(f"--probe-every {point.probe_every} needs --noise common, got {self.noise}")
         if point.sampling == "adaptive":
-            if point.first_hit_rays == 0:
-                raise InputError("--sampling adaptive needs --first-hit-rays of at least 1, got 0")
+            self._need_first_hit_rays("--sampling adaptive")
             if point.probe_spp > point.spp:
                 raise InputError(f"--probe-spp must be at most --spp {point.spp}, got {point.probe_spp}")
             if self.noise != "common":
                 raise InputError(f"--sampling adaptive needs --noise common, got {self.noise}")
+
+    def _need_first_hit_rays(self, option: str) -> None:
+        if self.point.first_hit_rays == 0:
+            implied = self.first_hit_rays is None and self.quality is not None
+            found = f"which --quality {self.quality} has not: give it too" if implied else "got 0"
+            raise InputError(f"{option} needs --first-hit-rays of at least 1, {found}")
 
 
 @dataclass(frozen=True)

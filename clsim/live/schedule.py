@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from clsim.errors import InputError
 from clsim.frames import frame_time_us
+
+LARGEST_FPS = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,12 @@ def plan(
     """Return the schedule of a run: the motion once, or ``duration_s`` or ``frames`` of it, or a loop.
 
     A run of d seconds has round(d·fps) intervals, hence one frame more: the first one only sets the references.
+
+    Raises:
+        InputError: two frames would have the same time.
     """
+    if fps > LARGEST_FPS:
+        raise InputError(f"--fps must be at most {LARGEST_FPS}, for times are whole µs, got {fps:g}")
     pass_frames = max(1, round(scene_duration_s * fps))
     if frames is not None:
         total: int | None = frames

@@ -30,6 +30,8 @@ _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
 SOBOL_BATCHES = 4
 """Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
+LARGEST_SPP, LARGEST_FIRST_HIT_RAYS = 1 << 20, 4096
+"""Nobody means more: a digit too many is better told than waited for."""
 _MASK64 = (1 << 64) - 1
 
 
@@ -111,8 +113,13 @@ class RenderOptions:
         ):
             if value is not None and value < 1:
                 raise InputError(f"{option} must be at least 1, got {value}")
-        if self.max_depth > MAX_BOUNCES:
-            raise InputError(f"--max-depth must be at most {MAX_BOUNCES}, got {self.max_depth}")
+        for option, count, limit in (
+            ("--spp", self.spp, LARGEST_SPP),
+            ("--first-hit-rays", self.first_hit_rays, LARGEST_FIRST_HIT_RAYS),
+            ("--max-depth", self.max_depth, MAX_BOUNCES),
+        ):
+            if count > limit:
+                raise InputError(f"{option} must be at most {limit}, got {count}")
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise InputError(f"--fps must be a positive number, got {self.fps}")
         if not 0 <= self.seed <= _MASK64:

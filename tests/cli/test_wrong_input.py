@@ -39,6 +39,13 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--duration", "-1s"], "--duration must be a positive time"),
         (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
         (["live", "still", "--spp", "0"], "--spp must be at least 1, got 0"),
+        (["live", "still", "--spp", "1000000000"], "--spp must be at most 1048576, got 1000000000"),
+        (["live", "still", "--first-hit-rays", "100000"], "--first-hit-rays must be at most 4096, got 100000"),
+        (["live", "still", "--fps", "2e6"], "--fps must be at most 1000000, for times are whole µs, got 2e+06"),
+        (
+            ["live", "still", "--quality", "exact", "--sampling", "adaptive"],
+            "--sampling adaptive needs --first-hit-rays of at least 1, which --quality exact has not: give it too",
+        ),
         (["live", "still", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
         (
             ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
