@@ -195,7 +195,9 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         state = sampling.absorb(settings.stream, pixel)
         grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
         wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
-        if grades[pixel] == wp.uint8(0) and steering.before == 0 and (pixel + steering.turn) % steering.every != 0:
+        # Diagonals, so that each who waits has neighbours on all sides who do not.
+        turn = pixel % settings.width + pixel // settings.width + steering.turn
+        if grades[pixel] == wp.uint8(0) and steering.before == 0 and turn % steering.every != 0:
             wanted = int(0)
         # The grade whose correction is added: none where that of another number of paths is.
         base = wp.min(grade, known[pixel] - 1)

@@ -184,6 +184,14 @@ def test_pixels_take_turns():
     assert turns == [80, 80, 80]
 
 
+def test_those_who_wait_have_neighbours_who_do_not():
+    run = Run(lit_world(), spp=2, first_hit_rays=1, probe_every=2)
+    run.fill(0)
+    for k in (1, 2):
+        traced = run.fill(k).plane("Samples") == 2
+        assert (traced[:, 1:] != traced[:, :-1]).all() and (traced[1:] != traced[:-1]).all()
+
+
 def test_near_an_event_nobody_waits_for_a_turn():
     board = InterestBoard()
     run = Run(lit_world(), board, spp=2, probe_spp=2, probe_every=1000)
