@@ -131,7 +131,7 @@ def named_points(seed: int) -> dict[str, Point]:
         "accurate": Rendering(16, "common", seed, "sobol", "adaptive", probe_spp=2, first_hit_rays=64),
     }
     return {
-        "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4), IRRADIANCE),
+        "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4, probe_every=2), IRRADIANCE),
         **{name: Point(rendering, IRRADIANCE) for name, rendering in adaptive.items()},
         "exact": Point(Rendering(128, "common", seed, "sobol"), ESIM),
     }

@@ -47,7 +47,14 @@ DEFAULT = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, 
 """What runs unless something else is asked for."""
 QUALITIES: dict[Quality, Point] = {
     "draft": Point(
-        method="irradiance", window=7, sampling="uniform", probe_spp=1, spp=1, first_hit_rays=4, sampler="sobol"
+        method="irradiance",
+        window=7,
+        sampling="uniform",
+        probe_spp=1,
+        spp=1,
+        first_hit_rays=4,
+        sampler="sobol",
+        probe_every=2,
     ),
     "balanced": Point(
         method="irradiance", window=7, sampling="adaptive", probe_spp=1, spp=8, first_hit_rays=16, sampler="sobol"
