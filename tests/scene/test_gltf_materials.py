@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from gltf_files import ASSETS, gltf, image_uri, needs_assets, write_gltf
+from gltf_files import ASSETS, add, gltf, image_uri, needs_assets, write_gltf
 
 from clsim.errors import InputError
 from clsim.scene import load_world
@@ -73,6 +73,32 @@ def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
     tree["meshes"][0]["primitives"][0]["material"] = 0
     material = load_gltf(write_gltf(tmp_path, tree)).materials[0]
     assert (material.emission, material.color, material.specular_color) == ((1, 0.5, 0), (0, 0, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize("by_transform", [False, True])
+def test_a_material_uses_the_set_of_coordinates_of_its_first_texture(tmp_path, by_transform):
+    """And tells so where another of its textures wants another set."""
+    second = {"index": 0, "texCoord": 1}
+    if by_transform:
+        second = {"index": 0, "extensions": {"KHR_texture_transform": {"texCoord": 1}}}
+    tree = gltf(
+        images=[{"uri": image_uri(np.zeros((2, 2, 4)))}],
+        textures=[{"source": 0}],
+        materials=[
+            {"pbrMetallicRoughness": {"baseColorTexture": second}, "emissiveTexture": second},
+            {"pbrMetallicRoughness": {"baseColorTexture": second}, "emissiveTexture": {"index": 0}, "name": "mixed"},
+        ],
+    )
+    primitive = tree["meshes"][0]["primitives"][0]
+    sets = [np.array([(0.0, 0.25), (0.5, 0.75), (1.0, 0.5)]) * scale for scale in (1, 0.5)]
+    for k, coordinates in enumerate(sets):
+        primitive["attributes"][f"TEXCOORD_{k}"] = add(tree, coordinates)
+    for material in (0, 1):
+        primitive["material"] = material
+        world = load_gltf(write_gltf(tmp_path, tree))
+        np.testing.assert_array_equal(world.meshes[0].uvs, (0, 1) + sets[1] * (1, -1))
+        assert [text for text in world.warnings if "mixed" in text] == list(world.warnings)
+        assert len(world.warnings) == material
 
 
 @needs_assets
