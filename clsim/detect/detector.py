@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from clsim.detect.config import REGRESSING, DetectorConfig
@@ -14,6 +12,7 @@ from clsim.detect.gate import Counts
 from clsim.detect.irradiance import check_planes
 from clsim.detect.pack import first_features
 from clsim.detect.reference_observation import check_variance, feature_names
+from clsim.detect.stats import DetectorStats
 from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -24,40 +23,6 @@ SPARSE_SHARE = 0.5
 """Below this share of pixels to solve, a list of them is faster than solving all (measured, random pixels)."""
 _STATE_LEVEL = 1
 """Plane of the state that is called S_LEVEL in common.clh."""
-
-
-@dataclass(slots=True)
-class DetectorStats:
-    """Counts since the start.
-
-    Attributes:
-        frames: frames processed.
-        pixels: pixels of those frames.
-        events: events returned.
-        tested: valid pixels that were asked whether they fire, summed over frames.
-        solved: those of them whose regression was solved.
-        initialised: pixels that (again) got their first reference.
-        masked: pixels left out because of NaN or infinite values, summed over frames.
-        many_crossings: pixels with more than 3 crossings in one step, summed over steps.
-        most_crossings: the largest number of crossings of a pixel in one step (rule `interpolated`; else at most 1).
-        capped: events not returned because a pixel had more than 1000 in one step.
-    """
-
-    frames: int = 0
-    pixels: int = 0
-    events: int = 0
-    tested: int = 0
-    solved: int = 0
-    initialised: int = 0
-    masked: int = 0
-    many_crossings: int = 0
-    most_crossings: int = 0
-    capped: int = 0
-
-    @property
-    def solved_share(self) -> float:
-        """Share of the tested pixels whose regression was solved; 0 before any test."""
-        return self.solved / self.tested if self.tested else 0.0
 
 
 class Detector:
@@ -138,7 +103,6 @@ class Detector:
         self._any_ready = self._any_ready or counts.listed + counts.kept > 0
         stats = self.stats
         stats.frames += 1
-        stats.pixels += self.width * self.height
         stats.events += len(events)
         stats.initialised += counts.fresh
         stats.masked += counts.invalid

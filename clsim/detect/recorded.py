@@ -7,7 +7,8 @@ import numpy as np
 from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device
-from clsim.detect.reference import ReferenceDetector, ReferenceStats
+from clsim.detect.reference import ReferenceDetector
+from clsim.detect.stats import DetectorStats
 from clsim.events import EventBatch
 from clsim.frames import Frame
 from clsim.frames.frame import FloatArray
@@ -43,7 +44,7 @@ class NumpyDetector:
         """Release nothing; here so that all detectors end alike."""
 
     @property
-    def stats(self) -> ReferenceStats:
+    def stats(self) -> DetectorStats:
         """Counts since the start."""
         return self._reference.stats
 

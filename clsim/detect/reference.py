@@ -8,7 +8,7 @@ Monte Carlo Path Tracing with Adaptive Denoising", ICIP 2023, with the radiance 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,41 +28,10 @@ from clsim.detect.reference_observation import (
     observe,
 )
 from clsim.detect.reference_rule import Outcome, Step, apply_rule
+from clsim.detect.stats import DetectorStats
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.frames import Frame
-
-
-@dataclass(slots=True)
-class ReferenceStats:
-    """Counts since the start.
-
-    Attributes:
-        frames: frames processed.
-        events: events written.
-        tested: valid pixels that were asked whether they fire, summed over frames.
-        solved: those of them whose regression was solved.
-        initialised: pixels that (again) got their first reference.
-        masked: pixels left out because of NaN or infinite values, summed over frames.
-        many_crossings: pixels with more than 3 crossings in one step, summed over steps.
-        most_crossings: the largest number of crossings of a pixel in one step (rule `interpolated`; else at most 1).
-        capped: events not written because a pixel had more than 1000 in one step.
-    """
-
-    frames: int = 0
-    events: int = 0
-    tested: int = 0
-    solved: int = 0
-    initialised: int = 0
-    masked: int = 0
-    many_crossings: int = 0
-    most_crossings: int = 0
-    capped: int = 0
-
-    @property
-    def solved_share(self) -> float:
-        """Share of the tested pixels whose regression was solved; 0 before any test."""
-        return self.solved / self.tested if self.tested else 0.0
 
 
 class ReferenceDetector:
@@ -89,7 +58,7 @@ class ReferenceDetector:
         self.config = config
         self.width, self.height = width, height
         self.planes = feature_names(config, names) if config.method in REGRESSING else ()
-        self.stats = ReferenceStats()
+        self.stats = DetectorStats()
         count = width * height
         self.ref: F64 = np.zeros((height, width))
         self.level: F64 = np.zeros((height, width))

@@ -254,9 +254,7 @@ def test_statistics_equal_the_references():
     kernels, reference = both(config_of(precision="float64", threshold_on=0.02), frames)
     run(kernels, frames)
     run(reference, frames)
-    for field in dataclasses.fields(reference.stats):
-        assert getattr(kernels.stats, field.name) == getattr(reference.stats, field.name), field.name
-    assert kernels.stats.pixels == 4 * 17 * 23
+    assert kernels.stats == reference.stats and kernels.stats.frames == 4
     assert kernels.stats.masked > 0 and kernels.stats.many_crossings > 0
 
 
