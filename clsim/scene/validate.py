@@ -15,6 +15,8 @@ from clsim.scene.world import AlphaMode, Camera, CheckerTexture, Kind, Material,
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
+SMALLEST_FLOOR = 1.2e-38
+"""Smaller numbers are subnormal in float32: some devices take them for 0."""
 
 
 def validate(world: World, source: str) -> None:
@@ -72,6 +74,8 @@ def _problems(world: World) -> Iterator[str]:
     for key in ("threshold_on", "threshold_off", "scale", "floor"):
         if not 0 < getattr(sensor, key) < math.inf:
             yield f"sensor: {key} is {getattr(sensor, key)}, expected a positive number"
+    if 0 < sensor.floor < SMALLEST_FLOOR:
+        yield f"sensor: floor is {sensor.floor:g}, expected at least {SMALLEST_FLOOR:g}"
     for key in ("fps", "duration_s"):
         if not 0 < getattr(world, key) < math.inf:
             yield f"{key} is {getattr(world, key)}, expected a positive number"

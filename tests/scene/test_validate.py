@@ -108,6 +108,7 @@ def test_a_good_world_passes():
         (replace(GOOD, sphere_lights=(SphereLight(1.0, (np.inf, 1, 1), IDENTITY),)), ["sphere light 0", "radiance"]),
         (replace(GOOD, environment=(0, np.nan, 0)), ["environment", "nan"]),
         (replace(GOOD, sensor=Sensor(threshold_off=0.0)), ["sensor", "threshold_off"]),
+        (replace(GOOD, sensor=Sensor(floor=1e-40)), ["sensor: floor is 1e-40, expected at least 1.2e-38"]),
         (replace(GOOD, fps=0.0), ["fps"]),
         (replace(GOOD, duration_s=float("inf")), ["duration_s", "inf"]),
     ],
