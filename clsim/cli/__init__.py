@@ -25,11 +25,9 @@ def main() -> None:
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)
     except BrokenPipeError:
-        from clsim.cli.status import READER_LEFT
-
         # Whoever read our standard output has gone; Python must not try to flush it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(READER_LEFT)
+        sys.exit(1)
     except Exception as error:
         if not isinstance(error, usage_error):
             raise

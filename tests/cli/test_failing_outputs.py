@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -55,18 +54,6 @@ def test_conversion_whose_reader_leaves_ends_quietly(tmp_path: Path) -> None:
     with contextlib.closing(open_sink(tmp_path / "many.csv", 4, 4)) as sink:
         sink.write(events)
     assert read_a_line("convert", tmp_path / "many.csv", "-") == (141, "")
-
-
-@pytest.mark.parametrize("arguments", [("scenes",), ("--help",)])
-def test_answers_that_nobody_reads_end_quietly(arguments: tuple[str, ...]) -> None:
-    reader, writer = os.pipe()
-    os.close(reader)
-    try:
-        command = [sys.executable, "-m", "clsim", *arguments]
-        done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, timeout=120)
-    finally:
-        os.close(writer)
-    assert (done.returncode, done.stderr) == (141, b"")
 
 
 def test_the_last_events_may_be_those_that_nobody_reads(tmp_path: Path) -> None:
