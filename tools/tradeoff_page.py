@@ -34,12 +34,13 @@ def points() -> list[Point]:
         ]
         chosen += [
             Point(Rendering(spp, "common", seed, "sobol", first_hit_rays=rays), IRRADIANCE)
-            for spp, rays in ((1, 4), (1, 16), (2, 16), (4, 16), (8, 16), (8, 64), (16, 64))
+            for spp, rays in ((1, 4), (1, 16), (2, 16), (4, 16), (8, 16), (8, 64), (16, 64), (32, 64))
         ]
         chosen += [
             Point(Rendering(spp, "common", seed, "sobol", "adaptive", probe, rays), IRRADIANCE)
             for probe, spp, rays in (
-                (1, 4, 16), (1, 8, 16), (1, 8, 32), (1, 8, 64), (2, 16, 32), (2, 12, 64), (2, 16, 64), (4, 32, 64)
+                (1, 4, 16), (1, 8, 16), (1, 16, 16), (1, 8, 32), (1, 16, 32), (1, 8, 64), (1, 16, 64), (1, 32, 64),
+                (2, 16, 64), (4, 32, 64), (4, 64, 64)
             )
         ]  # fmt: skip
         chosen += named_points(seed).values()
@@ -58,7 +59,27 @@ def page(results: dict[str, Any]) -> str:
         f"{results['fps']:g} fps, C = {results['threshold_on']:g}, reference {results['reference']['spp']} spp, "
         f"{results['reference']['events']['interpolated']:,} events; {len(SEEDS)} seeds"
     )
-    return f"{about}\n\n{table(_HEAD, rows)}\n"
+    return f"{about}\n\n{table(_HEAD, rows)}\n\n{_dominated(results['settings'])}\n"
+
+
+def _dominated(settings: list[dict[str, Any]]) -> str:
+    """Return a sentence on which adaptive settings are beaten by a uniform one, in a cost and in both scores."""
+    adaptive = [row for row in settings if row["sampling"] == "adaptive"]
+    found = []
+    for cost, unit in (("paths", "paths"), ("cpu_s", "CPU time")):
+        for row in adaptive:
+            better = [
+                other["label"]
+                for other in settings
+                if other["sampling"] == "uniform"
+                and other[cost] <= row[cost]
+                and all(other[name] >= row[name] for name in ("f1", "strict_f1"))
+            ]
+            if better:
+                found.append(f"{row['label']} (by {unit}: {'; '.join(better)})")
+    if not found:
+        return "No uniform setting has both scores of an adaptive one for as few paths, or for as little CPU time."
+    return f"Uniform settings have both scores of an adaptive one for less: {'; '.join(found)}."
 
 
 def _row(row: dict[str, Any], base: dict[str, Any], pixels: int) -> tuple[str, ...]:
