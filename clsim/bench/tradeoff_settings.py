@@ -37,10 +37,10 @@ class Rendering:
     sampler: Sampler = "pcg"
     sampling: Sampling = "uniform"
     probe_spp: int | None = None
-    """Paths where no event is near, if sampling is adaptive; ``spp`` are traced elsewhere."""
+    """Paths that every pixel gets, if sampling is adaptive, which then are doubled where a decision needs it."""
     first_hit_rays: int = 0
     probe_every: int = 1
-    """Frames in which all pixels are probed once, in turn; if sampling is adaptive, those near an event in each."""
+    """Frames in which all pixels are probed once, in turn; if sampling is adaptive, some in each."""
 
     @property
     def label(self) -> str:

@@ -23,14 +23,14 @@ FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [s
 SPP = Annotated[int, typer.Option(help="Light paths per pixel and frame.")]
 LIVE_SPP = Annotated[
     int | None,
-    typer.Option(help="Light paths per pixel and frame; with adaptive sampling, where events are near. [8]"),
+    typer.Option(help="Light paths per pixel and frame; with adaptive sampling, at most. [8]"),
 ]
-PROBE_SPP = Annotated[int | None, typer.Option(help="Light paths per pixel elsewhere, with adaptive sampling. [1]")]
+PROBE_SPP = Annotated[int | None, typer.Option(help="Light paths that every pixel gets, with adaptive sampling. [1]")]
 PROBE_EVERY = Annotated[
     int | None,
     typer.Option(
-        help="Frames in which the light of all pixels is found once, in turn; with adaptive sampling, where events are "
-        "near in each. [1]"
+        help="Frames in which the light of all pixels is found once, in turn; with adaptive sampling, in each frame "
+        "where it may decide about an event. [1]"
     ),
 ]
 FIRST_HIT_RAYS = Annotated[
@@ -41,7 +41,7 @@ FIRST_HIT_RAYS = Annotated[
 ]
 SAMPLING = Annotated[
     Literal["uniform", "adaptive"] | None,
-    typer.Option(help="The same for every pixel; or more where an event is near, from first-hit rays. [uniform]"),
+    typer.Option(help="The same for every pixel; or as much as tells whether an event fires. [uniform]"),
 ]
 QUALITY = Annotated[
     Quality | None,

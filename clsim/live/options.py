@@ -36,13 +36,13 @@ class LiveOptions:
     quality: Quality | None = None
     """Named point of speed against accuracy that holds where nothing else is given: see `clsim.live.quality`."""
     sampling: Sampling | None = None
-    """Whether every pixel gets the same number of light paths, or more where an event may come."""
+    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires."""
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
     probe_every: int | None = None
-    """Frames in which the light of all pixels is found once, in turn; of those where an event is near, in each."""
+    """Frames in which the light of all pixels is found once, in turn; in each frame where it may decide about an event."""
     spp: int | None = None
-    """Light paths per pixel and frame; where sampling is adaptive, of the pixels of interest."""
+    """Light paths per pixel and frame; where sampling is adaptive, at most."""
     first_hit_rays: int | None = None
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     resolution: tuple[int, int] | None = None

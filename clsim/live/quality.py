@@ -20,16 +20,16 @@ class Point:
     window: int | None
     """Side of the regression window [pixels]; None takes the method's own."""
     sampling: Sampling
-    """Whether every pixel gets the same number of light paths, or more where an event may come."""
+    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires."""
     probe_spp: int
     """Light paths that every pixel gets, where sampling is adaptive."""
     spp: int
-    """Light paths per pixel and frame; where sampling is adaptive, of the pixels of interest."""
+    """Light paths per pixel and frame; where sampling is adaptive, at most."""
     first_hit_rays: int
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
     probe_every: int = 1
-    """Frames in which the light of all pixels is found once, in turn; of those where an event is near, in each."""
+    """Frames in which the light of all pixels is found once, in turn; in each frame where it may decide about an event."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""

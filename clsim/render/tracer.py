@@ -88,7 +88,7 @@ class RenderOptions:
     clean after few paths; frames have the planes ``frames.FIRST_HIT_PLANES``.
     """
     probe_spp: int | None = None
-    """Paths a pixel where no event is near; None traces ``spp`` everywhere. Needs first-hit rays and common noise."""
+    """Paths where no event is near, doubled elsewhere; None traces ``spp``. Needs first-hit rays and common noise."""
     probe_every: int = 1
     """Frames from one probe of a pixel to the next where no event is near; in between, the last irradiance is taken.
 
