@@ -40,7 +40,7 @@ class LiveOptions:
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
     probe_every: int | None = None
-    """Frames in which the light of all pixels is found once, in turn; in each frame where it may decide about an event."""
+    """Frames in which the light of all pixels is found once, in turn; in each where it may decide about an event."""
     spp: int | None = None
     """Light paths per pixel and frame; where sampling is adaptive, at most."""
     first_hit_rays: int | None = None

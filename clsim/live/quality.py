@@ -29,7 +29,7 @@ class Point:
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
     probe_every: int = 1
-    """Frames in which the light of all pixels is found once, in turn; in each frame where it may decide about an event."""
+    """Frames in which the light of all pixels is found once, in turn; in each where it may decide about an event."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
