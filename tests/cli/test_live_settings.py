@@ -99,5 +99,5 @@ def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeyp
     text = words(clsim("live", "--help").stdout)
     for name, point in QUALITIES.items():
         assert f"{name}: {point.text()}" in text
-    assert "Light paths per pixel elsewhere, with adaptive sampling. [1]" in text
+    assert "Light paths that every pixel gets, with adaptive sampling. [1]" in text
     assert QUALITIES["balanced"].probe_spp == 1
