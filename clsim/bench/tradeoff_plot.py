@@ -9,17 +9,22 @@ from typing import Any
 import numpy as np
 
 from clsim.bench.label_places import place_labels
+from clsim.bench.tradeoff_settings import named_points
 from clsim.errors import InputError
 
 _COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
 """Blue and vermilion of Okabe and Ito, which colour-blind people tell apart; fillings tell them apart in grey."""
+_ADAPTIVE = "#CC79A7"
+"""Theirs too, instead of blue: adaptive sampling is always with common random numbers."""
 _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D", "irradiance": "v"}
-_SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": "irr."}
+_SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": ""}
 _PEERS = {"chain": ("*", "#000000", "Mitsuba +\nICIP 2023"), "manabe": ("P", "#009E73", "Manabe 2024")}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
 _MANY = 40
 """With more settings than this, those off the front are drawn faintly."""
+_APART = 1.2
+"""Points of the front whose costs differ by less than this factor share a label, unless they have a name."""
 
 
 def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
@@ -74,7 +79,7 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
     panel.step([row["cpu_s"] for row in front], [row[value] for row in front], where="post", color="0.55", zorder=1.5)
     for row in rows:
         faint = len(rows) > _MANY and not (row[f"front_{value}"] or row["icip_2023"])
-        colour = _COLOURS[row["noise"]]
+        colour = _ADAPTIVE if row["sampling"] == "adaptive" else _COLOURS[row["noise"]]
         filled = row["noise"] == "common"
         panel.errorbar(
             row["cpu_s"],
@@ -102,16 +107,32 @@ def _rules(results: dict[str, Any]) -> set[str]:
 
 
 def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
-    """Name the points of the front, the paper's and the peers; colour tells the noise, so names leave it out."""
+    """Name points of the front, the paper's and the peers; colour tells the noise, so names leave it out."""
     rows, peers = results["settings"], results["peer_settings"]
-    named = [row for row in rows if row[f"front_{value}"] or row["icip_2023"]]
-    seen = rows if len(rows) <= _MANY else named
+    labelled: list[dict[str, Any]] = []
+    names: list[str] = []
+    cost = 0.0
+    for row in sorted(rows, key=lambda row: row["cpu_s"]):
+        name = "ICIP 2023" if row["icip_2023"] else _quality(row)
+        if name or (row[f"front_{value}"] and row["cpu_s"] > _APART * cost):
+            labelled.append(row)
+            names.append(f"{name}\n{_short(row)}" if name else _short(row))
+            cost = row["cpu_s"]
+    seen = rows if len(rows) <= _MANY else labelled
     place_labels(
         panel,
-        [(row["cpu_s"], row[value]) for row in (*named, *peers)],
-        ["ICIP 2023\n" * row["icip_2023"] + _short(row) for row in named] + [_PEERS[row["peer"]][2] for row in peers],
+        [(row["cpu_s"], row[value]) for row in (*labelled, *peers)],
+        names + [_PEERS[row["peer"]][2] for row in peers],
         [(row["cpu_s"], row[value]) for row in (*seen, *peers)] + _along_lines(panel, results, value),
     )
+
+
+def _quality(row: dict[str, Any]) -> str:
+    """Return what ``clsim live --quality`` calls a setting, or nothing."""
+    for name, point in named_points(0).items():
+        if all(row[key] == value for key, value in point.as_dict().items() if key != "seed"):
+            return name
+    return ""
 
 
 def _along_lines(panel: Any, results: dict[str, Any], value: str) -> list[tuple[float, float]]:
@@ -132,9 +153,9 @@ def _short(row: dict[str, Any]) -> str:
     if row["sampler"] != "pcg":
         parts.append(row["sampler"])
     if row["first_hit_rays"]:
-        parts.append(f"+{row['first_hit_rays']}")
+        parts.append(f"+ {row['first_hit_rays']} rays")
     parts.append(_SHORT_NAMES[row["gate"] or row["method"]])
-    if row["window"] is not None:
+    if row["window"] is not None and row["method"] != "irradiance":
         parts.append(f"K{row['window']}")
     if row["history"] is not None and row["history"] > 1:
         parts.append(f"T{row['history']}")
@@ -173,6 +194,8 @@ def _legend(results: dict[str, Any]) -> list[Any]:
         for noise, colour in _COLOURS.items()
         if noise in noises
     ]
+    if any(row["sampling"] == "adaptive" for row in rows):
+        handles.append(marker("adaptive sampling", "v", _ADAPTIVE, _ADAPTIVE))
     handles.append(Line2D([], [], color="0.55", label="Pareto front"))
     for rule, style in _CEILING_STYLES.items():
         if rule in _rules(results):

@@ -128,7 +128,7 @@ def named_points(seed: int) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names."""
     adaptive = {
         "balanced": Rendering(8, "common", seed, "sobol", "adaptive", probe_spp=1, first_hit_rays=16),
-        "accurate": Rendering(16, "common", seed, "sobol", "adaptive", probe_spp=2, first_hit_rays=64),
+        "accurate": Rendering(32, "common", seed, "sobol", "adaptive", probe_spp=4, first_hit_rays=64),
     }
     return {
         "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4, probe_every=2), IRRADIANCE),

@@ -60,7 +60,7 @@ QUALITIES: dict[Quality, Point] = {
         method="irradiance", window=7, sampling="adaptive", probe_spp=1, spp=8, first_hit_rays=16, sampler="sobol"
     ),
     "accurate": Point(
-        method="irradiance", window=7, sampling="adaptive", probe_spp=2, spp=16, first_hit_rays=64, sampler="sobol"
+        method="irradiance", window=7, sampling="adaptive", probe_spp=4, spp=32, first_hit_rays=64, sampler="sobol"
     ),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"

@@ -32,8 +32,8 @@ def test_every_named_point_can_be_rendered_and_detected() -> None:
 
 
 def test_what_is_given_wins_over_the_named_point() -> None:
-    point = options(quality="accurate", spp=32, sampler="pcg", first_hit_rays=8).point
-    expected = asdict(QUALITIES["accurate"]) | {"spp": 32, "sampler": "pcg", "first_hit_rays": 8}
+    point = options(quality="accurate", spp=24, sampler="pcg", first_hit_rays=8).point
+    expected = asdict(QUALITIES["accurate"]) | {"spp": 24, "sampler": "pcg", "first_hit_rays": 8}
     assert asdict(point) == expected
 
 
