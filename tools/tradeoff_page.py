@@ -18,7 +18,16 @@ from clsim.bench.tradeoff_settings import BASE, ESIM, IRRADIANCE, Point, Renderi
 from clsim.bench.tradeoff_tables import table
 
 SEEDS = (0, 1, 2)
-_HEAD = ("Setting", "paths", "first-hit rays", "CPU µs", "F1", "strict F1", "of its paths", "of its CPU time")
+_HEAD = (
+    "Setting (looks: first-hit rays)",
+    "paths",
+    "first-hit rays",
+    "CPU µs",
+    "F1",
+    "strict F1",
+    "of its paths",
+    "of its CPU time",
+)
 
 
 def points() -> list[Point]:
@@ -64,22 +73,25 @@ def page(results: dict[str, Any]) -> str:
 
 def _dominated(settings: list[dict[str, Any]]) -> str:
     """Return a sentence on which adaptive settings are beaten by a uniform one, in a cost and in both scores."""
-    adaptive = [row for row in settings if row["sampling"] == "adaptive"]
-    found = []
-    for cost, unit in (("paths", "paths"), ("cpu_s", "CPU time")):
-        for row in adaptive:
-            better = [
-                other["label"]
-                for other in settings
-                if other["sampling"] == "uniform"
-                and other[cost] <= row[cost]
-                and all(other[name] >= row[name] for name in ("f1", "strict_f1"))
-            ]
-            if better:
-                found.append(f"{row['label']} (by {unit}: {'; '.join(better)})")
+    beaten = {
+        unit: [
+            _short(row["label"]) for row in settings if row["sampling"] == "adaptive" and _beaten(row, settings, cost)
+        ]
+        for cost, unit in (("paths", "for as few paths"), ("cpu_s", "in as little CPU time"))
+    }
+    found = [f"{unit} those of {'; '.join(labels)}" for unit, labels in beaten.items() if labels]
     if not found:
-        return "No uniform setting has both scores of an adaptive one for as few paths, or for as little CPU time."
-    return f"Uniform settings have both scores of an adaptive one for less: {'; '.join(found)}."
+        return "No uniform setting reaches both scores of an adaptive one for as few paths, or in as little CPU time."
+    return f"Uniform settings reach both scores of some adaptive ones: {', and '.join(found)}."
+
+
+def _beaten(row: dict[str, Any], settings: list[dict[str, Any]], cost: str) -> bool:
+    """Tell whether a uniform setting costs no more than ``row`` and has both its scores."""
+    return any(
+        other[cost] <= row[cost] and all(other[name] >= row[name] for name in ("f1", "strict_f1"))
+        for other in settings
+        if other["sampling"] == "uniform"
+    )
 
 
 def _row(row: dict[str, Any], base: dict[str, Any], pixels: int) -> tuple[str, ...]:
@@ -87,7 +99,14 @@ def _row(row: dict[str, Any], base: dict[str, Any], pixels: int) -> tuple[str, .
     as_good = all(row[name] >= base[name] for name in ("f1", "strict_f1"))
     saved = [f"1/{base[name] / row[name]:.3g}" if as_good and row is not base else "" for name in ("paths", "cpu_s")]
     counts = [f"{row['paths'] / pixels:.3g}", f"{row['first_hit_rays_traced'] / pixels:.3g}"]
-    return (row["label"], *counts, f"{1e6 * row['cpu_s'] / pixels:.3g}", *scores, *saved)
+    return (_short(row["label"]), *counts, f"{1e6 * row['cpu_s'] / pixels:.3g}", *scores, *saved)
+
+
+def _short(label: str) -> str:
+    """Return a label without what nearly all settings share."""
+    for long, short in ((" common", ""), (" first hits", " looks"), ("irradiance K7", "irradiance")):
+        label = label.replace(long, short)
+    return label
 
 
 def _report(what: str, done: float, total: float) -> None:
@@ -120,6 +139,7 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     # A Mitsuba scene is called scene.xml, in a folder that tells which.
     name = Path(given.scene).parent.name if given.scene.endswith(".xml") else Path(given.scene).stem
+    results["scene"] = name
     (given.out / f"{name}.md").write_text(page(results))
     (given.out / f"{name}.json").write_text(json.dumps(results))
     plot_tradeoff(results, given.out / f"tradeoff-{name}.png")
