@@ -173,8 +173,8 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
     doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. Kept from frame to frame:
     ``irradiance``, vec3 ``[H·W]``, of the last frame; ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from
     that of each grade's paths when these were last traced; ``known``, int32 ``[H·W]``: for how many grades, from the
-    lowest, there is a correction. ``out_spent`` int32
-    ``[2, H·W]`` counts first-hit rays that no path begins with, and paths.
+    lowest, there is a correction. ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays that no path begins with, and
+    paths.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)

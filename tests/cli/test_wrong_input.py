@@ -49,7 +49,7 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
         (
             ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
-            "--probe-spp must be at most --spp 16, got 99",
+            "--probe-spp must be at most --spp 32, got 99",
         ),
         (["live", "still", "--probe-every", "2"], "--probe-every 2 needs --first-hit-rays of at least 1, got 0"),
         (["live", "still", "--quality", "balanced", "--noise", "independent"], "adaptive needs --noise common"),
