@@ -13,7 +13,7 @@ from clsim.errors import InputError
 from clsim.version import VERSION
 
 if TYPE_CHECKING:
-    from clsim.live.open import open_events as open
+    from clsim.events.open import open_events as open
     from clsim.live.stream import stream
 
 __version__ = VERSION
@@ -28,7 +28,7 @@ def __getattr__(name: str) -> Any:
 
         return stream
     if name == "open":
-        from clsim.live.open import open_events
+        from clsim.events.open import open_events
 
         return open_events
     raise AttributeError(f"module 'clsim' has no attribute {name!r}")

@@ -15,9 +15,9 @@ from PIL import Image, ImageDraw
 
 import clsim
 from clsim.frames import BASE_PLANES, RADIANCE, Frame, page_aligned
+from clsim.frames.tonemap import ToneMap
 from clsim.live.view.accumulate import colour_indices, signed_image
 from clsim.live.view.colormaps import lut
-from clsim.live.view.tonemap import ToneMap
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
 

@@ -29,8 +29,8 @@ def convert(
     from rich.console import Console
 
     from clsim.events import SinkError
-    from clsim.live.convert import convert_events
-    from clsim.live.outputs import FileOptions
+    from clsim.events.copy import convert_events
+    from clsim.events.outputs import FileOptions
 
     console = Console(stderr=True)
     size = None if resolution is None else parse.resolution(resolution)

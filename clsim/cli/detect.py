@@ -80,8 +80,9 @@ def detect(
     """
     from clsim.cli.status import run_session
     from clsim.detect.config import DetectorConfig
+    from clsim.events.address import is_standard_output
+    from clsim.events.outputs import FileOptions
     from clsim.live.options import RecordingOptions
-    from clsim.live.outputs import FileOptions, is_standard_output
     from clsim.live.session import open_recording
 
     if as_json and any(map(is_standard_output, out)):

@@ -104,8 +104,9 @@ def live(
 
     Example: `clsim live two-boxes --out events.aedat4 --out tcp://127.0.0.1:7777 --loop`
     """
+    from clsim.events.address import is_standard_output
+    from clsim.events.outputs import FileOptions
     from clsim.live.options import LiveOptions
-    from clsim.live.outputs import FileOptions, is_standard_output
 
     outputs = tuple(out or ())
     if as_json and any(map(is_standard_output, outputs)):

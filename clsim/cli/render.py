@@ -51,9 +51,9 @@ def render(
     from rich.console import Console
     from rich.progress import track
 
+    from clsim.events.sidecar import write_sidecar
     from clsim.frames import ALL_PLANES, Frame, page_aligned
     from clsim.frames.exr import ExrWriter
-    from clsim.live.outputs import write_sidecar
     from clsim.live.schedule import plan
     from clsim.live.session import about_camera
     from clsim.render import PathTracer, RenderOptions

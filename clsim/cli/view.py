@@ -11,7 +11,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.errors import InputError
-from clsim.live.outputs import is_address
+from clsim.events.address import is_address
 
 if TYPE_CHECKING:
     from clsim.events import Sink
@@ -51,7 +51,7 @@ def view(
 
     Examples: `clsim view events.aedat4`, `clsim view tcp://127.0.0.1:7777`, `clsim view events.aedat4 --to film.mp4`
     """
-    from clsim.live.open import open_events, sensor_size
+    from clsim.events.open import open_events, sensor_size
 
     for option, value in (("--fps", fps), ("--speed", speed), ("--contrast", contrast)):
         if not 0 < value < float("inf"):

@@ -42,6 +42,16 @@ class Address:
                 raise InputError(f"{self.text}: {name} is {value!r}; expected {_listed(choices[name])}")
 
 
+def is_address(name: str) -> bool:
+    """Tell whether an output is a socket address or standard output rather than a file."""
+    return is_standard_output(name) or "://" in name
+
+
+def is_standard_output(name: str) -> bool:
+    """Tell whether an output is ``-``, perhaps with options as in ``-?format=aedat4``."""
+    return name.partition("?")[0] == "-"
+
+
 def parse_address(text: str) -> Address:
     """Take an address apart. ``tcp://:7777`` means the loopback address; IPv6 addresses stand in brackets.
 

@@ -7,18 +7,23 @@ import os
 from pathlib import Path
 from typing import Any
 
+from clsim.events.address import is_address
 from clsim.events.filesink import unwritable
 
 
-def sidecar_path(path: str | os.PathLike[str]) -> Path:
-    """Return where the sidecar of an event file goes: its name with ``.json`` behind."""
-    return Path(f"{os.fspath(path)}.json")
+def sidecar_path(name: str | os.PathLike[str]) -> Path | None:
+    """Return where the sidecar of an event file goes: its name with ``.json`` behind; None for an address."""
+    name = os.fspath(name)
+    return None if is_address(name) else Path(f"{name}.json")
 
 
-def read_sidecar(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what the sidecar of the event file ``path`` tells; nothing if there is none, or it is something else."""
+def read_sidecar(name: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what the sidecar of the event file ``name`` tells; nothing if there is none, or it is something else."""
+    path = sidecar_path(name)
+    if path is None:
+        return {}
     try:
-        found = json.loads(sidecar_path(path).read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}

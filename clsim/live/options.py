@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError, require_choice
+from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
-from clsim.live.outputs import FileOptions
 from clsim.live.pipeline import Pace
 from clsim.live.quality import BASIS, DEFAULT, QUALITIES, Point, Quality, Sampler, Sampling, setting_names, with_given
 

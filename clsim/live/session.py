@@ -12,13 +12,15 @@ import numpy as np
 
 from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.events import Sink
+from clsim.events.address import is_address
+from clsim.events.frame_recorder import FrameRecorder
+from clsim.events.outputs import FileOptions, check_output, open_output
+from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, VARIANCE_PLANES, InterestBoard
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
-from clsim.live.outputs import FileOptions, check_output, is_address, open_output, sidecar_path, write_sidecar
 from clsim.live.pipeline import Output, Pipeline
-from clsim.live.recorder import FrameRecorder
 from clsim.live.schedule import Schedule, plan
 from clsim.scene import Camera, Motion, World, load_world
 from clsim.version import VERSION

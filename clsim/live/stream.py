@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from clsim.events import EventBatch, SinkError
+from clsim.events.queue_sink import QueueSink
 from clsim.live.options import LiveOptions
-from clsim.live.queue_sink import QueueSink
 from clsim.live.session import open_live
 
 

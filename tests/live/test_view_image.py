@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
+from clsim.frames.tonemap import ToneMap
 from clsim.live.view import colormaps
 from clsim.live.view.accumulate import EventWindow, colour_indices, signed_image
-from clsim.live.view.tonemap import ToneMap
 from tests.live.view_events import random_events
 
 WIDTH, HEIGHT = 7, 5

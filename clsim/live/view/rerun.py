@@ -13,9 +13,10 @@ from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.frames import Frame
 from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.frames.tonemap import ToneMap, brightness_image
+from clsim.live.view import FRAME_PERIOD_S
 from clsim.live.view.accumulate import EventWindow, colour_indices, signed_image
 from clsim.live.view.colormaps import ZERO, lut
-from clsim.live.view.tonemap import FRAME_PERIOD_S, ToneMap, brightness_image
 
 PICTURE_US = 33_000
 _MOST_POINTS = 50_000

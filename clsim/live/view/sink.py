@@ -13,9 +13,10 @@ import numpy as np
 from clsim.events import EventBatch
 from clsim.frames import Frame
 from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.frames.tonemap import ToneMap, brightness_image
+from clsim.live.view import FRAME_PERIOD_S
 from clsim.live.view.packets import DENOISED, NOISY, image_packet
 from clsim.live.view.server import PageServer
-from clsim.live.view.tonemap import FRAME_PERIOD_S, ToneMap, brightness_image
 
 _LARGEST_FRAME_PX = 640
 

@@ -19,8 +19,8 @@ from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, SinkError
 from clsim.events.aedat4_frames import Aedat4FramesSink
 from clsim.events.files import open_source
+from clsim.events.frame_recorder import FrameRecorder
 from clsim.frames import Frame
-from clsim.live.recorder import FrameRecorder
 
 dv = pytest.importorskip("dv_processing", reason="frames beside events need the dv extra")
 

@@ -9,7 +9,7 @@ from clsim.events import EventBatch
 from clsim.events.aedat4_frames import Aedat4FramesSink
 from clsim.frames import Frame
 from clsim.frames.frame import RADIANCE, FloatArray
-from clsim.live.view.tonemap import ToneMap
+from clsim.frames.tonemap import ToneMap
 
 
 class FrameRecorder:

@@ -10,9 +10,11 @@ from typing import Any
 
 from clsim.errors import InputError
 from clsim.events import SinkError
+from clsim.events.address import is_address
 from clsim.events.closing import close_at_once
-from clsim.live.open import open_events, sensor_size
-from clsim.live.outputs import FileOptions, is_address, open_output, sidecar_path, write_sidecar
+from clsim.events.open import open_events, sensor_size
+from clsim.events.outputs import FileOptions, open_output
+from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.version import VERSION
 
 

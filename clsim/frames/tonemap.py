@@ -7,8 +7,6 @@ import numpy.typing as npt
 
 from clsim.frames.frame import FloatArray
 
-FRAME_PERIOD_S = 1 / 15
-"""Time between two frames that are shown: looking must not cost what rendering needs [s]."""
 _STEPS = 4096
 _PERCENTILE = 95.0
 _WHITE_AT = 0.8

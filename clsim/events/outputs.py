@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.events import Sink
-from clsim.events.address import parse_address
+from clsim.events.address import is_address, parse_address
 from clsim.events.files import FORMATS, format_of, open_sink
 
 TextTime = Literal["us", "s"]
@@ -50,16 +50,6 @@ class FileOptions:
         return format_of(Path(name)).name
 
 
-def is_address(name: str) -> bool:
-    """Tell whether an output is a socket address or standard output rather than a file."""
-    return is_standard_output(name) or "://" in name
-
-
-def is_standard_output(name: str) -> bool:
-    """Tell whether an output is ``-``, perhaps with options as in ``-?format=aedat4``."""
-    return name.partition("?")[0] == "-"
-
-
 def check_output(name: str, options: FileOptions) -> None:
     """Raise InputError where a file could not be opened for events, without touching it."""
     options.format_of(name)
@@ -79,7 +69,7 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     kind = options.format_of(name)
     if kind == "aedat4" and options.frames and not is_address(name):
         from clsim.events.aedat4_frames import Aedat4FramesSink
-        from clsim.live.recorder import FrameRecorder
+        from clsim.events.frame_recorder import FrameRecorder
 
         return FrameRecorder(Aedat4FramesSink(Path(name), width, height))
     text: dict[str, Any] = {"time_unit": options.text_time} if kind == "text" and options.text_time is not None else {}
@@ -88,15 +78,3 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
 
         return open_socket_sink(name, width, height, **text)
     return open_sink(name, width, height, format=kind, **text)
-
-
-def sidecar_path(name: str) -> Path | None:
-    """Return where an output's sidecar goes, None for what is no file."""
-    return None if is_address(name) else Path(f"{name}.json")
-
-
-def write_sidecar(path: Path, info: dict[str, Any]) -> None:
-    """Write a sidecar so that a reader never sees half of one."""
-    from clsim.events.sidecar import write_sidecar as write
-
-    write(path, info)

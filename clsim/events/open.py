@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 from clsim.errors import InputError
+from clsim.events.address import is_address
 from clsim.events.filesource import EventSource
 from clsim.events.sidecar import read_sidecar, sidecar_size
 from clsim.events.socket_sources import SocketSource
-from clsim.live.outputs import is_address
 
 
 def open_events(path_or_url: str | os.PathLike[str]) -> EventSource | SocketSource:
@@ -45,7 +45,7 @@ def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int,
         return given
     if source.width is not None and source.height is not None:
         return source.width, source.height
-    return sidecar_size({} if is_address(name) else read_sidecar(name)) or _smallest_size(name)
+    return sidecar_size(read_sidecar(name)) or _smallest_size(name)
 
 
 def _smallest_size(name: str) -> tuple[int, int]:
