@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from clsim.errors import InputError
+from clsim.errors import Error, InputError
 from clsim.version import VERSION
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __version__ = VERSION
 
-__all__ = ["InputError", "__version__", "open", "stream"]
+__all__ = ["Error", "InputError", "__version__", "open", "stream"]
 
 
 def __getattr__(name: str) -> Any:

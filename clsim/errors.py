@@ -1,17 +1,22 @@
-"""The one exception that means "the input is wrong, not the program"."""
+"""The errors of clsim: all derive from `Error`."""
 
 from __future__ import annotations
 
 
-class InputError(ValueError):
+class Error(Exception):
+    """The base of all errors of ours."""
+
+
+class InputError(Error, ValueError):
     """Wrong input: a file, key, option or address that cannot be used.
 
-    Its text is one clear sentence that names the file, line or key, the value, and what was expected.
-    The command line prints it and exits with status 2. Any other exception is a fault of clsim itself.
+    Its text is one clear sentence that names the file, line or key, the value, and what was expected. Parameters and
+    fields stand in it as Python spells them, between backticks: "`probe_spp` must be at most `spp`, which is 8, got 9".
+    The command line prints them as its own options, ``--probe-spp``, and exits with status 2.
     """
 
 
-def require_choice(option: str, value: object, choices: tuple[object, ...]) -> None:
-    """Raise InputError unless ``value`` is one of ``choices``."""
+def require_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
+    """Raise InputError unless ``value``, of the field ``name``, is one of ``choices``."""
     if value not in choices:
-        raise InputError(f"{option} must be one of {', '.join(map(str, choices))}, got {value!r}")
+        raise InputError(f"`{name}` must be one of {', '.join(map(str, choices))}, got {value!r}")

@@ -59,21 +59,21 @@ class TradeoffOptions:
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
         if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InputError(f"--fps must be a positive number, got {self.fps}")
+            raise InputError(f"`fps` must be a positive number, got {self.fps}")
         if self.frames is not None and self.frames < 2:
-            raise InputError(f"--frames must be at least 2, for the first one fires nothing, got {self.frames}")
+            raise InputError(f"`frames` must be at least 2, for the first one fires nothing, got {self.frames}")
         if self.reference_spp is not None and self.reference_spp < 1:
-            raise InputError(f"--reference-spp must be at least 1, got {self.reference_spp}")
+            raise InputError(f"`reference_spp` must be at least 1, got {self.reference_spp}")
         taken = {REFERENCE_SEED, CEILING_SEED}
         if not self.seeds or len(set(self.seeds)) < len(self.seeds) or any(s < 0 or s in taken for s in self.seeds):
             raise InputError(
-                f"--seeds must be different numbers, not negative and not {REFERENCE_SEED} or {CEILING_SEED} (the "
+                f"`seeds` must be different numbers, not negative and not {REFERENCE_SEED} or {CEILING_SEED} (the "
                 f"reference's and the ceiling's), got {','.join(map(str, self.seeds)) or 'none'}"
             )
         if self.quick and len(self.seeds) > 1:
-            raise InputError(f"--quick measures one seed, got {','.join(map(str, self.seeds))}")
+            raise InputError(f"`quick` measures one seed, got {','.join(map(str, self.seeds))}")
         for peer in self.peers:
-            require_choice("--peers", peer, tuple(LABELS))
+            require_choice("peers", peer, tuple(LABELS))
 
 
 def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
@@ -142,7 +142,7 @@ class _Sweep:
             if not len(reference.events[rule]):
                 raise InputError(
                     f"no event fires in {self.frames} frames of {self.world.name}: there is nothing to score; "
-                    "expected more --frames or a lower --fps"
+                    "expected more `frames` or a lower `fps`"
                 )
         by_rendering: dict[Rendering, list[Point]] = {}
         for point in missing:

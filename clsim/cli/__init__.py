@@ -12,6 +12,7 @@ def main() -> None:
     import typer
 
     from clsim.cli.app import app
+    from clsim.cli.spelling import as_options
     from clsim.errors import InputError
 
     # Typer has its own copy of click in recent versions; either way this is the base of its usage errors.
@@ -20,7 +21,7 @@ def main() -> None:
         status = app(prog_name="clsim", standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
     except InputError as error:
-        print(f"clsim: {error}", file=sys.stderr)
+        print(f"clsim: {as_options(str(error))}", file=sys.stderr)
         sys.exit(2)
     except (typer.Abort, KeyboardInterrupt):
         sys.exit(130)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from clsim.cli.spelling import as_options
 from clsim.events import SinkError
 
 if TYPE_CHECKING:
@@ -35,11 +36,11 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
     for output in session.pipeline.outputs:
         warning = getattr(output.sink, "warning", None)
         if warning:
-            console.print(f"clsim: {warning}", style="yellow", highlight=False)
+            console.print(f"clsim: {as_options(warning)}", style="yellow", highlight=False)
     for note in session.notes:
-        console.print(f"clsim: {note}", style="dim", highlight=False)
+        console.print(f"clsim: {as_options(note)}", style="dim", highlight=False)
     for sentence in session.warnings:
-        console.print(f"clsim: {sentence}", style="yellow", highlight=False)
+        console.print(f"clsim: {as_options(sentence)}", style="yellow", highlight=False)
     session.start()
     interrupted, all_ended = False, True
     failure: SinkError | None = None

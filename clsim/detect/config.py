@@ -87,49 +87,49 @@ class DetectorConfig:
     precision: Precision = "float32"
 
     def __post_init__(self) -> None:
-        """Refuse values outside their range; each message names the option as the command line spells it."""
-        require_choice("--method", self.method, get_args(Method))
-        require_choice("--gate", self.gate, get_args(Gate))
-        require_choice("--event-rule", self.event_rule, get_args(EventRule))
-        require_choice("--kernel", self.kernel, get_args(Kernel))
-        require_choice("--bandwidth", self.bandwidth, get_args(Bandwidth))
-        require_choice("--response", self.response, get_args(Response))
-        require_choice("--regress", self.regress, get_args(Regress))
-        require_choice("--luminance", self.luminance, get_args(Luminance))
-        require_choice("--precision", self.precision, get_args(Precision))
+        """Refuse values outside their range; see InputError for how messages name fields."""
+        require_choice("method", self.method, get_args(Method))
+        require_choice("gate", self.gate, get_args(Gate))
+        require_choice("event_rule", self.event_rule, get_args(EventRule))
+        require_choice("kernel", self.kernel, get_args(Kernel))
+        require_choice("bandwidth", self.bandwidth, get_args(Bandwidth))
+        require_choice("response", self.response, get_args(Response))
+        require_choice("regress", self.regress, get_args(Regress))
+        require_choice("luminance", self.luminance, get_args(Luminance))
+        require_choice("precision", self.precision, get_args(Precision))
         for name in ("threshold_on", "threshold_off"):
             value = getattr(self, name)
             if not SMALLEST_THRESHOLD <= value <= LARGEST_THRESHOLD:
                 raise InputError(
-                    f"--threshold must be a positive number from {SMALLEST_THRESHOLD:g} to {LARGEST_THRESHOLD:g}, "
+                    f"`{name}` must be a positive number from {SMALLEST_THRESHOLD:g} to {LARGEST_THRESHOLD:g}, "
                     f"got {value:g} for {'ON' if name == 'threshold_on' else 'OFF'} events"
                 )
         if 0 < self.floor < SMALLEST_FLOOR:
-            raise InputError(f"--floor must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
+            raise InputError(f"`floor` must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
         for name in ("bandwidth_h", "gate_scale", "scale", "floor"):
             value = getattr(self, name)
             if not 0 < value < float("inf"):
-                raise InputError(f"--{name.replace('_', '-')} must be a positive number, got {value}")
+                raise InputError(f"`{name}` must be a positive number, got {value}")
         if not 3 <= self.side <= 21 or self.side % 2 == 0:
-            raise InputError(f"--window must be an odd number from 3 to 21, got {self.window}")
+            raise InputError(f"`window` must be an odd number from 3 to 21, got {self.window}")
         if not 1 <= self.stride <= 3:
-            raise InputError(f"--stride must be 1, 2 or 3, got {self.stride}")
+            raise InputError(f"`stride` must be 1, 2 or 3, got {self.stride}")
         if not 1 <= self.history <= 5:
-            raise InputError(f"--history must be from 1 to 5 frames, got {self.history}")
+            raise InputError(f"`history` must be from 1 to 5 frames, got {self.history}")
         if not 1 <= self.box <= 21 or self.box % 2 == 0:
-            raise InputError(f"--box must be an odd number from 1 to 21, got {self.box}")
+            raise InputError(f"`box` must be an odd number from 1 to 21, got {self.box}")
         if not 0 <= self.ridge <= 1:
-            raise InputError(f"--ridge must be from 0 to 1, got {self.ridge}")
+            raise InputError(f"`ridge` must be from 0 to 1, got {self.ridge}")
         if not 0 <= self.shrink <= LARGEST_SHRINK:
-            raise InputError(f"--shrink must be from 0 to {LARGEST_SHRINK:g}, got {self.shrink}")
+            raise InputError(f"`shrink` must be from 0 to {LARGEST_SHRINK:g}, got {self.shrink}")
         if self.shrink > 0 and self.regress != "linear":
-            raise InputError(f"--shrink needs --regress linear, got {self.regress}")
+            raise InputError(f"`shrink` needs `regress` linear, got {self.regress}")
         if self.shrink > 0 and self.bandwidth != "fixed":
-            raise InputError(f"--shrink needs --bandwidth fixed, got {self.bandwidth}")
+            raise InputError(f"`shrink` needs `bandwidth` fixed, got {self.bandwidth}")
         if self.regress == "linear" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
-            raise InputError(f"--gate {self.gate} needs --regress log, got {self.regress}")
+            raise InputError(f"`gate` {self.gate} needs `regress` log, got {self.regress}")
         if self.bandwidth != "fixed" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
-            raise InputError(f"--gate {self.gate} needs --bandwidth fixed, got {self.bandwidth}")
+            raise InputError(f"`gate` {self.gate} needs `bandwidth` fixed, got {self.bandwidth}")
 
     @property
     def side(self) -> int:
@@ -139,7 +139,7 @@ class DetectorConfig:
         return 7 if self.method == "irradiance" else 13
 
     def unused(self) -> tuple[str, ...]:
-        """Return the options, as the command line spells them, that are not the default's but change nothing."""
+        """Return the fields that are not the default's but change nothing."""
         names: tuple[str, ...] = ()
         if self.method == "esim":
             names += ("window",)
@@ -152,7 +152,7 @@ class DetectorConfig:
             if self.gate == "published":
                 names += ("kernel",)
         defaults = {field.name: field.default for field in fields(self)}
-        return tuple(f"--{name.replace('_', '-')}" for name in names if getattr(self, name) != defaults[name])
+        return tuple(name for name in names if getattr(self, name) != defaults[name])
 
     @property
     def linear(self) -> bool:

@@ -41,9 +41,9 @@ class Detector:
             InputError: a plane is missing, the gate needs recorded frames, or there is no OpenCL device.
         """
         if config.method == "esim-ad" and config.gate not in ("delta-r", "radiance"):
-            raise InputError(f"--gate {config.gate} needs old windows; expected delta-r or radiance for a stream")
+            raise InputError(f"`gate` {config.gate} needs old windows; expected delta-r or radiance for a stream")
         if config.method in REGRESSING and config.bandwidth != "fixed":
-            raise InputError(f"--bandwidth {config.bandwidth} is for recorded frames; expected fixed for a stream")
+            raise InputError(f"`bandwidth` {config.bandwidth} is for recorded frames; expected fixed for a stream")
         for name in RADIANCE:
             if name not in names:
                 raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")

@@ -61,9 +61,9 @@ def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, 
     if config.features is not None:
         for name in config.features:
             if name not in FEATURE_PLANES:
-                raise InputError(f"--features: {name!r} is unknown; expected some of {', '.join(FEATURE_PLANES)}")
+                raise InputError(f"`features`: {name!r} is unknown; expected some of {', '.join(FEATURE_PLANES)}")
             if name not in names:
-                raise InputError(f"--features: {name!r} is not among the frames' planes {', '.join(names)}")
+                raise InputError(f"`features`: {name!r} is not among the frames' planes {', '.join(names)}")
     return tuple(name for name in names if name in wanted)
 
 
@@ -74,7 +74,7 @@ def check_variance(config: DetectorConfig, names: tuple[str, ...]) -> None:
         InputError: it is missing.
     """
     if config.shrink > 0 and config.method in REGRESSING and VARIANCE not in names:
-        raise InputError(f"--shrink needs the plane {VARIANCE!r}, which the frames lack")
+        raise InputError(f"`shrink` needs the plane {VARIANCE!r}, which the frames lack")
 
 
 def scaled_luminance(rgb: F64, config: DetectorConfig) -> F64:
@@ -131,7 +131,7 @@ def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...
     """
     for name in (*RADIANCE, *planes):
         if f"Variance.{name}" not in frame.names:
-            raise InputError(f"--bandwidth {config.bandwidth} needs the plane 'Variance.{name}', which the frames lack")
+            raise InputError(f"`bandwidth` {config.bandwidth} needs the plane 'Variance.{name}', which the frames lack")
 
     def variance(name: str) -> F64:
         return np.maximum(np.nan_to_num(frame.plane(f"Variance.{name}").astype(np.float64), posinf=0.0), 0.0)

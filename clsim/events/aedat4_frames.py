@@ -36,7 +36,7 @@ class Aedat4FramesSink(FileSink):
         """Create the file; raises InputError when it cannot be, or when dv-processing is missing."""
         super().__init__(path, width, height, LIMITS, flush or FlushPolicy())
         if importlib.util.find_spec("dv_processing") is None:
-            raise InputError(f"{path}: --frames needs dv-processing; install it with: pip install 'clsim[dv]'")
+            raise InputError(f"{path}: `frames` needs dv-processing; install it with: pip install 'clsim[dv]'")
         try:
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         except OSError as error:

@@ -7,6 +7,8 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import Error
+
 EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 """t [µs], x to the right and y down from the top-left pixel, on = brightness rose."""
 
@@ -19,7 +21,7 @@ def empty_batch(count: int = 0) -> EventBatch:
     return np.empty(count, dtype=EVENT_DTYPE)
 
 
-class SinkError(Exception):
+class SinkError(Error):
     """A sink that was opened well can no longer be written: full disk, closed pipe, vanished folder.
 
     Its text is one sentence that names the file or address and the cause. The pipeline drops this sink, lets the

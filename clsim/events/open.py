@@ -55,5 +55,5 @@ def _smallest_size(name: str) -> tuple[int, int]:
             width = max(width, int(batch["x"].max()) + 1)
             height = max(height, int(batch["y"].max()) + 1)
     if width == 0:
-        raise InputError(f"{Path(name)}: holds no events, so its sensor size is unknown; give it with --resolution")
+        raise InputError(f"{Path(name)}: holds no events, so its sensor size is unknown; give it with `resolution`")
     return width, height

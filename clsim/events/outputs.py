@@ -32,13 +32,13 @@ class FileOptions:
         formats = [kind for kind in map(self.format_of, names) if kind is not None]
         known = [each.name for each in FORMATS]
         if self.format is not None and self.format not in known:
-            raise InputError(f'--format "{self.format}" is unknown; expected one of: {", ".join(known)}')
+            raise InputError(f'`format` "{self.format}" is unknown; expected one of: {", ".join(known)}')
         if self.format is not None and all(map(is_address, names)):
-            raise InputError("--format is for files, but no output is one; name a file with --out")
+            raise InputError("`format` is for files, but no output is one; name a file in `outputs`")
         if self.text_time is not None and "text" not in formats:
-            raise InputError("--text-time is for text, but no output is text; name one with --out, such as events.txt")
+            raise InputError("`text_time` is for text, but no output is text; name one in `outputs`, such as a.txt")
         if self.frames and "aedat4" not in [self.format_of(name) for name in names if not is_address(name)]:
-            raise InputError("--frames go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
+            raise InputError("`frames` go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
 
     def format_of(self, name: str) -> str | None:
         """Return the name of the format of an output; None for a socket. Raises InputError for an unknown ending."""

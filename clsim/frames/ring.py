@@ -6,13 +6,14 @@ import threading
 from collections import deque
 from typing import Literal
 
+from clsim.errors import Error
 from clsim.frames.frame import Frame, page_aligned
 
 Policy = Literal["block", "drop-oldest"]
 _PAGE_FLOATS = 1024
 
 
-class RingClosed(Exception):  # noqa: N818 - a normal end, not an error
+class RingClosed(Error):  # noqa: N818 - a normal end, not an error
     """The other side has ended; no more frames pass."""
 
 

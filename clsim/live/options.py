@@ -76,49 +76,49 @@ class LiveOptions:
     files: FileOptions = field(default_factory=FileOptions)
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot work; each message names the option as the command line spells it."""
-        require_choice("--noise", self.noise, get_args(Noise))
+        """Refuse values that cannot work; see InputError for how messages name fields."""
+        require_choice("noise", self.noise, get_args(Noise))
         for option, choice, choices in (
-            ("--quality", self.quality, get_args(Quality)),
-            ("--sampling", self.sampling, get_args(Sampling)),
-            ("--sampler", self.sampler, get_args(Sampler)),
+            ("quality", self.quality, get_args(Quality)),
+            ("sampling", self.sampling, get_args(Sampling)),
+            ("sampler", self.sampler, get_args(Sampler)),
         ):
             if choice is not None:
                 require_choice(option, choice, choices)
-        require_choice("--pace", self.pace, get_args(Pace))
-        require_choice("--ring", self.ring, get_args(Policy))
-        for option, number in (("--duration", self.duration_s), ("--fps", self.fps)):
+        require_choice("pace", self.pace, get_args(Pace))
+        require_choice("ring", self.ring, get_args(Policy))
+        for option, number in (("duration_s", self.duration_s), ("fps", self.fps)):
             if number is not None and not 0 < number < float("inf"):
-                raise InputError(f"{option} must be a positive number, got {number}")
+                raise InputError(f"`{option}` must be a positive number, got {number}")
         if self.max_depth < 1:
-            raise InputError(f"--max-depth must be at least 1, got {self.max_depth}")
+            raise InputError(f"`max_depth` must be at least 1, got {self.max_depth}")
         for option, maybe in (
-            ("--spp", self.spp),
-            ("--probe-spp", self.probe_spp),
-            ("--probe-every", self.probe_every),
-            ("--frame-count", self.frame_count),
-            ("--threads", self.threads),
+            ("spp", self.spp),
+            ("probe_spp", self.probe_spp),
+            ("probe_every", self.probe_every),
+            ("frame_count", self.frame_count),
+            ("threads", self.threads),
         ):
             if maybe is not None and maybe < 1:
-                raise InputError(f"{option} must be at least 1, got {maybe}")
+                raise InputError(f"`{option}` must be at least 1, got {maybe}")
         self._check_sampling()
         if self.seed < 0:
-            raise InputError(f"--seed must not be negative, got {self.seed}")
+            raise InputError(f"`seed` must not be negative, got {self.seed}")
         if self.frame_count is not None and self.duration_s is not None:
-            raise InputError("--frame-count and --duration both set the length of the run; give one of them")
+            raise InputError("`frame_count` and `duration_s` both set the length of the run; give one of them")
         if self.resolution is not None and min(self.resolution) < 1:
             width, height = self.resolution
-            raise InputError(f"--resolution must be at least 1x1, got {width}x{height}")
+            raise InputError(f"`resolution` must be at least 1x1, got {width}x{height}")
         if self.threshold is not None and not all(0 < value < float("inf") for value in self.threshold):
-            raise InputError(f"--threshold must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
+            raise InputError(f"`threshold` must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
         self.files.check(self.outputs)
         if self.gate not in LIVE_GATES:
             raise InputError(
-                f"--gate {self.gate} needs the windows of past frames, which a live run does not keep; "
+                f"`gate` {self.gate} needs the windows of past frames, which a live run does not keep; "
                 f"use one of {', '.join(LIVE_GATES)}, or `clsim detect` on recorded frames"
             )
         if self.ring == "drop-oldest" and self.pace != "real":
-            raise InputError("--ring drop-oldest needs --pace real: without a clock to keep, every frame would be late")
+            raise InputError("`ring` drop-oldest needs `pace` real: without a clock to keep, every frame would be late")
 
     @property
     def point(self) -> Point:
@@ -150,12 +150,12 @@ class LiveOptions:
 
     @property
     def ungovernable(self) -> str | None:
-        """The option that leaves a governor nothing to set, as the command line spells it."""
+        """The setting that leaves a governor nothing to set, as messages name it."""
         if self.noise != "common":
-            return f"--noise {self.noise}"
+            return f"`noise` {self.noise}"
         if self.point.first_hit_rays > 0:
             return None
-        return f"--quality {self.quality}" if self.first_hit_rays is None else "--first-hit-rays 0"
+        return f"`quality` {self.quality}" if self.first_hit_rays is None else "`first_hit_rays` 0"
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, for a sidecar, with the settings that follow from them."""
@@ -164,26 +164,26 @@ class LiveOptions:
 
     def _check_sampling(self) -> None:
         if self.first_hit_rays is not None and self.first_hit_rays < 0:
-            raise InputError(f"--first-hit-rays must not be negative, got {self.first_hit_rays}")
+            raise InputError(f"`first_hit_rays` must not be negative, got {self.first_hit_rays}")
         point = self.point
         if point.sampling == "uniform" and self.probe_spp is not None:
-            raise InputError(f"--probe-spp {self.probe_spp} is for --sampling adaptive, but sampling is uniform")
+            raise InputError(f"`probe_spp` {self.probe_spp} is for `sampling` adaptive, but sampling is uniform")
         if point.probe_every > 1:
-            self._need_first_hit_rays(f"--probe-every {point.probe_every}")
+            self._need_first_hit_rays(f"`probe_every` {point.probe_every}")
             if self.noise != "common":
-                raise InputError(f"--probe-every {point.probe_every} needs --noise common, got {self.noise}")
+                raise InputError(f"`probe_every` {point.probe_every} needs `noise` common, got {self.noise}")
         if point.sampling == "adaptive":
-            self._need_first_hit_rays("--sampling adaptive")
+            self._need_first_hit_rays("`sampling` adaptive")
             if point.probe_spp > point.spp:
-                raise InputError(f"--probe-spp must be at most --spp {point.spp}, got {point.probe_spp}")
+                raise InputError(f"`probe_spp` must be at most `spp` {point.spp}, got {point.probe_spp}")
             if self.noise != "common":
-                raise InputError(f"--sampling adaptive needs --noise common, got {self.noise}")
+                raise InputError(f"`sampling` adaptive needs `noise` common, got {self.noise}")
 
-    def _need_first_hit_rays(self, option: str) -> None:
+    def _need_first_hit_rays(self, setting: str) -> None:
         if self.point.first_hit_rays == 0:
             implied = self.first_hit_rays is None and self.quality is not None
-            found = f"which --quality {self.quality} has not: give it too" if implied else "got 0"
-            raise InputError(f"{option} needs --first-hit-rays of at least 1, {found}")
+            found = f"which `quality` {self.quality} has not: give it too" if implied else "got 0"
+            raise InputError(f"{setting} needs `first_hit_rays` of at least 1, {found}")
 
 
 @dataclass(frozen=True)
@@ -202,7 +202,7 @@ class RecordingOptions:
     def __post_init__(self) -> None:
         """Refuse a frame rate that cannot be."""
         if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InputError(f"--fps must be a positive number, got {self.fps}")
+            raise InputError(f"`fps` must be a positive number, got {self.fps}")
         self.files.check(self.outputs)
 
     def as_dict(self) -> dict[str, Any]:

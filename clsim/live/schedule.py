@@ -60,7 +60,7 @@ def plan(
         InputError: two frames would have the same time.
     """
     if fps > LARGEST_FPS:
-        raise InputError(f"--fps must be at most {LARGEST_FPS}, for times are whole µs, got {fps:g}")
+        raise InputError(f"`fps` must be at most {LARGEST_FPS}, for times are whole µs, got {fps:g}")
     pass_frames = max(1, round(scene_duration_s * fps))
     if frames is not None:
         total: int | None = frames

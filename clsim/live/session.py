@@ -188,8 +188,8 @@ def _unused_options(config: DetectorConfig) -> tuple[str, ...]:
     unused = config.unused()
     if not unused:
         return ()
-    user = f"--method {config.method}" if config.method != "esim-ad" else f"--gate {config.gate}"
-    return (f"{user} has no use for {', '.join(unused)}",)
+    user = f"`method` {config.method}" if config.method != "esim-ad" else f"`gate` {config.gate}"
+    return (f"{user} has no use for {', '.join(f'`{name}`' for name in unused)}",)
 
 
 def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) -> Session:

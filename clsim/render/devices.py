@@ -60,7 +60,7 @@ def check_device(name: str) -> None:
     """Raise InputError unless there is a render device of that name."""
     known = list_render_devices()
     if name not in known:
-        raise InputError(f"--render-device {name}: no such render device, expected one of {', '.join(known)}")
+        raise InputError(f"`render_device` {name}: no such render device, expected one of {', '.join(known)}")
 
 
 def fastest_tree(device: str) -> Literal["bvh8", "warp"]:

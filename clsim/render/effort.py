@@ -42,13 +42,13 @@ class Effort:
     every: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot work, in the command line's spelling."""
+        """Refuse values that cannot work."""
         if not 1 <= self.probe_spp <= self.spp:
-            raise InputError(f"--probe-spp must be from 1 to --spp, which is {self.spp}, got {self.probe_spp}")
+            raise InputError(f"`probe_spp` must be from 1 to `spp`, which is {self.spp}, got {self.probe_spp}")
         if self.first_hit_rays < 1:
-            raise InputError(f"--first-hit-rays must be at least 1 here, got {self.first_hit_rays}")
+            raise InputError(f"`first_hit_rays` must be at least 1 here, got {self.first_hit_rays}")
         if self.every < 1:
-            raise InputError(f"every must be at least 1, got {self.every}")
+            raise InputError(f"`every` must be at least 1, got {self.every}")
 
     @property
     def top(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import warp as wp
 
-from clsim.errors import InputError, require_choice
+from clsim.errors import Error, InputError, require_choice
 from clsim.frames import ALL_PLANES, BASE_PLANES, FIRST_HIT_PLANES, Frame, InterestBoard, frame_time_us
 from clsim.render.camera import CameraData
 from clsim.render.devices import check_device, fastest_tree
@@ -35,7 +35,7 @@ LARGEST_SPP, LARGEST_FIRST_HIT_RAYS = 1 << 20, 4096
 _MASK64 = (1 << 64) - 1
 
 
-class RenderCancelled(Exception):  # noqa: N818 - asked for, not an error
+class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
     """``PathTracer.cancel`` was called; the frame is incomplete."""
 
 
@@ -98,43 +98,43 @@ class RenderOptions:
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
     def __post_init__(self) -> None:
-        """Refuse values that cannot work, in the command line's spelling."""
-        require_choice("--noise", self.noise, ("common", "independent"))
+        """Refuse values that cannot work."""
+        require_choice("noise", self.noise, ("common", "independent"))
         require_choice("sampler", self.sampler, ("pcg", "sobol"))
         require_choice("tree", self.tree, (None, "bvh8", "warp"))
         for option, value in (
-            ("--spp", self.spp),
-            ("--frames", self.frames),
-            ("--max-depth", self.max_depth),
-            ("--threads", self.threads),
+            ("spp", self.spp),
+            ("frames", self.frames),
+            ("max_depth", self.max_depth),
+            ("threads", self.threads),
             ("tile_pixels", self.tile_pixels),
-            ("--probe-spp", self.probe_spp),
-            ("--probe-every", self.probe_every),
+            ("probe_spp", self.probe_spp),
+            ("probe_every", self.probe_every),
         ):
             if value is not None and value < 1:
-                raise InputError(f"{option} must be at least 1, got {value}")
+                raise InputError(f"`{option}` must be at least 1, got {value}")
         for option, count, limit in (
-            ("--spp", self.spp, LARGEST_SPP),
-            ("--first-hit-rays", self.first_hit_rays, LARGEST_FIRST_HIT_RAYS),
-            ("--max-depth", self.max_depth, MAX_BOUNCES),
+            ("spp", self.spp, LARGEST_SPP),
+            ("first_hit_rays", self.first_hit_rays, LARGEST_FIRST_HIT_RAYS),
+            ("max_depth", self.max_depth, MAX_BOUNCES),
         ):
             if count > limit:
-                raise InputError(f"{option} must be at most {limit}, got {count}")
+                raise InputError(f"`{option}` must be at most {limit}, got {count}")
         if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InputError(f"--fps must be a positive number, got {self.fps}")
+            raise InputError(f"`fps` must be a positive number, got {self.fps}")
         if not 0 <= self.seed <= _MASK64:
-            raise InputError(f"--seed must be from 0 to 2^64 - 1, got {self.seed}")
+            raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
         if self.first_hit_rays < 0:
-            raise InputError(f"--first-hit-rays must be at least 0, got {self.first_hit_rays}")
+            raise InputError(f"`first_hit_rays` must be at least 0, got {self.first_hit_rays}")
         if self.first_hit_rays and self.variances:
-            raise InputError("first-hit rays give no variances; expected --first-hit-rays 0 where variances are wanted")
-        for option, steers in (("--probe-spp", self.probe_spp is not None), ("--probe-every", self.probe_every > 1)):
+            raise InputError("first-hit rays give no variances; expected `first_hit_rays` 0 where variances are wanted")
+        for option, steers in (("probe_spp", self.probe_spp is not None), ("probe_every", self.probe_every > 1)):
             if steers and not self.first_hit_rays:
-                raise InputError(f"{option} needs --first-hit-rays of at least 1, got 0")
+                raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
             if steers and self.noise != "common":
-                raise InputError(f"{option} needs --noise common, got {self.noise}")
+                raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
         if self.probe_spp is not None and self.probe_spp > self.spp:
-            raise InputError(f"--probe-spp must be at most --spp, which is {self.spp}, got {self.probe_spp}")
+            raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
     def features(self, world: World) -> Features:
         """Return what the kernel for that world has."""

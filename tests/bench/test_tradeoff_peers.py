@@ -84,7 +84,7 @@ def test_the_chain_is_a_peer(tmp_path: Path) -> None:
 
 
 def test_unknown_peers_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--peers must be one of chain, manabe, got 'v2e'"):
+    with pytest.raises(InputError, match="`peers` must be one of chain, manabe, got 'v2e'"):
         run(tmp_path, "v2e")
 
 

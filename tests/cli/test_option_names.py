@@ -1,10 +1,11 @@
-"""What cannot work is named as the command line spells it."""
+"""What cannot work is named as Python spells it there, and as the command line spells it here."""
 
 import inspect
 
 import pytest
 
 from clsim.cli.detect import detect
+from clsim.cli.spelling import as_options
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
@@ -38,5 +39,23 @@ def test_options_of_the_detector(name: str) -> None:
     options = {f"--{parameter.replace('_', '-')}" for parameter in inspect.signature(detect).parameters}
     with pytest.raises(InputError) as refused:
         DetectorConfig(**{name: WRONG[name]})
-    option = str(refused.value).split()[0]
+    option = as_options(str(refused.value)).split()[0]
     assert option in options and option[2:] in name.replace("_", "-")
+
+
+@pytest.mark.parametrize(
+    ("message", "printed"),
+    [
+        ("`probe_spp` must be at most `spp`, got 9", "--probe-spp must be at most --spp, got 9"),
+        ("`duration_s` and `outputs` differ", "--duration and --out differ"),
+        ("or `clsim detect` on recorded frames", "or `clsim detect` on recorded frames"),
+        ("`threshold_on` must be positive", "--threshold must be positive"),
+    ],
+)
+def test_fields_are_printed_as_options(message: str, printed: str) -> None:
+    assert as_options(message) == printed
+
+
+def test_python_users_read_fields() -> None:
+    with pytest.raises(InputError, match=r"^`gate_scale` must be a positive number, got -1\.0$"):
+        DetectorConfig(gate_scale=-1.0)

@@ -267,7 +267,7 @@ def test_the_window_is_the_methods_own_unless_chosen():
     assert DetectorConfig(method="irradiance", window=9).side == 9
     frame = textured_room(10)
     np.testing.assert_array_equal(seen(frame)[0], seen(frame, window=7)[0])
-    with pytest.raises(InputError, match="--window must be an odd number from 3 to 21, got 0"):
+    with pytest.raises(InputError, match="`window` must be an odd number from 3 to 21, got 0"):
         DetectorConfig(window=0)
 
 

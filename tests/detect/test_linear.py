@@ -101,11 +101,11 @@ def test_luminance_too_large_for_float32_squares_counts_as_the_largest():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"shrink": 1.5}, "--shrink needs --regress linear, got log"),
+        ({"shrink": 1.5}, "`shrink` needs `regress` linear, got log"),
         ({"shrink": -1.0, "regress": "linear"}, "from 0 to 100, got -1"),
         ({"shrink": float("nan"), "regress": "linear"}, "from 0 to 100, got nan"),
-        ({"shrink": 1.0, "regress": "linear", "bandwidth": "tsvd"}, "--shrink needs --bandwidth fixed, got tsvd"),
-        ({"regress": "linear", "gate": "published"}, "--gate published needs --regress log, got linear"),
+        ({"shrink": 1.0, "regress": "linear", "bandwidth": "tsvd"}, "`shrink` needs `bandwidth` fixed, got tsvd"),
+        ({"regress": "linear", "gate": "published"}, "`gate` published needs `regress` log, got linear"),
         ({"regress": "square"}, "regress"),
     ],
     ids=str,
@@ -118,6 +118,6 @@ def test_options_that_do_not_fit_are_refused(options, message):
 def test_frames_without_the_variance_are_refused():
     config = DetectorConfig(regress="linear", shrink=1.5)
     for each in (ReferenceDetector, Detector, recorded_detector):
-        with pytest.raises(InputError, match=r"--shrink needs the plane 'Variance\.Luminance'"):
+        with pytest.raises(InputError, match=r"`shrink` needs the plane 'Variance\.Luminance'"):
             each(config, 8, 8, ("R", "G", "B", "Depth"))
     ReferenceDetector(DetectorConfig(method="esim", regress="linear", shrink=1.5), 8, 8, ("R", "G", "B"))

@@ -125,5 +125,5 @@ def test_what_is_missing_is_named():
     detector = ReferenceDetector(DetectorConfig(bandwidth="tsvd"), 11, 9, frame.names)
     with pytest.raises(InputError, match=r"'Variance\.R'"):
         detector.step(frame)
-    with pytest.raises(InputError, match="--gate published needs --bandwidth fixed, got tsvd"):
+    with pytest.raises(InputError, match="`gate` published needs `bandwidth` fixed, got tsvd"):
         DetectorConfig(gate="published", bandwidth="tsvd")

@@ -104,12 +104,12 @@ def test_the_command_prints_what_it_measures(monkeypatch, tmp_path):
 @pytest.mark.parametrize("option", ["threshold_on", "threshold_off"])
 @pytest.mark.parametrize("value", [0.0, 1e-37, 1e31, float("nan"), -1.0])
 def test_thresholds_that_float32_cannot_hold_are_refused(option, value):
-    with pytest.raises(InputError, match=f"--threshold must be .* from 1e-36 to 1e.* {option[10:].upper()} events"):
+    with pytest.raises(InputError, match=f"`{option}` must be .* from 1e-36 to 1e.* {option[10:].upper()} events"):
         DetectorConfig(**{option: value})
 
 
 def test_floors_that_float32_cannot_hold_are_refused():
-    with pytest.raises(InputError, match=r"--floor must be at least 1\.2e-38, got 1e-40"):
+    with pytest.raises(InputError, match=r"`floor` must be at least 1\.2e-38, got 1e-40"):
         DetectorConfig(floor=1e-40)
 
 

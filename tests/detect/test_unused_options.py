@@ -20,27 +20,27 @@ BASES = {
     "esim-ad delta-r": {"gate": "delta-r"},
     "esim-ad published": {"gate": "published"},
 }
-REFUSED = [("esim-ad published", option) for option in ("--regress", "--shrink", "--bandwidth")]
+REFUSED = [("esim-ad published", option) for option in ("regress", "shrink", "bandwidth")]
 CHANGES = {
-    "--gate": {"gate": "delta-r"},
-    "--gate-scale": {"gate_scale": 0.3},
-    "--box": {"box": 9},
-    "--event-rule": {"event_rule": "frame"},
-    "--threshold": {"threshold_on": 0.15, "threshold_off": 0.15},
-    "--window": {"window": 3},
-    "--stride": {"stride": 2},
-    "--history": {"history": 3},
-    "--kernel": {"kernel": "epanechnikov"},
-    "--bandwidth": {"bandwidth": "optimised"},
-    "--bandwidth-h": {"bandwidth_h": 0.4},
-    "--ridge": {"ridge": 0.5},
-    "--regress": {"regress": "linear"},
-    "--shrink": {"regress": "linear", "shrink": 0.5},
-    "--response": {"response": "lin-log"},
-    "--luminance": {"luminance": "rec601"},
-    "--scale": {"scale": 4e-3},
-    "--floor": {"floor": 0.05},
-    "--features": {"features": ("Nx",)},
+    "gate": {"gate": "delta-r"},
+    "gate_scale": {"gate_scale": 0.3},
+    "box": {"box": 9},
+    "event_rule": {"event_rule": "frame"},
+    "threshold_on": {"threshold_on": 0.15, "threshold_off": 0.15},
+    "window": {"window": 3},
+    "stride": {"stride": 2},
+    "history": {"history": 3},
+    "kernel": {"kernel": "epanechnikov"},
+    "bandwidth": {"bandwidth": "optimised"},
+    "bandwidth_h": {"bandwidth_h": 0.4},
+    "ridge": {"ridge": 0.5},
+    "regress": {"regress": "linear"},
+    "shrink": {"regress": "linear", "shrink": 0.5},
+    "response": {"response": "lin-log"},
+    "luminance": {"luminance": "rec601"},
+    "scale": {"scale": 4e-3},
+    "floor": {"floor": 0.05},
+    "features": {"features": ("Nx",)},
 }
 
 
@@ -62,10 +62,10 @@ def frames() -> list[Frame]:
 @pytest.mark.parametrize(("base", "option"), [pair for pair in product(BASES, CHANGES) if pair not in REFUSED])
 def test_an_unused_option_is_one_that_changes_nothing(base: str, option: str, frames: list[Frame]) -> None:
     plain = DetectorConfig(method=base.split()[0], window=7, threshold_on=0.1, threshold_off=0.1, **BASES[base])
-    if option == "--shrink":
+    if option == "shrink":
         plain = replace(plain, regress="linear")
     change = CHANGES[option]
-    if option == "--gate" and plain.gate == change["gate"]:
+    if option == "gate" and plain.gate == change["gate"]:
         change = {"gate": "published"}
     changed = replace(plain, **change)
 
@@ -78,7 +78,7 @@ def test_an_unused_option_is_one_that_changes_nothing(base: str, option: str, fr
 
 @pytest.mark.parametrize(("base", "option"), REFUSED)
 def test_an_option_that_cannot_work_is_refused(base: str, option: str) -> None:
-    with pytest.raises(InputError, match=r"^--gate published needs --(regress log|bandwidth fixed)"):
+    with pytest.raises(InputError, match=r"^`gate` published needs `(regress` log|bandwidth` fixed)"):
         DetectorConfig(method="esim-ad", **BASES[base], **CHANGES[option])
 
 

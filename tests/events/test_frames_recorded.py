@@ -183,6 +183,6 @@ def test_a_failed_recorder_stays_failed_and_closes_quietly(tmp_path: Path) -> No
 
 def test_without_dv_processing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"--frames needs dv-processing; install it with: pip install 'clsim\[dv\]'"):
+    with pytest.raises(InputError, match=r"`frames` needs dv-processing; install it with: pip install 'clsim\[dv\]'"):
         Aedat4FramesSink(tmp_path / "a.aedat4", WIDTH, HEIGHT)
     assert list(tmp_path.iterdir()) == []

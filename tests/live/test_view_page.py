@@ -320,7 +320,7 @@ def test_closing_with_browsers_open_is_quiet(caplog: pytest.LogCaptureFixture) -
 
 def test_a_taken_port_is_one_sentence(sink: ViewSink) -> None:
     port = int(sink.url.rstrip("/").rpartition(":")[2])
-    with pytest.raises(InputError, match=rf"--port.*127\.0\.0\.1:{port}.*free port"):
+    with pytest.raises(InputError, match=rf"`port`.*127\.0\.0\.1:{port}.*free port"):
         ViewSink("second", WIDTH, HEIGHT, port=port)
 
 

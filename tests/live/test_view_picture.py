@@ -97,7 +97,7 @@ def test_an_mp4_can_be_decoded(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "batches", "sentence"),
     [
-        ("film.avi", BATCHES, r"--to .*film\.avi.*\.mp4, \.gif, \.png"),
+        ("film.avi", BATCHES, r"`to` .*film\.avi.*\.mp4, \.gif, \.png"),
         ("film.gif", [], "no events"),
         ("no/film.png", BATCHES, "no/film.png.*folder that exists"),
     ],

@@ -221,14 +221,14 @@ def test_light_is_neither_made_nor_lost_in_a_furnace():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"first_hit_rays": -1}, "--first-hit-rays must be at least 0, got -1"),
+        ({"first_hit_rays": -1}, "`first_hit_rays` must be at least 0, got -1"),
         ({"first_hit_rays": 4, "variances": True}, "give no variances"),
-        ({"probe_spp": 1}, "--probe-spp needs --first-hit-rays of at least 1, got 0"),
-        ({"first_hit_rays": 4, "probe_spp": 1, "noise": "independent"}, "--probe-spp needs --noise common"),
-        ({"first_hit_rays": 4, "probe_spp": 9, "spp": 8}, "--probe-spp must be at most --spp, which is 8, got 9"),
-        ({"probe_every": 2}, "--probe-every needs --first-hit-rays of at least 1, got 0"),
-        ({"first_hit_rays": 4, "probe_every": 0}, "--probe-every must be at least 1, got 0"),
-        ({"first_hit_rays": 4, "probe_spp": 0}, "--probe-spp must be at least 1, got 0"),
+        ({"probe_spp": 1}, "`probe_spp` needs `first_hit_rays` of at least 1, got 0"),
+        ({"first_hit_rays": 4, "probe_spp": 1, "noise": "independent"}, "`probe_spp` needs `noise` common"),
+        ({"first_hit_rays": 4, "probe_spp": 9, "spp": 8}, "`probe_spp` must be at most `spp`, which is 8, got 9"),
+        ({"probe_every": 2}, "`probe_every` needs `first_hit_rays` of at least 1, got 0"),
+        ({"first_hit_rays": 4, "probe_every": 0}, "`probe_every` must be at least 1, got 0"),
+        ({"first_hit_rays": 4, "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
     ],
 )
 def test_wrong_options_are_named(options, text):

@@ -234,16 +234,16 @@ def test_cancel_ends_a_frame_and_all_later_ones():
 @pytest.mark.parametrize(
     ("option", "value", "text"),
     [
-        ("spp", 0, "--spp must be at least 1, got 0"),
-        ("spp", 1 << 21, "--spp must be at most 1048576, got 2097152"),
-        ("first_hit_rays", 100_000, "--first-hit-rays must be at most 4096, got 100000"),
-        ("max_depth", 0, "--max-depth must be at least 1"),
-        ("max_depth", 1000, "--max-depth must be at most 127, got 1000"),
-        ("threads", 0, "--threads"),
-        ("frames", 0, "--frames"),
-        ("fps", float("nan"), "--fps must be a positive number"),
-        ("seed", -1, "--seed must be from 0"),
-        ("noise", "blue", "--noise must be one of common, independent, got 'blue'"),
+        ("spp", 0, "`spp` must be at least 1, got 0"),
+        ("spp", 1 << 21, "`spp` must be at most 1048576, got 2097152"),
+        ("first_hit_rays", 100_000, "`first_hit_rays` must be at most 4096, got 100000"),
+        ("max_depth", 0, "`max_depth` must be at least 1"),
+        ("max_depth", 1000, "`max_depth` must be at most 127, got 1000"),
+        ("threads", 0, "`threads`"),
+        ("frames", 0, "`frames`"),
+        ("fps", float("nan"), "`fps` must be a positive number"),
+        ("seed", -1, "`seed` must be from 0"),
+        ("noise", "blue", "`noise` must be one of common, independent, got 'blue'"),
     ],
 )
 def test_wrong_options_are_named(option, value, text):

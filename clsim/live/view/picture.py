@@ -61,7 +61,7 @@ def write_picture(
     target = Path(path)
     ending = target.suffix.lower()
     if ending not in ENDINGS:
-        raise InputError(f"--to {path}: the ending is unknown; expected one of {', '.join(ENDINGS)}")
+        raise InputError(f"`to` {path}: the ending is unknown; expected one of {', '.join(ENDINGS)}")
     table = lut(look.colours, look.theme)
     step_us = 1e6 / film.fps * film.speed
     if ending == ".png":
@@ -70,7 +70,7 @@ def write_picture(
         images = film_images(batches, size, look, step_us)
     first = next(images, None)
     if first is None:
-        raise InputError(f"--to {path}: there are no events to show")
+        raise InputError(f"`to` {path}: there are no events to show")
     with _complete_or_not_at_all(target) as temporary:
         encoder = _ENCODERS[ending](temporary, first.shape, table, film.fps, look.scale)
         count = 0
@@ -154,7 +154,7 @@ class _Gif:
         height, width = shape[0] * scale, shape[1] * scale
         if max(width, height) > 0xFFFF:
             raise InputError(
-                f"a GIF holds at most 65535 pixels a side, got {width}x{height}; expected a smaller --scale"
+                f"a GIF holds at most 65535 pixels a side, got {width}x{height}; expected a smaller `scale`"
             )
         self._fps, self._count = fps, 0
         self._file: BinaryIO = path.open("wb")
@@ -180,7 +180,7 @@ class _Mp4:
         try:
             import av
         except ImportError:
-            raise InputError("videos need PyAV: pip install 'clsim[video]', or use --to NAME.gif") from None
+            raise InputError("videos need PyAV: pip install 'clsim[video]', or use `to` NAME.gif") from None
         self._av, self._table, self._scale = av, table, scale
         # 4:2:0 wants even sides: an odd one gets another line of nothing.
         self._pad = [(0, side * scale % 2) for side in shape]

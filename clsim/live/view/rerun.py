@@ -91,7 +91,7 @@ def load_rerun() -> Any:
     try:
         import rerun
     except ImportError:
-        raise InputError("--view rerun needs rerun: pip install 'clsim[rerun]'") from None
+        raise InputError("`view` rerun needs rerun: pip install 'clsim[rerun]'") from None
     return rerun
 
 

@@ -198,7 +198,7 @@ def require_aiohttp() -> None:
     try:
         import aiohttp.web  # noqa: F401
     except ImportError:
-        raise InputError("the page needs aiohttp: pip install 'clsim[view]', or use --view terminal") from None
+        raise InputError("the page needs aiohttp: pip install 'clsim[view]', or use `view` terminal") from None
 
 
 def _page_files() -> dict[str, tuple[bytes, str]]:
@@ -242,7 +242,7 @@ def listen(host: str = "127.0.0.1", port: int | None = None) -> socket.socket:
         except (OSError, OverflowError) as error:
             failure = error
     cause = getattr(failure, "strerror", None) or failure
-    raise InputError(f"--port: {host}:{port} cannot be used ({cause}); expected a free port of this machine")
+    raise InputError(f"`port`: {host}:{port} cannot be used ({cause}); expected a free port of this machine")
 
 
 def _is_loopback(host: str) -> bool:
