@@ -1,4 +1,4 @@
-"""Warp kernels that search rays and nothing else, and functions that count the searches of others."""
+"""Warp kernels that search rays and nothing else."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ import warp as wp
 
 from clsim.render.camera import View
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, Tree, face, make_intersection
+from clsim.render.geometry import Geometry, Tree, face, make_intersection
 from clsim.render.integrator import kernel_options
 
 
@@ -62,32 +62,3 @@ def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
             out_normal[i] = point.normal
 
     return nearest, shadow, places
-
-
-def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[tuple[Any, Any, Any, Any], Any]:
-    """Return what ``make_intersection`` gave, so that it counts: on CPUs, in two 64-bit integers at ``address``.
-
-    The first one counts searches for the nearest hit, the second one for any hit. What is returned beside them searches
-    for the nearest hit on the way to a light, and counts in the second one.
-    """
-    closest, occluded, surface, surface_of = functions
-
-    @wp.func_native(f"__atomic_fetch_add((unsigned long long*){address:#x}ull + which, 1ull, 0);")
-    def count(which: int): ...
-
-    @wp.func
-    def counted_closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
-        count(0)
-        return closest(geometry, origin, direction, time)
-
-    @wp.func
-    def counted_toward_light(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
-        count(1)
-        return closest(geometry, origin, direction, time)
-
-    @wp.func
-    def counted_occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
-        count(1)
-        return occluded(geometry, origin, direction, far, time)
-
-    return (counted_closest, counted_occluded, surface, surface_of), counted_toward_light

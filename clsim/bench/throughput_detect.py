@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from clsim.bench.plain_wlr import cut_window, solve_window
 from clsim.detect.config import DetectorConfig, Precision
 from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
@@ -32,8 +31,8 @@ def detect_throughput(
     Returns:
         ``fits_per_cpu_second``, ``sparse_fits_per_cpu_second`` (a tenth of the pixels, at random),
         ``float64_fits_per_cpu_second``, ``float64_ratio``, ``gate_pixels_per_cpu_second`` (closed-form ΔR test),
-        ``<stage>_pixels_per_cpu_second``, ``fma_peak_flops``, ``fma_peak_fraction`` (of the dense regression),
-        ``numpy_fits_per_cpu_second``, ``numpy_ratio``, and ``device``.
+        ``<stage>_pixels_per_cpu_second``, ``fma_peak_flops``, ``fma_peak_fraction`` (of the dense regression), and
+        ``device``.
     """
     device = device or choose_device()
     clock = time.process_time if device.is_cpu else time.perf_counter
@@ -47,9 +46,6 @@ def detect_throughput(
     double = bench.stages("float64")["fits_per_cpu_second"]
     result["float64_fits_per_cpu_second"] = double
     result["float64_ratio"] = double / fits
-    plain = bench.numpy_fits()
-    result["numpy_fits_per_cpu_second"] = plain
-    result["numpy_ratio"] = fits / plain
     return result
 
 
@@ -159,11 +155,6 @@ class _Bench:
 
         return self.rate(work, place.queue.finish, 2.0 * PEAK_CHAINS * lanes * items * rounds)
 
-    def numpy_fits(self) -> float:
-        """Measure the same fit in plain numpy, a pseudo-inverse per pixel."""
-        small = Frame(np.ascontiguousarray(self.frame.planes[:, :24, :24]), self.frame.names)
-        return self.rate(lambda: plain_fits(small, self.window), lambda: None, 24 * 24)
-
 
 def noise_frame(width: int, height: int) -> Frame:
     """Return a frame of smooth features with noise: nothing in it is constant."""
@@ -171,13 +162,3 @@ def noise_frame(width: int, height: int) -> Frame:
     planes = page_aligned((len(_NAMES), height, width))
     planes[...] = rng.random(planes.shape, dtype=np.float32)
     return Frame(planes, _NAMES)
-
-
-def plain_fits(frame: Frame, window: int) -> None:
-    """Fit every pixel's window as one would first write it: numpy, one pixel at a time, pseudo-inverse."""
-    y = np.log(np.maximum(np.tensordot((0.2126, 0.7152, 0.0722), frame.planes[:3].astype(float), axes=1), 1e-4))
-    ys, xs = np.mgrid[0 : frame.height, 0 : frame.width].astype(float)
-    x = np.stack([xs, ys, *frame.planes[3:].astype(float)], axis=-1)
-    for row in range(frame.height):
-        for column in range(frame.width):
-            solve_window(cut_window(x, y, row, column, window), "gaussian")

@@ -1,17 +1,16 @@
-"""How fast the renderer is on CPUs: rays of three kinds, whole paths, both trees, and Mitsuba 3 beside them."""
+"""How fast the renderer is on CPUs: rays of three kinds, whole paths, both trees."""
 
 from __future__ import annotations
 
 import os
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import warp as wp
 
-from clsim.bench.mitsuba_peer import load_mitsuba, mitsuba_scene
 from clsim.bench.rays import aim, build_searches
 from clsim.bench.render_worlds import bumpy_room, cornell
 from clsim.frames import Frame, page_aligned
@@ -29,9 +28,7 @@ _RAYS = 1 << 17
 _TREES: tuple[Tree, ...] = ("bvh8", "warp")
 
 
-def render_throughput(
-    *, size: int = 256, spp: int = 16, rounds: int = 3, triangles: int = 1_000_000, with_mitsuba: bool = True
-) -> dict[str, Any]:
+def render_throughput(*, size: int = 256, spp: int = 16, rounds: int = 3, triangles: int = 1_000_000) -> dict[str, Any]:
     """Measure Cornell and a room of about ``triangles`` triangles, paths of 8 edges without roulette.
 
     What is compared takes turns within a round, and each figure is the median over ``rounds``; processor seconds are
@@ -39,30 +36,27 @@ def render_throughput(
 
     Returns:
         For each world, "cornell" and "bumpy-room": ``triangles``, ``build_s``, ``bytes_per_triangle``,
-        ``rays_per_cpu_second`` (by tree: primary, bounce, shadow), ``paths_per_second`` and
-        ``paths_per_cpu_second`` (by tree, "mitsuba" where it is installed), ``mitsuba_ratio`` (paths per second over
-        Mitsuba's) and ``mitsuba_cpu_ratio``, and ``mean_radiance`` by each.
+        ``rays_per_cpu_second`` (by tree: primary, bounce, shadow), ``paths_per_second``, ``paths_per_cpu_second`` and
+        ``mean_radiance`` (by tree).
     """
     start_warp()
-    mitsuba = load_mitsuba() if with_mitsuba else None
     worlds = {"cornell": cornell(size), "bumpy-room": bumpy_room(triangles, size)}
-    return {name: measure_world(world, spp, rounds, mitsuba) for name, world in worlds.items()}
+    return {name: measure_world(world, spp, rounds, {}) for name, world in worlds.items()}
 
 
-def measure_world(world: World, spp: int, rounds: int, mitsuba: Any) -> dict[str, Any]:
-    """Measure one world; see ``render_throughput``."""
+def measure_world(world: World, spp: int, rounds: int, others: Mapping[str, Callable[[], float]]) -> dict[str, Any]:
+    """Measure one world; see ``render_throughput``.
+
+    ``others`` are renderers by name: each call traces ``spp`` paths a pixel and returns the mean radiance. They take
+    turns with the trees, and stand beside them in the results.
+    """
     result: dict[str, Any] = _tree_cost(world) | {"rays_per_cpu_second": _ray_rates(world, rounds)}
-    renders: dict[str, Callable[[], float]] = {tree: _our_render(world, spp, tree) for tree in _TREES}
-    if mitsuba is not None:
-        renders["mitsuba"] = _mitsuba_render(mitsuba, world, spp)
+    renders: dict[str, Callable[[], float]] = {tree: _our_render(world, spp, tree) for tree in _TREES} | dict(others)
     paths = world.camera.width * world.camera.height * spp
     result["mean_radiance"] = {name: render() for name, render in renders.items()}
     wall, cpu = _take_turns({name: [render] for name, render in renders.items()}, rounds)
     result["paths_per_second"] = {name: paths / seconds for name, seconds in wall.items()}
     result["paths_per_cpu_second"] = {name: paths / seconds for name, seconds in cpu.items()}
-    if mitsuba is not None:
-        result["mitsuba_ratio"] = wall["mitsuba"] / wall["bvh8"]
-        result["mitsuba_cpu_ratio"] = cpu["mitsuba"] / cpu["bvh8"]
     return result
 
 
@@ -173,15 +167,5 @@ def _our_render(world: World, spp: int, tree: Tree) -> Callable[[], float]:
     def render() -> float:
         tracer.fill(0, frame)
         return float(frame.planes[:3].mean())
-
-    return render
-
-
-def _mitsuba_render(mitsuba: Any, world: World, spp: int) -> Callable[[], float]:
-    scene = mitsuba_scene(mitsuba, world, MAX_DEPTH)
-    seeds = iter(range(1 << 30))
-
-    def render() -> float:
-        return float(np.array(mitsuba.render(scene, spp=spp, seed=next(seeds)))[..., :3].mean())
 
     return render

@@ -5,35 +5,32 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
 from clsim.bench.point_store import PointStore
-from clsim.bench.ray_counts import RaysPerPath, rays_per_path
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
 from clsim.bench.stopwatch import Stopwatch
 from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, start_up, warm_renderer
-from clsim.bench.tradeoff_peers import LABELS, Peer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
-from clsim.bench.tradeoff_summary import savings, summarise, summarise_peers
+from clsim.bench.tradeoff_summary import savings, summarise
 from clsim.detect.config import EventRule
 from clsim.detect.device import Device, choose_device
-from clsim.errors import InputError, require_choice
+from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.render import RenderOptions
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
 
-SCHEMA = 2
+SCHEMA = 3
 REFERENCE_SEED = 0x5EED_0001
 CEILING_SEED = 0x5EED_0002
 _POINT_ROOMS = (*FRAME_ROOMS, "score", "bench")
 _DETECTION_PATHS = 4
 """A detector's pass over a pixel is taken for so many paths, where time left is estimated."""
-_RAYS_KEY = "rays-per-path"
 
 Report = Callable[[str, float, float], None]
 """Told what is being done, how much work is done, and how much there is in all [paths]."""
@@ -53,8 +50,6 @@ class TradeoffOptions:
     seeds: tuple[int, ...] = (0,)
     points: tuple[Point, ...] = field(default=())
     """The points to measure; none are those of the full sweep, or of the quick one."""
-    peers: tuple[str, ...] = ()
-    """What else to measure on the same world."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; each message names the option as the command line spells it."""
@@ -72,8 +67,6 @@ class TradeoffOptions:
             )
         if self.quick and len(self.seeds) > 1:
             raise InputError(f"`quick` measures one seed, got {','.join(map(str, self.seeds))}")
-        for peer in self.peers:
-            require_choice("peers", peer, tuple(LABELS))
 
 
 def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
@@ -82,11 +75,14 @@ def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
     Raises:
         InputError: the scene cannot be used, there is no OpenCL device, or nothing happens in the reference.
     """
-    return _Sweep(options, report).run()
+    return Sweep(options, report).run()
 
 
-class _Sweep:
+class Sweep:
+    """One sweep over one world: what it shares, what is missing, and how that is measured."""
+
     def __init__(self, options: TradeoffOptions, report: Report) -> None:
+        """Load the world and the figures measured before."""
         quick = options.quick
         self.loading = Stopwatch()
         with self.loading:
@@ -98,8 +94,6 @@ class _Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
-        self.file = Path(options.scene) if Path(options.scene).suffix.lower() == ".xml" else None
-        self.peers = [Peer(name, seed) for name in dict.fromkeys(options.peers) for seed in options.seeds]
         self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = self.render_options(Rendering(spp, "common", REFERENCE_SEED))
@@ -115,6 +109,7 @@ class _Sweep:
         return content_key("points", world_key(self.world), shared, self.machine, code_key(_POINT_ROOMS))
 
     def render_options(self, rendering: Rendering) -> RenderOptions:
+        """Return the renderer's options for this world and length."""
         return RenderOptions(
             spp=rendering.spp,
             noise=rendering.noise,
@@ -128,11 +123,9 @@ class _Sweep:
         )
 
     def run(self) -> dict[str, Any]:
+        """Measure what is missing and return all results."""
         missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
-        missing_peers = [peer for peer in self.peers if content_key(peer.key()) not in self.store]
-        for peer in missing_peers:
-            peer.check(self.world, self.file)
-        self.plan(missing, missing_peers)
+        self.plan(missing)
         self.tell("loading kernels")
         if self.total:
             warm_renderer(self.world, self.render_options(Rendering(1, "common", 0)))
@@ -152,18 +145,15 @@ class _Sweep:
                 self.measure_in_turns(group, reference)
             else:
                 self.measure(rendering, group, reference)
-        for peer in missing_peers:
-            self.measure_peer(peer, reference)
         return self.results(reference, ceiling)
 
-    def plan(self, missing: list[Point], missing_peers: list[Peer]) -> None:
+    def plan(self, missing: list[Point]) -> None:
         """Estimate the work, in paths."""
         pixels = self.world.camera.width * self.world.camera.height * self.frames
         renderings = {point.rendering for point in missing}
         samples = sum(rendering.spp for rendering in renderings) + _DETECTION_PATHS * len(missing)
         kept = (is_kept(self.world, options, self.cache) for options in (self.reference_options, self.ceiling_options))
         samples += sum(self.reference_options.spp for is_there in kept if not is_there)
-        samples += sum(peer.work for peer in missing_peers)
         self.total = float(pixels * samples)
 
     def tell(self, what: str, samples: float = 0.0) -> None:
@@ -172,6 +162,7 @@ class _Sweep:
         self.report(what, self.done, self.total)
 
     def reference(self, options: RenderOptions, name: str) -> Reference:
+        """Return clean events, rendered unless they are kept; ``name`` is what the report calls them."""
         what = f"{name}, {options.spp} spp"
         return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
 
@@ -233,41 +224,21 @@ class _Sweep:
             "startup_cpu_s": sum(each.cpu_s for each in starting),
             "startup_wall_s": sum(each.wall_s for each in starting),
         }
-        self.store.append(content_key(point.as_dict()), _figures(scored, costs))
-
-    def measure_peer(self, peer: Peer, reference: Reference) -> None:
-        """Let a peer do all of it, score it and store its figures."""
-        end = self.done + peer.work * self.frames * self.world.camera.width * self.world.camera.height
-        options = self.render_options(Rendering(1, "independent", peer.seed))
-        events, costs = peer.measure(self.world, self.file, options, lambda samples: self.tell(peer.name, samples))
-        self.store.append(content_key(peer.key()), _figures(self.score(events, reference, "frame"), costs))
-        self.done = end  # it may have needed less than was planned
-        self.tell(peer.name)
+        self.store.append(content_key(point.as_dict()), figures(scored, costs))
 
     def score(self, events: EventBatch, reference: Reference, rule: EventRule) -> Score:
+        """Score events against the reference of an event rule."""
         camera = self.world.camera
         return score(events, reference.events[rule], camera.width, camera.height, self.fps)
 
-    def rays(self) -> RaysPerPath:
-        """Return the rays that a path takes here, counted once."""
-        if _RAYS_KEY not in self.store:
-            self.tell("counting rays")
-            self.store.append(_RAYS_KEY, asdict(rays_per_path(self.world, self.reference_options)))
-        return RaysPerPath(**self.store[_RAYS_KEY])
-
     def results(self, reference: Reference, ceiling: Reference) -> dict[str, Any]:
+        """Return all points, their means, and what they were measured against."""
         from clsim import __version__
 
         camera, sensor = self.world.camera, self.world.sensor
-        rays = self.rays()
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
-        peers = [peer.as_dict() | self.store[content_key(peer.key())] for peer in self.peers]
-        points, peers = (
-            [each | {"rays": round(each["paths"] * rays.total + each["first_hit_rays_traced"])} for each in group]
-            for group in (points, peers)
-        )
         scores = {rule: self.score(ceiling.events[rule], reference, rule).as_dict() for rule in RULES}
-        settings, peer_settings = summarise(points), summarise_peers(peers)
+        settings = summarise(points)
         return {
             "schema": SCHEMA,
             "clsim_version": __version__,
@@ -288,17 +259,14 @@ class _Sweep:
                 "cpu_s": reference.cpu_s,
                 "wall_s": reference.wall_s,
             },
-            "rays_per_path": asdict(rays),
             "ceiling": scores,
             "points": points,
             "settings": settings,
-            "peers": peers,
-            "peer_settings": peer_settings,
-            "savings": savings(settings, peer_settings),
+            "savings": savings(settings),
         }
 
 
-def _figures(scored: Score, costs: dict[str, Any]) -> dict[str, Any]:
+def figures(scored: Score, costs: dict[str, Any]) -> dict[str, Any]:
     """Return scores and costs with the sums that both kinds of points have."""
     cpu_s = costs["render_cpu_s"] + costs["detect_cpu_s"]
     true_events = round(scored.strict_precision * scored.events)

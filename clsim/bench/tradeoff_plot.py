@@ -18,7 +18,6 @@ _ADAPTIVE = "#CC79A7"
 """Theirs too, instead of blue: adaptive sampling is always with common random numbers."""
 _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D", "irradiance": "v"}
 _SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": ""}
-_PEERS = {"chain": ("*", "#000000", "Mitsuba +\nICIP 2023"), "manabe": ("P", "#009E73", "Manabe 2024")}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
 _MANY = 40
@@ -28,7 +27,7 @@ _APART = 1.2
 
 
 def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
-    """Draw all settings, both Pareto fronts, the ceilings, the ICIP 2023 setting and the peers into a PNG.
+    """Draw all settings, both Pareto fronts, the ceilings and the ICIP 2023 setting into a PNG.
 
     Raises:
         InputError: matplotlib is not installed, or the file cannot be written.
@@ -95,20 +94,14 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
         if row["icip_2023"]:
             panel.plot(row["cpu_s"], row[value], "o", markersize=14, markerfacecolor="none", color="black", zorder=4)
 
-    for row in results["peer_settings"]:
-        shape, colour, _ = _PEERS[row["peer"]]
-        panel.errorbar(
-            row["cpu_s"], row[value], yerr=row[f"{value}_sd"], fmt=shape, markersize=11, color=colour, zorder=4
-        )
-
 
 def _rules(results: dict[str, Any]) -> set[str]:
-    return {row["event_rule"] for row in (*results["settings"], *results["peer_settings"])}
+    return {row["event_rule"] for row in results["settings"]}
 
 
 def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
-    """Name points of the front, the paper's and the peers; colour tells the noise, so names leave it out."""
-    rows, peers = results["settings"], results["peer_settings"]
+    """Name points of the front, and the paper's; colour tells the noise, so names leave it out."""
+    rows = results["settings"]
     labelled: list[dict[str, Any]] = []
     names: list[str] = []
     cost = 0.0
@@ -121,9 +114,9 @@ def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
     seen = rows if len(rows) <= _MANY else labelled
     place_labels(
         panel,
-        [(row["cpu_s"], row[value]) for row in (*labelled, *peers)],
-        names + [_PEERS[row["peer"]][2] for row in peers],
-        [(row["cpu_s"], row[value]) for row in (*seen, *peers)] + _along_lines(panel, results, value),
+        [(row["cpu_s"], row[value]) for row in labelled],
+        names,
+        [(row["cpu_s"], row[value]) for row in seen] + _along_lines(panel, results, value),
     )
 
 
@@ -169,7 +162,7 @@ def _short(row: dict[str, Any]) -> str:
 def _limits(panel: Any, results: dict[str, Any]) -> None:
     """Leave room on both sides for labels, and show all scores and ceilings; both panels have the same axes."""
     panel.set_xscale("log")
-    rows = (*results["settings"], *results["peer_settings"])
+    rows = results["settings"]
     costs = [row["cpu_s"] for row in rows]
     scores = [row[value] for row in rows for value, _ in _PANELS]
     panel.set_xlim(min(costs) / 1.6, max(costs) * 1.9)
@@ -202,7 +195,4 @@ def _legend(results: dict[str, Any]) -> list[Any]:
             handles.append(Line2D([], [], color="0.25", linestyle=style, label=f"ceiling, rule {rule}"))
     if any(row["icip_2023"] for row in rows):
         handles.append(marker("ICIP 2023 setting (rule frame)", "o", "black", "none", 12))
-    for row in results["peer_settings"]:
-        shape, colour, label = _PEERS[row["peer"]]
-        handles.append(marker(label.replace("\n", " "), shape, colour, colour, 9))
     return handles

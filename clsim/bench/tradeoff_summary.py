@@ -8,7 +8,6 @@ from dataclasses import asdict, fields
 from typing import Any
 
 from clsim.bench.pareto import pareto_front
-from clsim.bench.tradeoff_peers import LABELS
 from clsim.bench.tradeoff_settings import BASE, ICIP_2023, DetectorSetting, Point, Rendering
 
 VALUES = ("f1", "strict_f1")
@@ -47,10 +46,10 @@ def _mean(group: list[dict[str, Any]]) -> dict[str, Any]:
     row["label"] = Point(rendering, detector).label
     row["seeds"] = [point["seed"] for point in group]
     row["icip_2023"] = first["noise"] == "independent" and detector == ICIP_2023
-    return row | _averages(group, (*AXES, "seed"))
+    return row | averages(group, (*AXES, "seed"))
 
 
-def _averages(group: list[dict[str, Any]], but: Sequence[str]) -> dict[str, Any]:
+def averages(group: list[dict[str, Any]], but: Sequence[str]) -> dict[str, Any]:
     """Return means and standard deviations of all figures but some."""
     found: dict[str, Any] = {}
     for name in group[0]:
@@ -61,40 +60,27 @@ def _averages(group: list[dict[str, Any]], but: Sequence[str]) -> dict[str, Any]
     return found
 
 
-def summarise_peers(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return one row for each peer: means over seeds and standard deviations, ``label`` and ``seeds``."""
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for point in points:
-        groups.setdefault(point["peer"], []).append(point)
-    return [
-        {"peer": name, "label": LABELS[name], "event_rule": group[0]["event_rule"]}
-        | {"seeds": [point["seed"] for point in group]}
-        | _averages(group, ("peer", "seed", "event_rule"))
-        for name, group in groups.items()
-    ]
+def savings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return what is saved against ESIM with the most samples of independent noise, counted in paths.
 
-
-def savings(rows: list[dict[str, Any]], peers: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return which setting does as well as a baseline, by mean F1 and mean strict F1, at the lowest cost.
-
-    Baselines are ESIM with the most samples of independent noise, whose cost is counted in paths, and each peer, whose
-    cost is counted in processor time. An entry has ``baseline``, ``cost`` ("paths" or "cpu_s"), ``setting`` (the
-    label, None where nothing does as well) and ``factor``, the baseline's cost over the setting's.
+    An entry is one of ``saving``.
     """
     plain = [row for row in rows if row["method"] == "esim" and row["noise"] == "independent"]
-    baselines = [(max(plain, key=lambda row: row["spp"]), "paths")] if plain else []
-    baselines += [(peer, "cpu_s") for peer in peers]
-    found = []
-    for baseline, cost in baselines:
-        as_good = [
-            row for row in rows if row is not baseline and all(row[value] >= baseline[value] for value in VALUES)
-        ]
-        best = min(as_good, key=lambda row: row[cost], default=None)
-        entry = {"baseline": baseline["label"], "cost": cost, "setting": None, "factor": None}
-        if best is not None:
-            entry |= {"setting": best["label"], "factor": baseline[cost] / best[cost]}
-        found.append(entry)
-    return found
+    return [saving(rows, max(plain, key=lambda row: row["spp"]), "paths")] if plain else []
+
+
+def saving(rows: list[dict[str, Any]], baseline: dict[str, Any], cost: str) -> dict[str, Any]:
+    """Return which setting does as well as a baseline, by mean F1 and mean strict F1, at the lowest cost.
+
+    Keys are ``baseline``, ``cost`` ("paths" or "cpu_s"), ``setting`` (the label, None where nothing does as well) and
+    ``factor``, the baseline's cost over the setting's.
+    """
+    as_good = [row for row in rows if row is not baseline and all(row[value] >= baseline[value] for value in VALUES)]
+    best = min(as_good, key=lambda row: row[cost], default=None)
+    entry = {"baseline": baseline["label"], "cost": cost, "setting": None, "factor": None}
+    if best is not None:
+        entry |= {"setting": best["label"], "factor": baseline[cost] / best[cost]}
+    return entry
 
 
 def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:

@@ -9,20 +9,20 @@ from typing import Any
 
 from clsim.bench.tradeoff_summary import turned_knobs
 
-_FRONT_HEAD = ("Setting", "CPU s", "of it detection", "to start", "million paths", "F1", "strict F1", "precision",
+FRONT_HEAD = ("Setting", "CPU s", "of it detection", "to start", "million paths", "F1", "strict F1", "precision",
                "recall", "median Δt", "CPU µs per true event", "front")  # fmt: skip
 _KNOB_HEAD = ("Knob", "from", "to", "CPU time", "detection's CPU time", "F1", "strict F1")
 
 
 def csv_text(results: dict[str, Any]) -> str:
-    """Return all points and peers as CSV, one line each, with the ceiling's F1 and strict F1 of their event rule."""
+    """Return all points as CSV, one line each, with the ceiling's F1 and strict F1 of their event rule."""
     out = io.StringIO()
     ceiling = results["ceiling"]
     rows = [
         {"scene": results["scene"]}
         | point
         | {f"ceiling_{name}": ceiling[point["event_rule"]][name] for name in ("f1", "strict_f1")}
-        for point in (*results["points"], *results["peers"])
+        for point in results["points"]
     ]
     columns = list(dict.fromkeys(name for row in rows for name in row))
     writer = csv.DictWriter(out, columns, restval="", lineterminator="\n")
@@ -35,7 +35,7 @@ def markdown_text(results: dict[str, Any]) -> str:
     """Return the Pareto front with the ceiling, what is saved, and what each knob costs, as Markdown."""
     parts = [_about(results), table(*front_table(results))]
     if results["savings"]:
-        parts.append("\n".join(_saving(entry) for entry in results["savings"]))
+        parts.append("\n".join(saving_text(entry) for entry in results["savings"]))
     knobs = turned_knobs(results["settings"])
     if knobs:
         parts.append(f"One knob turned, from {knobs[0][1]['label']}:")
@@ -44,14 +44,14 @@ def markdown_text(results: dict[str, Any]) -> str:
 
 
 def front_table(results: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Return head and rows: both fronts, cheapest first, the ICIP 2023 settings, peers, and the ceilings last."""
+    """Return head and rows: both fronts, cheapest first, the ICIP 2023 settings, and the ceilings last."""
     shown = [row for row in results["settings"] if row["front_f1"] or row["front_strict_f1"] or row["icip_2023"]]
-    rows = [_front_row(row) for row in (*shown, *results["peer_settings"])]
-    used = {row["event_rule"] for row in (*results["settings"], *results["peer_settings"])}
+    rows = [front_row(row) for row in shown]
+    used = {row["event_rule"] for row in results["settings"]}
     for rule, scores in results["ceiling"].items():
         if rule in used:
             rows.append((f"ceiling, rule {rule}", "", "", "", "", *_scores(scores), "", ""))
-    return _FRONT_HEAD, rows
+    return FRONT_HEAD, rows
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -61,23 +61,24 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _about(results: dict[str, Any]) -> str:
-    reference, events, rays = results["reference"], results["reference"]["events"], results["rays_per_path"]
+    reference, events = results["reference"], results["reference"]["events"]
     return (
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames at "
         f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; reference: "
-        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame). "
-        f"A path takes {sum(rays.values()):.2f} rays ({rays['bounce']:.2f} bounces, {rays['shadow']:.2f} to lights)."
+        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame)."
     )
 
 
-def _saving(entry: dict[str, Any]) -> str:
+def saving_text(entry: dict[str, Any]) -> str:
+    """Return one entry of ``savings`` as a list item."""
     if entry["setting"] is None:
         return f"- {entry['baseline']}: no setting has its F1 and its strict F1."
     share = f"1/{entry['factor']:.3g} of its {'paths' if entry['cost'] == 'paths' else 'CPU time'}"
     return f"- {entry['baseline']}: {entry['setting']} does as well in both scores for {share}."
 
 
-def _front_row(row: dict[str, Any]) -> tuple[str, ...]:
+def front_row(row: dict[str, Any]) -> tuple[str, ...]:
+    """Return the cells of one row of the front's table."""
     fronts = [name for name, value in (("F1", "f1"), ("strict", "strict_f1")) if row.get(f"front_{value}")]
     label = row["label"] + (" (ICIP 2023)" if row.get("icip_2023") else "")
     each = row["cpu_s_per_true_event"]

@@ -1,4 +1,4 @@
-"""``clsim bench``: how fast, how accurate, how stable."""
+"""``clsim bench``: how fast, how accurate."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import typer
 from clsim.cli.bench_tradeoff import tradeoff
 from clsim.cli.options import OPENCL
 
-bench = typer.Typer(help="Measure speed, accuracy and stability on this machine.", no_args_is_help=True)
+bench = typer.Typer(help="Measure speed and accuracy on this machine.", no_args_is_help=True)
 bench.command()(tradeoff)
 
 JSON_FILE = Annotated[Path | None, typer.Option("--json", help="Write the figures into this file, - for stdout.")]
@@ -31,34 +31,6 @@ def throughput(json_file: JSON_FILE = None, opencl: OPENCL = None) -> None:
     figures: dict[str, Any] = detect_throughput(device=choose_device(opencl))
     figures["render"] = render_throughput()
     _deliver(figures, json_file)
-
-
-@bench.command()
-def stability(
-    json_file: JSON_FILE = None,
-    markdown_file: Annotated[Path | None, typer.Option("--markdown", help="Write the table into this file.")] = None,
-    opencl: OPENCL = None,
-) -> None:
-    """Compare the kernels at extremes with an exact solution: errors, decisions that change, values that are none.
-
-    Example: `clsim bench stability --markdown stability.md`
-    """
-    from clsim.bench import stability as extremes
-    from clsim.detect.device import choose_device
-
-    device = choose_device(opencl)
-    rows = list(extremes.stability(device))
-    time_us = extremes.time_error_us(device)
-    table = extremes.markdown(rows, time_us)
-    if markdown_file is not None:
-        markdown_file.write_text(table)
-    figures = {"device": device.name, "time_error_us": time_us, "rows": [row.as_dict() for row in rows]}
-    if json_file is not None and str(json_file) == "-":
-        typer.echo(json.dumps(figures))
-        return
-    if json_file is not None:
-        json_file.write_text(json.dumps(figures, indent=1) + "\n")
-    typer.echo(table)
 
 
 def _deliver(figures: dict[str, Any], json_file: Path | None) -> None:

@@ -30,13 +30,6 @@ def tradeoff(
     frames: Annotated[int | None, typer.Option(help="Number of frames. [48, quick 24]")] = None,
     fps: FPS = None,
     seeds: Annotated[str, typer.Option(help="Seeds to measure, such as 0,1,2: means and spreads are shown.")] = "0",
-    peers: Annotated[
-        str | None,
-        typer.Option(
-            help="Measure others too: chain (Mitsuba 3 at 32 spp, then the ICIP 2023 method in plain numpy), manabe "
-            "(an adaptive sampler that takes 256 spp and more), or chain,manabe."
-        ),
-    ] = None,
     cache: Annotated[
         Path | None, typer.Option(help="Folder that keeps references and measured points. [~/.cache/clsim/tradeoff]")
     ] = None,
@@ -60,7 +53,6 @@ def tradeoff(
         frames=frames,
         fps=fps,
         seeds=parse_seeds(seeds),
-        peers=tuple(peers.split(",")) if peers else (),
     )
     for file in (json_file, csv_file, plot, markdown):
         if file is not None and not file.absolute().parent.is_dir():

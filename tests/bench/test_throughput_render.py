@@ -1,13 +1,11 @@
-"""The renderer's bench: its worlds, its figures, and that Mitsuba renders the same."""
+"""The renderer's bench: its worlds, its figures."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from clsim.bench.mitsuba_peer import load_mitsuba
 from clsim.bench.render_worlds import bumpy_room, cornell
-from clsim.bench.throughput_render import measure_world, render_throughput
+from clsim.bench.throughput_render import render_throughput
 
 
 def test_worlds_are_still_and_as_large_as_asked():
@@ -31,7 +29,7 @@ def test_the_room_is_closed_but_for_its_lamps():
 
 
 def test_figures_are_there_and_both_trees_agree():
-    result = render_throughput(size=24, spp=2, rounds=1, triangles=4_000, with_mitsuba=False)
+    result = render_throughput(size=24, spp=2, rounds=1, triangles=4_000)
     assert set(result) == {"cornell", "bumpy-room"}
     for world in result.values():
         radiance = world["mean_radiance"]
@@ -40,21 +38,5 @@ def test_figures_are_there_and_both_trees_agree():
             assert world["paths_per_second"][tree] > 0 and world["paths_per_cpu_second"][tree] > 0
             assert all(world["rays_per_cpu_second"][tree][kind] > 0 for kind in ("primary", "bounce", "shadow"))
         assert world["build_s"] > 0
-        assert "mitsuba_ratio" not in world
     # A box of a few triangles is a list, which holds more of each than a tree does.
     assert 40 < result["bumpy-room"]["bytes_per_triangle"] < 70 < result["cornell"]["bytes_per_triangle"] < 200
-
-
-@pytest.mark.oracle
-@pytest.mark.parametrize(
-    ("world", "noise"), [(cornell(64), 0.001), (bumpy_room(20_000, 64), 0.005)], ids=["cornell", "bumpy"]
-)
-def test_mitsuba_renders_the_same(world, noise):
-    """Within four times the noise of the difference, which was measured over seeds."""
-    mitsuba = load_mitsuba()
-    if mitsuba is None:
-        pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
-    result = measure_world(world, spp=512, rounds=1, mitsuba=mitsuba)
-    radiance = result["mean_radiance"]
-    assert abs(radiance["bvh8"] / radiance["mitsuba"] - 1) < 4 * noise
-    assert result["mitsuba_ratio"] > 0 and result["mitsuba_cpu_ratio"] > 0

@@ -1,4 +1,4 @@
-"""The kernels at extremes: bounds on every row of `clsim bench stability`, and laws that hold whatever the scene."""
+"""The kernels at extremes: bounds on every row of tools/stability.py, and laws that hold whatever the scene."""
 
 import dataclasses
 import json
@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clsim.bench import stability as bench
-from clsim.bench.stability_cases import Case, cases, frames
 from clsim.detect.config import DetectorConfig
 from clsim.detect.device import choose_device
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference_observation import feature_names, observe
 from clsim.errors import InputError
 from tests.detect.reference_scenes import random_frames
+from tools import stability as bench
+from tools.stability_cases import Case, cases, frames
 
 ROWS = {case.name: case for case in cases()}
 
@@ -54,7 +54,7 @@ def test_every_bound_has_its_row():
 def test_the_documents_table_has_every_row():
     page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text()
     named = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
-    assert named[1:] == list(ROWS), "run: clsim bench stability --markdown FILE, and put the table into the page"
+    assert named[1:] == list(ROWS), "run: python -m tools.stability --markdown FILE, and put the table into the page"
 
 
 def test_the_bench_notices_wrong_values(monkeypatch):
@@ -82,20 +82,16 @@ def test_times_do_not_drift():
     assert bench.time_error_us() <= 1.0
 
 
-def test_the_command_prints_what_it_measures(monkeypatch, tmp_path):
-    from typer.testing import CliRunner
-
-    from clsim.cli.app import app
-
+def test_the_tool_prints_what_it_measures(monkeypatch, tmp_path, capsys):
     some = [ROWS["frame of 1×1"], ROWS["one valid pixel"]]
     monkeypatch.setattr(bench, "cases", lambda: some)
     files = [str(tmp_path / name) for name in ("t.json", "t.md")]
-    outcome = CliRunner().invoke(app, ["bench", "stability", "--json", files[0], "--markdown", files[1]])
-    assert outcome.exit_code == 0, outcome.output
+    monkeypatch.setattr("sys.argv", ["stability.py", "--json", files[0], "--markdown", files[1]])
+    bench.main()
     figures = json.loads((tmp_path / "t.json").read_text())
     assert [row["name"] for row in figures["rows"]] == ["frame of 1×1", "one valid pixel"]
     table = (tmp_path / "t.md").read_text()
-    assert table in outcome.output
+    assert table in capsys.readouterr().out
     cells = [cell.strip() for cell in table.splitlines()[2].split("|")[1:-1]]
     assert cells[0] == "frame of 1×1" and cells[1] == f"{figures['rows'][0]['alpha_error']['float32']:.0e}"
     assert cells[3:] == ["0", "0", "1", "none"]

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.mitsuba_files import load_mitsuba_file
-from clsim.bench.mitsuba_peer import camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, frame_time_us
 from clsim.render import RenderOptions
 from clsim.render.tracer import stream_state
 from clsim.scene import Lens, World
+from tools.peers.mitsuba_files import load_mitsuba_file
+from tools.peers.mitsuba_scene import camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene
 
 _PLANES = {RADIANCE: "", ALBEDO: "albedo:albedo", NORMAL: "normal:sh_normal", DEPTH: "depth:depth"}
 """Planes in the order of Mitsuba's channels, and the arbitrary output variables that hold them."""

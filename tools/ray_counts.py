@@ -1,7 +1,5 @@
 """How many rays a path takes in a scene: the rays that the renderer's own kernel searches are counted."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 from collections.abc import Iterator
@@ -9,12 +7,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 from unittest.mock import patch
 
-from clsim.bench.rays import count_searches
+import warp as wp
+
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.alpha import make_alpha
 from clsim.render.features import Features
-from clsim.render.geometry import Tree, make_intersection
+from clsim.render.geometry import Geometry, Hit, Tree, make_intersection
 from clsim.render.integrator import build_kernel
 from clsim.scene import World
 
@@ -92,3 +91,32 @@ def _counting(counts: ctypes.Array[ctypes.c_ulonglong]) -> Iterator[None]:
             yield
     finally:
         build_kernel.cache_clear()
+
+
+def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[tuple[Any, Any, Any, Any], Any]:
+    """Return what ``make_intersection`` gave, so that it counts: on CPUs, in two 64-bit integers at ``address``.
+
+    The first one counts searches for the nearest hit, the second one for any hit. What is returned beside them searches
+    for the nearest hit on the way to a light, and counts in the second one.
+    """
+    closest, occluded, surface, surface_of = functions
+
+    @wp.func_native(f"__atomic_fetch_add((unsigned long long*){address:#x}ull + which, 1ull, 0);")
+    def count(which: int): ...
+
+    @wp.func
+    def counted_closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
+        count(0)
+        return closest(geometry, origin, direction, time)
+
+    @wp.func
+    def counted_toward_light(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
+        count(1)
+        return closest(geometry, origin, direction, time)
+
+    @wp.func
+    def counted_occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
+        count(1)
+        return occluded(geometry, origin, direction, far, time)
+
+    return (counted_closest, counted_occluded, surface, surface_of), counted_toward_light

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clsim.bench.ray_counts import RaysPerPath, rays_per_path
 from clsim.bench.render_worlds import bumpy_room
 from clsim.frames import Frame
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Material, World, load_world
+from tools.ray_counts import RaysPerPath, rays_per_path
 
 
 @pytest.fixture(scope="module")

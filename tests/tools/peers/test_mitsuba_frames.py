@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clsim.bench.mitsuba_frames import MitsubaFrames
-from clsim.bench.mitsuba_peer import load_mitsuba
 from clsim.frames import ALBEDO, RADIANCE, Frame, FrameSource
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
+from tools.peers.mitsuba_frames import MitsubaFrames
+from tools.peers.mitsuba_scene import load_mitsuba
 
 ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
 WIDTH, HEIGHT, SPP = 32, 24, 1024

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clsim.bench.chain import SPP, chain_config, run_chain, time_plain
-from clsim.bench.mitsuba_peer import load_mitsuba
 from clsim.bench.throughput_detect import noise_frame
 from clsim.render import RenderOptions
 from clsim.scene import load_world
+from tools.peers.chain import SPP, chain_config, run_chain, time_plain
+from tools.peers.mitsuba_scene import load_mitsuba
 
 
 def test_windows_of_a_run_are_timed() -> None:

@@ -1,14 +1,19 @@
-"""How far the kernels are from an exact solution at extremes, and which decisions that changes."""
+"""Compare the kernels at extremes with an exact solution: errors, decisions that change, values that are none.
+
+python -m tools.stability --markdown stability.md
+"""
 
 from __future__ import annotations
 
+import argparse
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clsim.bench.stability_cases import F64, NAMES, Case, cases, frames
 from clsim.detect.config import DetectorConfig, Precision
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device, choose_device
@@ -18,6 +23,7 @@ from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference_fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
 from clsim.detect.reference_observation import Observation, feature_names, observe
 from clsim.frames import Frame, frame_time_us
+from tools.stability_cases import F64, NAMES, Case, cases, frames
 
 FLOAT32_SMALLEST = 1e-37
 """A range that is no larger is none in float32: 1/range would not be a number (SMALLEST in common.clh)."""
@@ -229,3 +235,23 @@ def markdown(rows: Iterable[Row], time_us: float) -> str:
         lines.append(f"| {' | '.join(cells)} |")
     lines.append(f"\nAfter 10⁶ frames at 59.94 fps, times and stamps are off by at most {time_us:.1f} µs.\n")
     return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure everything."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", type=Path, help="write the figures into this file")
+    parser.add_argument("--markdown", type=Path, help="write the table into this file")
+    given = parser.parse_args()
+    device = choose_device()
+    rows, time_us = list(stability(device)), time_error_us(device)
+    figures = {"device": device.name, "time_error_us": time_us, "rows": [row.as_dict() for row in rows]}
+    if given.json is not None:
+        given.json.write_text(json.dumps(figures, indent=1) + "\n")
+    if given.markdown is not None:
+        given.markdown.write_text(markdown(rows, time_us))
+    print(markdown(rows, time_us))
+
+
+if __name__ == "__main__":
+    main()

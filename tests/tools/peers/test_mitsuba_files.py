@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clsim.bench.mitsuba_files import load_mitsuba_file
-from clsim.bench.mitsuba_peer import load_mitsuba
 from clsim.errors import InputError
+from tools.peers.mitsuba_files import load_mitsuba_file
+from tools.peers.mitsuba_scene import load_mitsuba
 
 EARLIER = """<scene version="0.6.0">
     <default name="method" value="sppm"/>

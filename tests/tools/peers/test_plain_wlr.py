@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clsim.bench.plain_wlr import Window, cut_window, fit_plane, gate_plane
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference_fit import make_windows, solve_windows
 from clsim.frames import DEPTH, RADIANCE, Frame
+from tools.peers.plain_wlr import Window, cut_window, fit_plane, gate_plane
 
 NAMES = RADIANCE + DEPTH
 CONFIG = DetectorConfig(gate="published", event_rule="frame", kernel="epanechnikov", window=7, ridge=0.0)

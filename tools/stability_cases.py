@@ -1,4 +1,4 @@
-"""The extremes at which `clsim bench stability` looks: frames, options, and where to look at them."""
+"""The extremes at which tools/stability.py looks: frames, options, and where to look at them."""
 
 from __future__ import annotations
 

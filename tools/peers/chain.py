@@ -15,8 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.mitsuba_frames import MitsubaFrames
-from clsim.bench.plain_wlr import cut_window, fit_plane, gate_plane
 from clsim.bench.stopwatch import Stopwatch
 from clsim.detect.config import DetectorConfig
 from clsim.detect.recorded import NumpyDetector
@@ -25,6 +23,8 @@ from clsim.events import EventBatch
 from clsim.frames import Frame, page_aligned
 from clsim.render import RenderOptions
 from clsim.scene import Sensor, World
+from tools.peers.mitsuba_frames import MitsubaFrames
+from tools.peers.plain_wlr import cut_window, fit_plane, gate_plane
 
 SPP = 32
 """Paths a pixel: the fewest in the paper's tables."""

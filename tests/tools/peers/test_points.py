@@ -1,33 +1,29 @@
-"""Peers beside the sweep's points: measured once, scored alike, in every table and plot."""
+"""Peers beside the sweep's points: measured once, scored alike, in the table."""
 
 from __future__ import annotations
 
-import csv
-import io
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from clsim.bench import manabe
-from clsim.bench.mitsuba_peer import load_mitsuba
-from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_plot import plot_tradeoff
+from clsim.bench.tradeoff import TradeoffOptions
 from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
-from clsim.bench.tradeoff_tables import csv_text, markdown_text
 from clsim.errors import InputError
 from clsim.scene import Lens, load_world
+from tools.peers import manabe
+from tools.peers.mitsuba_scene import load_mitsuba
+from tools.peers.points import run_peers, text
 
 POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
 
 
-def run(cache: Path, *peers: str, told: list[Any] | None = None) -> dict[str, Any]:
+def run(cache: Path, *peers: str) -> dict[str, Any]:
     options = TradeoffOptions(
-        "cornell", cache, points=POINTS, seeds=(0, 1), peers=peers, reference_spp=64, resolution=(16, 12), frames=4,
-        fps=20.0,
-    )  # fmt: skip
-    return run_tradeoff(options, lambda *progress: told.append(progress) if told is not None else None)
+        "cornell", cache, points=POINTS, seeds=(0, 1), reference_spp=64, resolution=(16, 12), frames=4, fps=20.0
+    )
+    return run_peers(options, peers, lambda what, done, total: None)
 
 
 @pytest.fixture
@@ -36,7 +32,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(manabe, name, value)
 
 
-def test_a_peer_is_in_tables_and_plots(tmp_path: Path, few_samples: None, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_peer_is_set_beside_the_points(tmp_path: Path, few_samples: None, monkeypatch: pytest.MonkeyPatch) -> None:
     results = run(tmp_path, "manabe")
     first, second = results["peers"]
     assert (first["peer"], first["seed"], second["seed"]) == ("manabe", 0, 1)
@@ -45,30 +41,13 @@ def test_a_peer_is_in_tables_and_plots(tmp_path: Path, few_samples: None, monkey
     (row,) = results["peer_settings"]
     assert row["f1"] == pytest.approx((first["f1"] + second["f1"]) / 2) and row["strict_f1_sd"] > 0
     assert row["seeds"] == [0, 1]
-    markdown = markdown_text(results).splitlines()
-    (line,) = [line for line in markdown if line.startswith("| Manabe")]
+    lines = text(results).splitlines()
+    (line,) = [line for line in lines if line.startswith("| Manabe")]
     assert f"{row['strict_f1']:.3f} ± {row['strict_f1_sd']:.3f}" in line
-    assert any("ceiling, rule frame" in line for line in markdown), "no ceiling for the peer's rule"
-    assert len({line.count("|") for line in markdown[2:] if line[:1] == "|" and "Knob" not in line}) == 1
-    (saving,) = results["savings"]
-    assert saving["baseline"] in line and (saving["setting"] or "no setting") in "".join(markdown)
-    rows = list(csv.DictReader(io.StringIO(csv_text(results))))
-    assert [each["peer"] for each in rows] == ["", "", "manabe", "manabe"]
-    assert float(rows[2]["ceiling_f1"]) == results["ceiling"]["frame"]["f1"]
-    plain, with_peer = tmp_path / "plain.png", tmp_path / "peer.png"
-    plot_tradeoff(results | {"peer_settings": []}, plain)
-    plot_tradeoff(results, with_peer)
-    assert plain.read_bytes() != with_peer.read_bytes()
-    monkeypatch.setattr("clsim.bench.tradeoff_peers.Peer.measure", lambda *given: pytest.fail("measured again"))
+    assert len({line.count("|") for line in lines if line[:1] == "|"}) == 1, "a ragged table"
+    assert lines[-1].startswith(f"- {row['label']}: ")
+    monkeypatch.setattr("tools.peers.points.Peer.measure", lambda *given: pytest.fail("measured again"))
     assert run(tmp_path, "manabe") == results
-
-
-def test_progress_ends_at_its_end(tmp_path: Path, few_samples: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Even where the sampler stops early."""
-    monkeypatch.setattr(manabe, "CONFIDENCE", 0.0)
-    told: list[Any] = []
-    run(tmp_path, "manabe", told=told)
-    assert told[-1][1] == told[-1][2] > 0
 
 
 @pytest.mark.oracle
@@ -91,13 +70,13 @@ def test_unknown_peers_are_refused(tmp_path: Path) -> None:
 def test_what_a_peer_cannot_render_is_told_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("clsim.bench.mitsuba_frames.load_mitsuba", lambda: None)
+    monkeypatch.setattr("tools.peers.mitsuba_frames.load_mitsuba", lambda: None)
     with pytest.raises(InputError, match="Mitsuba 3 or the LLVM library it needs is not installed"):
         run(tmp_path, "chain")
     world = load_world("cornell")
     glass = replace(world, materials=tuple(replace(each, kind="dielectric") for each in world.materials))
     wide = replace(world, camera=replace(world.camera, lens=Lens(model="fisheye")))
-    monkeypatch.setattr("clsim.bench.mitsuba_frames.load_mitsuba", lambda: "mitsuba")
+    monkeypatch.setattr("tools.peers.mitsuba_frames.load_mitsuba", lambda: "mitsuba")
     monkeypatch.setattr("clsim.bench.tradeoff.load_world", lambda *given, **more: glass)
     with pytest.raises(InputError, match="materials other than diffuse ones cannot be handed to Mitsuba"):
         run(tmp_path, "chain")

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from clsim.bench import manabe
-from clsim.bench.manabe import Moments, decide, run_manabe
 from clsim.frames import ALL_PLANES, Frame
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Sensor, load_world
+from tools.peers import manabe
+from tools.peers.manabe import Moments, decide, run_manabe
 
 SENSOR = Sensor(threshold_on=0.2, threshold_off=0.3, floor=1e-4)
 

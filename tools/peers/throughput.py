@@ -1,0 +1,91 @@
+"""Measure what `clsim bench throughput` measures, with plain numpy and Mitsuba 3 beside it.
+
+    python -m tools.peers.throughput
+
+Prints JSON: fits per processor second of numpy and of the kernels, paths per second of both renderers.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+from clsim.bench.render_worlds import bumpy_room, cornell
+from clsim.bench.throughput_detect import detect_throughput, noise_frame
+from clsim.bench.throughput_render import MAX_DEPTH, measure_world
+from clsim.errors import InputError
+from clsim.frames import Frame
+from clsim.render.devices import start_warp
+from clsim.scene import World
+from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
+from tools.peers.plain_wlr import cut_window, solve_window
+
+WINDOW = 13
+SIDE = 24
+"""Side of the picture whose pixels numpy fits [pixels]."""
+
+
+def numpy_fits_per_cpu_second(side: int = SIDE, window: int = WINDOW, rounds: int = 3) -> float:
+    """Return how many windows of noise plain numpy fits in a second of processor time, at best of some rounds."""
+    frame = noise_frame(side, side)
+    seconds = []
+    for _ in range(rounds):
+        start = process_time()
+        plain_fits(frame, window)
+        seconds.append(process_time() - start)
+    return side * side / min(seconds)
+
+
+def plain_fits(frame: Frame, window: int) -> None:
+    """Fit every pixel's window as one would first write it: numpy, one pixel at a time, pseudo-inverse."""
+    y = np.log(np.maximum(np.tensordot((0.2126, 0.7152, 0.0722), frame.planes[:3].astype(float), axes=1), 1e-4))
+    ys, xs = np.mgrid[0 : frame.height, 0 : frame.width].astype(float)
+    x = np.stack([xs, ys, *frame.planes[3:].astype(float)], axis=-1)
+    for row in range(frame.height):
+        for column in range(frame.width):
+            solve_window(cut_window(x, y, row, column, window), "gaussian")
+
+
+def beside_mitsuba(world: World, spp: int, rounds: int) -> dict[str, Any]:
+    """Measure a world with both renderers in turns; ``mitsuba_ratio`` is our paths per second over Mitsuba's.
+
+    Raises:
+        InputError: Mitsuba is not installed or cannot have the world.
+    """
+    mitsuba = load_mitsuba()
+    if mitsuba is None:
+        raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+    result = measure_world(world, spp, rounds, {"mitsuba": mitsuba_render(mitsuba, world, spp)})
+    for ratio, rate in (("mitsuba_ratio", "paths_per_second"), ("mitsuba_cpu_ratio", "paths_per_cpu_second")):
+        result[ratio] = result[rate]["bvh8"] / result[rate]["mitsuba"]
+    return result
+
+
+def mitsuba_render(mitsuba: Any, world: World, spp: int) -> Callable[[], float]:
+    """Return what renders the world's start with Mitsuba and returns the mean radiance."""
+    scene = mitsuba_scene(mitsuba, world, MAX_DEPTH)
+    seeds = iter(range(1 << 30))
+
+    def render() -> float:
+        return float(np.array(mitsuba.render(scene, spp=spp, seed=next(seeds)))[..., :3].mean())
+
+    return render
+
+
+def main() -> None:
+    """Measure all of it."""
+    start_warp()
+    ours = float(detect_throughput(window=WINDOW)["fits_per_cpu_second"])
+    plain = numpy_fits_per_cpu_second()
+    figures: dict[str, Any] = {"numpy_fits_per_cpu_second": plain, "numpy_ratio": ours / plain}
+    for name, world in (("cornell", cornell()), ("bumpy-room", bumpy_room())):
+        figures[name] = beside_mitsuba(world, spp=16, rounds=3)
+    print(json.dumps(figures, indent=1))
+
+
+if __name__ == "__main__":
+    main()
