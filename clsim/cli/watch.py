@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from clsim.live.session import Session
     from clsim.live.view.terminal import TerminalScreen
 
-PAGE_NUMBERS = ("events", "frames_per_s", "solved_share", "dropped_frames", "simulated_s")
-"""Keys of a summary that the page shows."""
-
 View = Literal["web", "terminal", "rerun", "none"]
 VIEW = Annotated[
     View | None,
@@ -68,6 +65,21 @@ def announce(url: str) -> None:
         import webbrowser
 
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+
+
+def page_numbers(summary: dict[str, Any]) -> dict[str, Any]:
+    """Return what the page shows of a run."""
+    return {
+        "events": summary["events"],
+        "dropped_frames": summary["dropped_frames"],
+        "real_time_share": real_time_share(summary),
+    }
+
+
+def real_time_share(summary: dict[str, Any]) -> float | None:
+    """Return simulated seconds a second since the first frame; None before there is any to tell of."""
+    running_s = summary["wall_s"] - (summary["startup_s"] or 0.0)
+    return summary["simulated_s"] / running_s if summary["simulated_s"] > 0 and running_s > 0 else None
 
 
 def default_view(outputs: tuple[str, ...], *, as_json: bool) -> View:
@@ -124,7 +136,7 @@ def attach(
         from clsim.live.view.sink import ViewSink
 
         page = ViewSink(session.name, *size, **host_and_port(port), listener=listener)
-        page.status = lambda: {key: session.summary()[key] for key in PAGE_NUMBERS}
+        page.status = lambda: page_numbers(session.summary())
         session.pipeline.outputs.append(Output(page.url, page))
         session.pipeline.watchers.append(page)
         announce(page.url)

@@ -165,7 +165,7 @@ def test_a_browser_gets_every_event_in_order(sink: ViewSink) -> None:
 def test_status_is_told(sink: ViewSink) -> None:
     sink.status = lambda: {"frames_per_s": 12.5}
     messages = watch(sink.url, lambda m: any(isinstance(x, dict) and x["type"] == "status" for x in m))
-    assert {"type": "status", "frames_per_s": 12.5} in messages
+    assert {"type": "status", "frames_per_s": 12.5, "missed_events": 0} in messages
 
 
 def test_garbage_from_a_browser_is_ignored(sink: ViewSink) -> None:
@@ -236,6 +236,7 @@ def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.Mo
     for k in range(50):
         watcher.put(bytes([k]), 10)
     assert watcher.waiting_events == 100 and watcher.dropped_events == 400 == hub.dropped_events
+    assert watcher.missed_events == 400
     assert watcher.next_packet() == bytes([40])
     for _ in range(3 * hub_module.QUEUE_PACKETS):
         watcher.put(b"", 0)
@@ -243,6 +244,8 @@ def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.Mo
     lost = watcher.dropped_events
     hub.leave(watcher)
     assert hub.dropped_events == lost == 490  # still counted when the browser has gone
+    watcher.clear()
+    assert watcher.missed_events == 0 and watcher.dropped_events == lost  # a jump begins a new count for the page
     hub._loop.close()
 
 

@@ -2,7 +2,6 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,33 +13,31 @@ from tests.live.view_events import random_events
 
 pytest.importorskip("aiohttp", reason="the page is an extra")
 
-from clsim.live.view import player as player_module
-from clsim.live.view.player import Overview, Player
+from clsim.live.view import playback as playback_module
+from clsim.live.view.commands import Seek, Speed, Switch
+from clsim.live.view.hub import Hub
+from clsim.live.view.playback import Playback
+from clsim.live.view.player import OVERVIEW_BINS, Overview, Player
 from clsim.live.view.pump import Pump, paced
 
 WIDTH, HEIGHT = 20, 10
 EVENTS = random_events(5000, WIDTH, HEIGHT, begin_us=3_000_000, end_us=5_000_000)
 
 
-class Browser:
-    """Takes the place of the hub's only watcher, so that tests see what would be sent."""
+class Browser(Hub):
+    """Takes the place of a page's hub, so that tests see what would be sent to it."""
 
-    def __init__(self, player: Player, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self) -> None:
         self.events: list[EventBatch] = []
         self.seeks: list[int] = []
-        self.texts: dict[str, dict[str, Any]] = {}
-        hub = player._server.hub
-        monkeypatch.setattr(hub, "offer", lambda batch, now_us: self.events.append(batch.copy()))
-        monkeypatch.setattr(hub, "seek", self.seek)
-        monkeypatch.setattr(hub, "tell", lambda kind, text: self.texts.update({kind: json.loads(text)}))
-        self.player = player
+        self.errors: list[BaseException] = []
+
+    def offer(self, batch: EventBatch, now_us: int) -> None:
+        self.events.append(batch.copy())
 
     def seek(self, now_us: int) -> None:
         self.seeks.append(now_us)
         self.events.clear()
-
-    def send(self, command: str, value: Any = None) -> None:
-        self.player._command({"command": command, "value": value})
 
     @property
     def seen(self) -> EventBatch:
@@ -58,10 +55,18 @@ def recording(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def browser(recording: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Browser]:
-    player = Player(lambda: open_source(recording), "a test", WIDTH, HEIGHT, port=0)
-    yield Browser(player, monkeypatch)
+def browser() -> Browser:
+    return Browser()
+
+
+@pytest.fixture
+def playback(recording: Path, browser: Browser) -> Iterator[Playback]:
+    player = Playback(lambda: open_source(recording), browser, browser.errors.append)
+    player.control(Switch("play", False))
+    yield player
     player.close()
+    player.join(5)
+    assert not player.alive and not browser.errors
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
@@ -71,65 +76,65 @@ def wait_until(condition: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def test_nothing_plays_before_somebody_watches_and_then_everything_does(browser: Browser) -> None:
-    time.sleep(0.1)
-    assert not len(browser.seen)
-    browser.send("loop", False)
-    browser.send("speed", 10)
-    browser.send("joined")
-    wait_until(lambda: not browser.player._status()["playing"])
+def play_to_the_end(playback: Playback) -> None:
+    for command in (Switch("loop", False), Speed(10), Switch("play", True)):
+        playback.control(command)
+    wait_until(lambda: not playback.status()["playing"])
+
+
+def test_everything_is_played(playback: Playback, browser: Browser) -> None:
+    play_to_the_end(playback)
     assert np.array_equal(browser.seen, EVENTS)
-    assert browser.player._status()["position_us"] == EVENTS["t"][-1]
+    assert playback.status()["position_us"] == EVENTS["t"][-1]
 
 
-@pytest.mark.parametrize("targets", [(4_500_000,), (4_800_000, 3_700_000), (3_200_000, 3_100_000), (0,), (99_000_000,)])
-def test_a_seek_shows_the_second_before_it(browser: Browser, targets: tuple[int, ...]) -> None:
-    browser.send("play", False)
-    browser.send("joined")
+@pytest.mark.parametrize(
+    "targets", [(4_500_000,), (4_800_000, 3_700_000), (3_200_000, 3_100_000), (0,), (99_000_000,), (1 << 53,)]
+)
+def test_a_seek_shows_the_second_before_it(playback: Playback, browser: Browser, targets: tuple[int, ...]) -> None:
     for count, target in enumerate(targets, start=1):
-        browser.send("seek", target)
-        wait_until(lambda count=count: len(browser.seeks) == count)
+        playback.control(Seek(target))
+        wait_until(lambda count=count: len(browser.seeks) >= count)
     reached = min(max(targets[-1], int(EVENTS["t"][0])), int(EVENTS["t"][-1]))
-    wait_until(lambda: browser.player._seek_us is None)
+    wait_until(lambda: playback._seek_us is None)
     time.sleep(0.05)
     assert browser.seeks[-1] == reached
-    begin_us = max(targets[-1], int(EVENTS["t"][0])) - player_module.PREROLL_US
+    begin_us = max(targets[-1], int(EVENTS["t"][0])) - playback_module.PREROLL_US
     wanted = EVENTS[(EVENTS["t"] >= begin_us) & (EVENTS["t"] < max(targets[-1], 0))]
     assert np.array_equal(browser.seen, wanted)
-    assert not browser.player._status()["playing"]
+    assert not playback.status()["playing"]
 
 
-def test_play_goes_on_from_a_seek(browser: Browser) -> None:
-    browser.send("play", False)
-    browser.send("joined")
-    browser.send("seek", 4_000_000)
+def test_play_goes_on_from_a_seek(playback: Playback, browser: Browser) -> None:
+    playback.control(Seek(4_000_000))
     wait_until(lambda: bool(browser.seeks))
-    browser.send("loop", False)
-    browser.send("speed", 10)
-    browser.send("play", True)
-    wait_until(lambda: not browser.player._status()["playing"])
+    play_to_the_end(playback)
     assert np.array_equal(browser.seen, EVENTS[EVENTS["t"] >= 3_000_000])
     assert np.unique(browser.seen["t"]).size == np.unique(EVENTS["t"]).size
 
 
-def test_a_loop_begins_anew(browser: Browser) -> None:
-    browser.send("speed", 10)
-    browser.send("joined")
+def test_a_loop_begins_anew(playback: Playback, browser: Browser) -> None:
+    playback.control(Speed(10))
+    playback.control(Switch("play", True))
     wait_until(lambda: len(browser.seeks) >= 2)
     assert set(browser.seeks) == {int(EVENTS["t"][0])}
 
 
-def test_the_speed_is_kept_within_reason(browser: Browser) -> None:
-    for value, expected in ((0.1, 0.1), (1e9, 10.0), (-4, 0.001)):
-        browser.send("speed", value)
-        assert browser.player._status()["speed"] == expected
+def test_the_speed_is_kept_within_reason(playback: Playback) -> None:
+    for value, expected in ((0.1, 0.1), (1e9, 10.0), (1e-9, 0.001)):
+        playback.control(Speed(value))
+        assert playback.status()["speed"] == expected
 
 
-def test_the_overview_counts_the_whole_file(browser: Browser) -> None:
-    wait_until(lambda: browser.player._overview.complete)
-    browser.send("joined")
-    overview = browser.texts["overview"]
-    assert overview["begin_us"] == EVENTS["t"][0] and overview["end_us"] == EVENTS["t"][-1] and overview["complete"]
+def test_the_overview_counts_the_whole_file(recording: Path) -> None:
+    player = Player(lambda: open_source(recording), "a test", WIDTH, HEIGHT, port=0)
+    try:
+        wait_until(lambda: player._overview.complete)
+        wait_until(lambda: json.loads(player._server._told.get("overview", "{}")).get("complete", False))
+        overview = json.loads(player._server._told["overview"])  # what a page gets that joins now
+    finally:
+        player.close()
+    assert overview["begin_us"] == EVENTS["t"][0] and overview["end_us"] == EVENTS["t"][-1]
     assert sum(overview["on"]) == EVENTS["on"].sum() and sum(overview["off"]) == (~EVENTS["on"]).sum()
 
 
@@ -139,7 +144,7 @@ def test_bins_of_an_overview_are_a_histogram(step: int) -> None:
     for start in range(0, len(EVENTS), step):
         overview.add(EVENTS[start : start + step])
     told = overview.as_dict()
-    assert len(told["on"]) <= player_module.OVERVIEW_BINS
+    assert len(told["on"]) <= OVERVIEW_BINS
     edges = told["begin_us"] + told["bin_us"] * np.arange(len(told["on"]) + 1)
     for name, events in (("on", EVENTS[EVENTS["on"]]), ("off", EVENTS[~EVENTS["on"]])):
         assert told[name] == np.histogram(events["t"], edges)[0].tolist()

@@ -1,5 +1,7 @@
 import io
+import os
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,7 +92,9 @@ def test_terminals_with_256_colours_get_those() -> None:
 
 
 def test_a_screen_is_painted_over_itself_and_gives_the_cursor_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: terminal.os.terminal_size((40, 12)))
+    # Not in shutil itself: pytest asks it too.
+    size = os.terminal_size((40, 12))
+    monkeypatch.setattr(terminal, "shutil", SimpleNamespace(get_terminal_size=lambda: size))
     stream = io.StringIO()
     screen = TerminalScreen(TerminalView(20, 10, FULL_COLOUR), stream)
     screen.paint("a status line that is longer than forty columns are wide", 0)

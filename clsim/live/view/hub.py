@@ -26,6 +26,9 @@ class Watcher:
         """Start with nothing to send."""
         self.wants_frames = True
         self.dropped_events = 0
+        """Events that the browser was too slow for, in all."""
+        self.missed_events = 0
+        """Those of them since time last jumped."""
         self.sent = 0
         self.seen = 0
         self.images: dict[int, bytes] = {}
@@ -47,13 +50,18 @@ class Watcher:
         while self._waiting_events > QUEUE_EVENTS or len(self._packets) > QUEUE_PACKETS:
             _, lost = self._packets.popleft()
             self._waiting_events -= lost
-            self.dropped_events += lost
+            self.miss(lost)
         self.changed.set()
+
+    def miss(self, events: int) -> None:
+        """Count events that the browser will not get."""
+        self.dropped_events += events
+        self.missed_events += events
 
     def clear(self) -> None:
         """Forget what waits: time has jumped."""
         self._packets.clear()
-        self._waiting_events = 0
+        self._waiting_events = self.missed_events = 0
 
     def put_image(self, kind: int, packet: bytes) -> None:
         """Replace the image of this kind."""
@@ -93,12 +101,15 @@ class Hub:
         self._now_us = 0
         self._seek_us: int | None = None
         self._scheduled = False
-        self._dropped_events = 0
+        self._lost_events = 0
+        """Lost before they were handed out."""
+        self._left_events = 0
+        """Lost by watchers that have gone."""
 
     @property
     def dropped_events(self) -> int:
         """Events lost so far, summed over the watchers."""
-        return self._dropped_events + sum(watcher.dropped_events for watcher in tuple(self.watchers))
+        return self._left_events + sum(watcher.dropped_events for watcher in tuple(self.watchers))
 
     def offer(self, batch: EventBatch, now_us: int) -> None:
         """Take a batch (a copy is made) from any thread; returns at once, and costs nothing while nobody watches."""
@@ -108,10 +119,11 @@ class Hub:
         with self._lock:
             self._pending.append(copy)
             self._pending_events += len(copy)
+            self._lost_events += len(batch) - len(copy)
             while self._pending_events > QUEUE_EVENTS:
                 lost = len(self._pending.popleft())
                 self._pending_events -= lost
-                self._dropped_events += lost
+                self._lost_events += lost
             self._now_us = now_us
         self._schedule()
 
@@ -119,7 +131,7 @@ class Hub:
         """Tell every watcher that time jumps; drops what waits. From any thread."""
         with self._lock:
             self._pending.clear()
-            self._pending_events = 0
+            self._pending_events = self._lost_events = 0
             self._seek_us = self._now_us = now_us
         self._schedule()
 
@@ -127,14 +139,10 @@ class Hub:
         """Hand an image to the watchers that want frames. From any thread."""
         self._call(self._show, kind, packet)
 
-    def tell(self, kind: str, text: str) -> None:
-        """Hand a text message to every watcher. From any thread."""
-        self._call(self._tell, kind, text)
-
     def leave(self, watcher: Watcher) -> None:
         """Forget a watcher, but not what it lost."""
         self.watchers.discard(watcher)
-        self._dropped_events += watcher.dropped_events
+        self._left_events += watcher.dropped_events
 
     def _schedule(self) -> None:
         with self._lock:
@@ -152,11 +160,14 @@ class Hub:
         with self._lock:
             batches, self._pending = list(self._pending), deque()
             self._pending_events, self._scheduled = 0, False
+            lost, self._lost_events = self._lost_events, 0
             now_us, seek_us, self._seek_us = self._now_us, self._seek_us, None
         if seek_us is not None:
             for watcher in self.watchers:
                 watcher.clear()
                 watcher.put(seek_packet(seek_us), 0)
+        for watcher in self.watchers:
+            watcher.miss(lost)
         merged = np.concatenate(batches) if batches else empty_batch(0)
         for packet, events in event_packets(merged, now_us):
             for watcher in self.watchers:
@@ -166,7 +177,3 @@ class Hub:
         for watcher in self.watchers:
             if watcher.wants_frames:
                 watcher.put_image(kind, packet)
-
-    def _tell(self, kind: str, text: str) -> None:
-        for watcher in self.watchers:
-            watcher.put_text(kind, text)

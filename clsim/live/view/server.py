@@ -10,42 +10,60 @@ import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
+from dataclasses import dataclass
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from clsim.errors import InputError
 from clsim.live.view import colormaps
+from clsim.live.view.commands import LARGEST_MESSAGE, Seen, WantFrames, parse_message
 from clsim.live.view.hub import Hub, Watcher
 
 if TYPE_CHECKING:
     from aiohttp import web
 
+    from clsim.live.view.playback import Playback
+
 DEFAULT_PORT = 8787
 STATUS_PERIOD_S = 0.25
+MOST_PAGES = 32
+"""Browser tabs at a time; each costs memory and, with a recording, a reader."""
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self' ws:"
+
+
+@dataclass(eq=False)
+class _Page:
+    """A browser tab that is connected."""
+
+    watcher: Watcher
+    hub: Hub
+    playback: Playback | None
 
 
 class PageServer:
     """Serves the page at ``url`` until ``close``.
 
+    Who watches a stream can change nothing; who watches a recording plays it for himself alone.
+
     Args:
         hello: what a page must know first: title, width, height, live.
         status: called four times a second while somebody watches; its numbers are shown.
-        on_command: called in the server's thread with each command of a page.
         host: address to listen on; only loopback is safe, because nothing is encrypted and anybody may watch.
         port: None takes the usual port or, if that is in use, a free one; 0 takes a free one.
         listener: what ``listen`` returned for them, if it was asked before; the server closes it.
+        play: called in the server's thread when a page joins, to play a recording into that page's own hub; None
+            where all pages watch one stream, ``hub``.
     """
 
     def __init__(
         self,
         hello: dict[str, Any],
         status: Callable[[], dict[str, Any]],
-        on_command: Callable[[dict[str, Any]], None],
         host: str = "127.0.0.1",
         port: int | None = None,
         listener: socket.socket | None = None,
+        play: Callable[[Hub], Playback] | None = None,
     ) -> None:
         """Start to serve.
 
@@ -53,7 +71,7 @@ class PageServer:
             InputError: aiohttp is missing, or the address cannot be used.
         """
         require_aiohttp()
-        self._hello, self._status, self._on_command = hello, status, on_command
+        self._hello, self._status, self._play = hello, status, play
         self._listener = listener or listen(host, port)
         self._host = host
         self.port: int = self._listener.getsockname()[1]
@@ -62,6 +80,9 @@ class PageServer:
         self.warning = None if _is_loopback(host) else f"{self.url}: every machine that reaches it can watch the events"
         self._loop = asyncio.new_event_loop()
         self.hub = Hub(self._loop)
+        self._pages: set[_Page] = set()
+        self._told: dict[str, str] = {}
+        """What every page has to know, by type: also those that join later."""
         self._stop = asyncio.Event()
         self._ready: Future[None] = Future()
         self._thread = threading.Thread(target=self._run, name="clsim-view", daemon=True)
@@ -74,6 +95,16 @@ class PageServer:
             with contextlib.suppress(RuntimeError):
                 self._loop.call_soon_threadsafe(self._stop.set)
             self._thread.join()
+
+    def tell(self, kind: str, text: str) -> None:
+        """Hand a text message to every page, also to those that join later. From any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has closed: the view is over
+            self._loop.call_soon_threadsafe(self._tell, kind, text)
+
+    def _tell(self, kind: str, text: str) -> None:
+        self._told[kind] = text
+        for page in self._pages:
+            page.watcher.put_text(kind, text)
 
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
@@ -111,7 +142,7 @@ class PageServer:
         ticker = asyncio.create_task(self._tick())
         await self._stop.wait()
         ticker.cancel()
-        self.hub.tell("end", json.dumps({"type": "end"}))
+        self._tell("end", json.dumps({"type": "end"}))
         await self._drain()
         await runner.cleanup()
 
@@ -119,7 +150,7 @@ class PageServer:
         """Give browsers that keep up a moment to take the last events."""
         for _ in range(20):
             await asyncio.sleep(0.02)
-            if not any(watcher.texts or watcher.waiting_events for watcher in self.hub.watchers):
+            if not any(page.watcher.texts or page.watcher.waiting_events for page in self._pages):
                 return
 
     def _refuse_strangers(self, request: web.Request) -> None:
@@ -135,50 +166,62 @@ class PageServer:
     async def _stream(self, request: web.Request) -> web.WebSocketResponse:
         from aiohttp import web
 
-        socket = web.WebSocketResponse(heartbeat=20.0, compress=False, max_msg_size=1 << 16)
-        await socket.prepare(request)
+        if len(self._pages) >= MOST_PAGES:
+            raise web.HTTPServiceUnavailable(text=f"{MOST_PAGES} pages watch already; close one")
         watcher = Watcher()
-        self.hub.watchers.add(watcher)  # before it hears of us: from then on it misses nothing
+        page = _Page(watcher, self.hub if self._play is None else Hub(self._loop), None)
+        self._pages.add(page)
+        socket = web.WebSocketResponse(heartbeat=20.0, compress=False, max_msg_size=LARGEST_MESSAGE)
         try:
+            await socket.prepare(request)
+            page.hub.watchers.add(watcher)  # before it hears of us: from then on it misses nothing
+            if self._play is not None:
+                page.playback = self._play(page.hub)
             await socket.send_str(json.dumps({"type": "hello"} | self._hello))
+            for kind, text in self._told.items():
+                watcher.put_text(kind, text)
+            self._tell_status(page)
+            await self._serve_page(page, socket)
         except ConnectionError:
-            self.hub.leave(watcher)
-            return socket
-        self._tell_status()
-        self._on_command({"command": "joined"})
-        sender = asyncio.create_task(_send(socket, watcher))
+            pass
+        finally:
+            self._pages.discard(page)
+            page.hub.leave(watcher)
+            if page.playback is not None:
+                page.playback.close()
+        return socket
+
+    async def _serve_page(self, page: _Page, socket: web.WebSocketResponse) -> None:
+        sender = asyncio.create_task(_send(socket, page.watcher))
         try:
             async for message in socket:
-                self._receive(watcher, message.data)
+                self._receive(page, message.data)
         finally:
-            self.hub.leave(watcher)
             sender.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionError):
                 await sender
-        return socket
 
-    def _receive(self, watcher: Watcher, text: Any) -> None:
-        try:
-            command = json.loads(text)
-            if "seen" in command:
-                watcher.seen = int(command["seen"])
-                watcher.changed.set()
-            elif "frames" in command:
-                watcher.wants_frames = bool(command["frames"])
-            else:
-                self._on_command(command)
-                self._tell_status()
-        except (ValueError, TypeError, KeyError, AttributeError):
-            return  # not from our page
+    def _receive(self, page: _Page, text: str | bytes) -> None:
+        message = parse_message(text)
+        if isinstance(message, Seen):
+            page.watcher.seen = message.packets
+            page.watcher.changed.set()
+        elif isinstance(message, WantFrames):
+            page.watcher.wants_frames = message.wanted
+        elif message is not None and page.playback is not None:
+            page.playback.control(message)
+            self._tell_status(page)
 
     async def _tick(self) -> None:
         while True:
             await asyncio.sleep(STATUS_PERIOD_S)
-            if self.hub.watchers:
-                self._tell_status()
+            for page in self._pages:
+                self._tell_status(page)
 
-    def _tell_status(self) -> None:
-        self.hub.tell("status", json.dumps({"type": "status"} | self._status()))
+    def _tell_status(self, page: _Page) -> None:
+        own = {} if page.playback is None else page.playback.status()
+        missed = {"missed_events": page.watcher.missed_events}
+        page.watcher.put_text("status", json.dumps({"type": "status"} | self._status() | own | missed))
 
 
 async def _send(socket: web.WebSocketResponse, watcher: Watcher) -> None:

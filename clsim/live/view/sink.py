@@ -40,7 +40,7 @@ class ViewSink:
         """Start a PageServer, which takes the same; raises InputError if aiohttp is missing or the port is taken."""
         self.status: Callable[[], dict[str, Any]] = dict
         hello = {"title": title, "width": width, "height": height, "live": True}
-        self._server = PageServer(hello, lambda: self.status(), lambda command: None, host, port, listener)
+        self._server = PageServer(hello, lambda: self.status(), host, port, listener)
         self.url, self.warning = self._server.url, self._server.warning
         self._now_us = 0
         self._next_frame_s = 0.0

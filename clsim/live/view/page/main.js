@@ -4,11 +4,12 @@ import { Cloud } from "./cloud.js";
 import { EventImage } from "./image.js";
 import { Rate } from "./rate.js";
 import { Store } from "./store.js";
-import { perSecond, seconds, short, span } from "./text.js";
+import { percent, seconds, short, span } from "./text.js";
 
 const HEADER_BYTES = 32;
 const EVENTS = 1, NOISY = 2, DENOISED = 3, SEEK = 4;
 const RATE_OVER_US = 50_000;
+const SKIPPED = "Events that this browser was too slow to draw; files and streams have them all";
 
 const $ = (id) => document.getElementById(id);
 const store = new Store();
@@ -20,7 +21,7 @@ $("no-webgl").hidden = cloud.gl !== null;
 const saved = JSON.parse(localStorage.getItem("clsim") || "{}");
 const settings = { windowUs: 30_000, depthUs: 300_000, full: 3, decay: false, colours: "blue-orange", theme: null, ...saved };
 let hello = null, status = {}, tables = {}, look = null, socket = null;
-let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, total = 0, ended = false;
+let dirty = true, paused = false, heldUs = null, received = 0, confirmed = 0, shown = 0, ended = false;
 
 const now = () => heldUs ?? store.nowUs;
 const send = (message) => { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); };
@@ -61,7 +62,7 @@ function takeText(message) {
     cloud.resize(message.width, message.height);
     store.clear(0);
     rate.clear();
-    total = 0;
+    shown = 0;
     $("title").textContent = `${message.title} · ${message.width} × ${message.height}`;
     document.title = `${message.title} · clsim`;
     document.body.classList.toggle("live", message.live);
@@ -88,15 +89,16 @@ function takePacket(buffer) {
   const kind = header.getUint32(0, true), count = header.getUint32(4, true);
   const baseUs = Number(header.getBigInt64(8, true)), nowUs = Number(header.getBigInt64(16, true));
   if (kind === EVENTS) {
+    shown += count;
     if (hello.live && paused) return;
     const dt = new Uint32Array(buffer, HEADER_BYTES, count);
     const x = new Uint16Array(buffer, HEADER_BYTES + 4 * count, count);
     const y = new Uint16Array(buffer, HEADER_BYTES + 6 * count, count);
     store.add(baseUs, nowUs, dt, x, y);
     if (hello.live) rate.count(baseUs, nowUs, dt, y);
-    total += count;
   } else if (kind === SEEK) {
     store.clear(nowUs);
+    shown = 0;
     heldUs = null;
   } else if ((kind === NOISY || kind === DENOISED) && !paused) {
     takeImage(kind, new Uint8Array(buffer, HEADER_BYTES), header.getUint32(24, true), header.getUint32(28, true), count);
@@ -146,14 +148,13 @@ function showNumbers(nowUs) {
   numbersAtMs = ms;
   const inSpan = store.at(nowUs + 1) - store.at(nowUs - RATE_OVER_US);
   const numbers = [["events/s", short(inSpan / RATE_OVER_US * 1e6)]];
-  const known = rate.file?.complete ? sum(rate.file.on) + sum(rate.file.off) : status.events ?? total;
-  numbers.push(["events", short(known)]);
-  if (status.frames_per_s !== undefined) numbers.push(["frames/s", status.frames_per_s.toFixed(1)]);
-  if (typeof status.solved_share === "number") numbers.push(["pixels solved", `${(100 * status.solved_share).toFixed(1)} %`]);
+  const known = rate.file?.complete ? sum(rate.file.on) + sum(rate.file.off) : status.events ?? shown;
+  numbers.push([rate.file?.complete ? "events in all" : "events so far", short(known)]);
+  if (typeof status.real_time_share === "number") numbers.push(["of real time", percent(status.real_time_share)]);
   if (status.dropped_frames) numbers.push(["frames dropped", short(status.dropped_frames)]);
-  if (status.dropped_events) numbers.push(["events not shown", short(status.dropped_events)]);
-  $("numbers").replaceChildren(...numbers.map(([name, value]) => {
-    const pair = document.createElement("div");
+  if (status.missed_events) numbers.push(["skipped here", percent(status.missed_events / (status.missed_events + shown)), SKIPPED]);
+  $("numbers").replaceChildren(...numbers.map(([name, value, title]) => {
+    const pair = Object.assign(document.createElement("div"), { title: title ?? "" });
     pair.append(Object.assign(document.createElement("dt"), { textContent: name }), Object.assign(document.createElement("dd"), { textContent: value }));
     return pair;
   }));

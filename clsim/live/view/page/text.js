@@ -7,7 +7,10 @@ export function short(value) {
   return value >= 100 || Number.isInteger(value) ? value.toFixed(0) : value.toPrecision(2);
 }
 
-export const perSecond = (rate) => `${short(rate)}${rate >= 1e3 ? "" : " "}ev/s`;
+export const perSecond = (rate) => `${short(rate)} events/s`;
+
+// A share that is not nothing is never shown as nothing.
+export const percent = (share) => share > 0 && share < 0.001 ? "< 0.1 %" : `${(100 * share).toPrecision(share < 0.1 ? 2 : 3)} %`;
 
 export const seconds = (us) => `${(us / 1e6).toFixed(3)} s`;
 
