@@ -14,24 +14,28 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from clsim.frames import BASE_PLANES, MEAN_PLANES, Frame, page_aligned
+from clsim.frames import Frame, page_aligned, rendered_planes
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import bundled_scenes, load_world
 
 WIDTH, HEIGHT, BLOCK = 64, 48, 8
 INDEX = 30
 GOLDEN_SPP = 4096
+CHANNELS = tuple(
+    channel for plane in rendered_planes().planes if plane.reduction != "sum" for channel in plane.channels
+)
+"""What is compared: not the number of samples."""
 
 
 def block_means(scene: str, spp: int, seed: int = 0) -> npt.NDArray[np.float32]:
     """Render frame INDEX of a scene and return its block means ``[planes, HEIGHT / BLOCK, WIDTH / BLOCK]``."""
     world = load_world(scene, resolution=(WIDTH, HEIGHT))
     tracer = PathTracer(world, RenderOptions(spp=spp, seed=seed))
-    frame = Frame(page_aligned((len(BASE_PLANES), HEIGHT, WIDTH)), tracer.names)
+    frame = Frame(page_aligned((len(tracer.names), HEIGHT, WIDTH)), tracer.names)
     tracer.fill(INDEX, frame)
     tracer.close()
-    planes = np.stack([frame.plane(name) for name in MEAN_PLANES])
-    blocks = planes.reshape(len(MEAN_PLANES), HEIGHT // BLOCK, BLOCK, WIDTH // BLOCK, BLOCK)
+    planes = np.stack([frame.plane(name) for name in CHANNELS])
+    blocks = planes.reshape(len(CHANNELS), HEIGHT // BLOCK, BLOCK, WIDTH // BLOCK, BLOCK)
     means: npt.NDArray[np.float32] = blocks.mean(axis=(2, 4), dtype=np.float64).astype(np.float32)
     return means
 

@@ -13,7 +13,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.device import Device
 from clsim.events import EventBatch
-from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, Frame, InterestBoard, page_aligned
+from clsim.frames import Frame, InterestBoard, page_aligned, rendered_planes
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import World
 
@@ -151,7 +151,7 @@ def run_in_turns(
     detection apart, and the quickest counts.
     """
     gc.collect()
-    names = FIRST_HIT_PLANES if options.first_hit_rays else BASE_PLANES
+    names = rendered_planes(first_hit_rays=options.first_hit_rays > 0).names
     detector = Detector(config, world.camera.width, world.camera.height, names, device=device)
     reset_peak_memory()
     try:

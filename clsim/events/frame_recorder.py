@@ -8,7 +8,8 @@ import numpy.typing as npt
 from clsim.events import EventBatch
 from clsim.events.aedat4_frames import Aedat4FramesSink
 from clsim.frames import Frame
-from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.frames.frame import FloatArray
+from clsim.frames.planes import RADIANCE
 from clsim.frames.tonemap import ToneMap
 
 

@@ -1,24 +1,25 @@
 """Frames: the data that flows from a renderer to a detector, and the ring between them."""
 
-from clsim.frames.frame import (
+from clsim.frames.frame import FloatArray, Frame, frame_time_us, page_aligned
+from clsim.frames.interest import DELAY, InterestBoard, InterestMap
+from clsim.frames.planes import (
     ALBEDO,
     ALL_PLANES,
     BASE_PLANES,
     COVERAGE,
     DEPTH,
     EMISSION,
-    FIRST_HIT_PLANES,
-    MEAN_PLANES,
+    LUMINANCE_VARIANCE,
     NORMAL,
+    PLANES,
     RADIANCE,
     SAMPLES,
     VARIANCE_PLANES,
-    FloatArray,
-    Frame,
-    frame_time_us,
-    page_aligned,
+    Plane,
+    PlaneSet,
+    plane_of,
+    rendered_planes,
 )
-from clsim.frames.interest import DELAY, InterestBoard, InterestMap
 from clsim.frames.protocols import FrameSource
 from clsim.frames.ring import FrameRing, Policy, RingClosed
 
@@ -30,9 +31,9 @@ __all__ = [
     "DELAY",
     "DEPTH",
     "EMISSION",
-    "FIRST_HIT_PLANES",
-    "MEAN_PLANES",
+    "LUMINANCE_VARIANCE",
     "NORMAL",
+    "PLANES",
     "RADIANCE",
     "SAMPLES",
     "VARIANCE_PLANES",
@@ -42,8 +43,12 @@ __all__ = [
     "FrameSource",
     "InterestBoard",
     "InterestMap",
+    "Plane",
+    "PlaneSet",
     "Policy",
     "RingClosed",
     "frame_time_us",
     "page_aligned",
+    "plane_of",
+    "rendered_planes",
 ]

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.frames.frame import COVERAGE, DEPTH, FloatArray, Frame, frame_time_us, page_aligned
+from clsim.frames.frame import FloatArray, Frame, frame_time_us, page_aligned
 from clsim.frames.layouts import FAR_M, POSITION, Layout, recognise
+from clsim.frames.planes import COVERAGE, DEPTH
 from clsim.frames.positions import Space, camera_matrix, depth_of, position_space
 from clsim.version import VERSION
 

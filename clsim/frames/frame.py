@@ -1,7 +1,6 @@
 """The Frame: what a renderer writes and a detector reads.
 
-A frame is one float32 array ``[C, H, W]`` of planes. Plane names are also the channel names of our EXR files; they
-extend the layout of the ICIP 2023 program (R, G, B, Albedo.*, Nx, Ny, Nz, Depth, Variance.*), so it can read ours.
+A frame is one float32 array ``[C, H, W]`` of planes, whose names and meanings are in `clsim.frames.planes`.
 """
 
 from __future__ import annotations
@@ -13,32 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 FloatArray = npt.NDArray[np.float32]
-
-RADIANCE = ("R", "G", "B")
-"""Linear Rec. 709 radiance [W·sr⁻¹·m⁻²], the mean over the pixel's samples."""
-ALBEDO = ("Albedo.R", "Albedo.G", "Albedo.B")
-"""Diffuse reflectance of the first hit, the mean over the samples that hit; 0 where none did."""
-NORMAL = ("Nx", "Ny", "Nz")
-"""World-space shading normal of the first hit, facing the camera, the mean over the samples that hit; 0 on a miss."""
-DEPTH = ("Depth",)
-"""Distance along the ray to the first hit [m], the mean over the samples that hit; 0 on a miss."""
-COVERAGE = ("Coverage",)
-"""Share of the pixel's samples that hit something, 0…1."""
-SAMPLES = ("Samples",)
-"""Number of samples the pixel got."""
-
-EMISSION = ("Emission",)
-"""Luminance that pixels see shining by itself, lamps or sky, directly or in mirrors; part of R, G and B.
-
-Only frames whose first hits are sampled apart have it (`clsim.render.RenderOptions.first_hit_rays`).
-"""
-
-MEAN_PLANES = RADIANCE + ALBEDO + NORMAL + DEPTH + COVERAGE
-BASE_PLANES = MEAN_PLANES + SAMPLES
-VARIANCE_PLANES = (*(f"Variance.{name}" for name in MEAN_PLANES), "Variance.Luminance")
-"""Variance of the mean of each plane, and of luminance (R, G and B covary); NaN where n < 2."""
-ALL_PLANES = BASE_PLANES + VARIANCE_PLANES
-FIRST_HIT_PLANES = BASE_PLANES + EMISSION
 
 
 @dataclass(slots=True)

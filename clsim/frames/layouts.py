@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from clsim.errors import InputError
-from clsim.frames.frame import ALBEDO, ALL_PLANES, COVERAGE, DEPTH, NORMAL, RADIANCE
+from clsim.frames.planes import ALBEDO, ALL_PLANES, COVERAGE, DEPTH, NORMAL, RADIANCE
 
 MissMark = Literal["none", "zero depth", "far depth", "zero position"]
 FAR_M = 1e9

@@ -16,7 +16,7 @@ from clsim.events.address import is_address
 from clsim.events.frame_recorder import FrameRecorder
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
-from clsim.frames import BASE_PLANES, FIRST_HIT_PLANES, VARIANCE_PLANES, InterestBoard
+from clsim.frames import VARIANCE_PLANES, InterestBoard, rendered_planes
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
@@ -139,7 +139,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     )
     check_device(options.render_device)
     camera = world.camera
-    planes = FIRST_HIT_PLANES if point.first_hit_rays else BASE_PLANES
+    planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0).names
     board = InterestBoard(in_step=options.ring == "block") if adaptive else None
     make_detector = _detector_maker(config, camera.width, camera.height, planes, options.opencl)
     outputs = _open_outputs(options.outputs, options.files, extra_sinks, camera.width, camera.height)

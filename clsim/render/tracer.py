@@ -11,7 +11,7 @@ from typing import Any, Literal
 import warp as wp
 
 from clsim.errors import Error, InputError, require_choice
-from clsim.frames import ALL_PLANES, BASE_PLANES, FIRST_HIT_PLANES, Frame, InterestBoard, frame_time_us
+from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.effort import Effort, Steerer
@@ -85,7 +85,7 @@ class RenderOptions:
     """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
 
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
-    clean after few paths; frames have the planes ``frames.FIRST_HIT_PLANES``.
+    clean after few paths; frames have an emission plane then.
     """
     probe_spp: int | None = None
     """Paths where no event is near, doubled elsewhere; None traces ``spp``. Needs first-hit rays and common noise."""
@@ -176,9 +176,8 @@ class PathTracer:
         check_device(options.device)
         self.width = camera.width
         self.height = camera.height
-        self.names: tuple[str, ...] = ALL_PLANES if options.variances else BASE_PLANES
-        if options.first_hit_rays:
-            self.names = FIRST_HIT_PLANES
+        planes = rendered_planes(first_hit_rays=options.first_hit_rays > 0, variances=options.variances)
+        self.names: tuple[str, ...] = planes.names
         self.fps = options.fps or world.fps
         self.frame_count: int | None = options.frames or max(1, round(world.duration_s * self.fps)) + 1
         self._options = options

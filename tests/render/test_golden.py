@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clsim.frames import DEPTH, MEAN_PLANES, RADIANCE
+from clsim.frames import DEPTH, RADIANCE
 from clsim.scene import bundled_scenes
-from tools.golden_images import block_means
+from tools.golden_images import CHANNELS, block_means
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -20,7 +20,7 @@ GOLDEN = Path(__file__).parent / "golden"
 def test_a_bundled_scene_looks_as_it_did(scene: str) -> None:
     golden = np.load(GOLDEN / f"{scene}.npy")
     found = block_means(scene, spp=512)
-    for plane, name in enumerate(MEAN_PLANES):
+    for plane, name in enumerate(CHANNELS):
         if name in RADIANCE:
             allowed = 0.03 * golden[plane] + 0.003 * golden[plane].mean()
         elif name in DEPTH:

@@ -10,7 +10,15 @@ import pytest
 from test_tracer import LAMP, lit_world, moving_world
 
 from clsim.errors import InputError
-from clsim.frames import FIRST_HIT_PLANES, Frame, InterestBoard, InterestMap, page_aligned
+from clsim.frames import (
+    RADIANCE,
+    SAMPLES,
+    Frame,
+    InterestBoard,
+    InterestMap,
+    page_aligned,
+    rendered_planes,
+)
 from clsim.render import Effort, PathTracer, RenderOptions
 from clsim.scene import CheckerTexture, Material
 
@@ -53,8 +61,8 @@ def interest(number, near):
 def test_it_is_the_picture_of_plain_paths(sampler):
     plain = hw.render(textured_world(), spp=1024, variances=True)
     steered = Run(textured_world(), spp=512, first_hit_rays=512, seed=5, sampler=sampler).fill(0)
-    assert steered.names == FIRST_HIT_PLANES
-    for name in FIRST_HIT_PLANES[:11]:
+    assert steered.names == rendered_planes(first_hit_rays=True).names
+    for name in set(rendered_planes().names) - set(SAMPLES):
         error = steered.plane(name) - plain.plane(name)
         bound = 5 * np.sqrt(3 * np.nan_to_num(plain.plane(f"Variance.{name}"))) + 0.03 * np.abs(plain.plane(name))
         assert (np.abs(error) <= bound + 2e-3).mean() > 0.98, name
@@ -152,7 +160,7 @@ def test_first_hits_are_the_same_whether_paths_go_on_or_not(sampler):
     looks = few.spent[1] + 120
     assert few.spent[0] == 120 and looks > 2 * 120
     assert many.spent == (12 * 120, 0), "all first-hit rays are paths"
-    for name in FIRST_HIT_PLANES[3:11] + FIRST_HIT_PLANES[12:]:
+    for name in set(one.names) - set(RADIANCE) - set(SAMPLES):
         np.testing.assert_array_equal(one.plane(name), other.plane(name), err_msg=name)
 
 

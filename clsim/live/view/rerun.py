@@ -12,7 +12,8 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.frames import Frame
-from clsim.frames.frame import RADIANCE, FloatArray
+from clsim.frames.frame import FloatArray
+from clsim.frames.planes import RADIANCE
 from clsim.frames.tonemap import ToneMap, brightness_image
 from clsim.live.view import FRAME_PERIOD_S
 from clsim.live.view.accumulate import EventWindow, colour_indices, signed_image

@@ -1,0 +1,165 @@
+"""The table of planes: what a frame may hold, in which order, and what each plane means.
+
+The order of a frame's planes, the channel names of our EXR files and docs/planes.md come from this table. Names extend
+the layout of the ICIP 2023 program (R, G, B, Albedo.*, Nx, Ny, Nz, Depth, Variance.*), so it can read ours.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+Reduction = Literal["mean", "mean over hits", "sum"]
+"""How a pixel's samples become its value; "mean over hits" leaves out samples that hit nothing, 0 where all did."""
+Given = Literal["always", "first-hit rays", "variance only"]
+"""Which rendered frames have a plane: all, those whose first hits are sampled apart, or none but for its variance."""
+
+_RADIANCE_UNIT = "W·sr⁻¹·m⁻²"
+
+
+@dataclass(frozen=True)
+class Plane:
+    """One row of the table: a quantity of a pixel.
+
+    Attributes:
+        name: what the quantity is called.
+        channels: names of its channels, in order; also those of EXR files.
+        unit: the unit of each channel, "1" for a plain number.
+        meaning: what it is, in a sentence without a full stop.
+        reduction: how a pixel's samples become its value.
+        variance: whether the variance of that value may be had, as one more channel for each channel.
+        given: which rendered frames have it.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    unit: str
+    meaning: str
+    reduction: Reduction
+    variance: bool
+    given: Given = "always"
+
+    @property
+    def width(self) -> int:
+        """Number of channels."""
+        return len(self.channels)
+
+    @property
+    def variance_channels(self) -> tuple[str, ...]:
+        """Names of the channels of the variance of its value; none where there is no variance."""
+        return tuple(f"Variance.{channel}" for channel in self.channels) if self.variance else ()
+
+
+PLANES = (
+    Plane("Radiance", ("R", "G", "B"), _RADIANCE_UNIT, "linear Rec. 709 radiance", "mean", True),
+    Plane(
+        "Albedo",
+        ("Albedo.R", "Albedo.G", "Albedo.B"),
+        "1",
+        "share of light that the seen surface reflects, times the tint of mirrors and glass on the way",
+        "mean over hits",
+        True,
+    ),
+    Plane(
+        "Normal",
+        ("Nx", "Ny", "Nz"),
+        "1",
+        "shading normal of the seen surface along the world's axes, facing the ray; means over several surfaces are "
+        "shorter than 1",
+        "mean over hits",
+        True,
+    ),
+    Plane(
+        "Depth",
+        ("Depth",),
+        "m",
+        "distance along the ray to the seen surface, by way of mirrors and glass",
+        "mean over hits",
+        True,
+    ),
+    Plane("Coverage", ("Coverage",), "1", "share of the samples that hit something, 0…1", "mean", True),
+    Plane("Samples", ("Samples",), "1", "number of samples that the pixel got", "sum", False),
+    Plane(
+        "Emission",
+        ("Emission",),
+        _RADIANCE_UNIT,
+        "luminance that the pixel sees shining by itself, lamps or sky, directly or in mirrors; a part of R, G and B",
+        "mean",
+        False,
+        "first-hit rays",
+    ),
+    Plane(
+        "Luminance", ("Luminance",), _RADIANCE_UNIT, "Rec. 709 luminance of R, G and B", "mean", True, "variance only"
+    ),
+)
+"""All planes, in the order in which frames have them."""
+
+
+def plane_of(name: str) -> Plane:
+    """Return the row called ``name``; KeyError if there is none."""
+    for plane in PLANES:
+        if plane.name == name:
+            return plane
+    raise KeyError(f"no plane is called {name!r}; there are {', '.join(plane.name for plane in PLANES)}")
+
+
+@dataclass(frozen=True)
+class PlaneSet:
+    """The planes of a rendered frame and where each lies: values first, then variances, both in the table's order.
+
+    Attributes:
+        planes: the planes whose values are there.
+        with_variance: the planes whose variances are there.
+    """
+
+    planes: tuple[Plane, ...]
+    with_variance: tuple[Plane, ...] = ()
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """The name of each channel, as in `Frame.names`."""
+        values = [channel for plane in self.planes for channel in plane.channels]
+        return (*values, *(channel for plane in self.with_variance for channel in plane.variance_channels))
+
+    def first(self, name: str) -> int:
+        """Return the index of the first channel of the plane called ``name``; KeyError if the set lacks it."""
+        return self._index(plane_of(name).channels[0])
+
+    def first_variance(self, name: str) -> int:
+        """Return the index of the first channel of that plane's variance; KeyError if the set lacks it."""
+        plane = plane_of(name)
+        if plane not in self.with_variance:
+            raise KeyError(f"the variance of {name!r} is not among {', '.join(self.names)}")
+        return self._index(plane.variance_channels[0])
+
+    def _index(self, channel: str) -> int:
+        if channel not in self.names:
+            raise KeyError(f"the channel {channel!r} is not among {', '.join(self.names)}")
+        return self.names.index(channel)
+
+
+def rendered_planes(*, first_hit_rays: bool = False, variances: bool = False) -> PlaneSet:
+    """Return the planes of frames as the path tracer renders them.
+
+    ``first_hit_rays``: first hits are sampled apart; ``variances``: so far as planes have one, their variances too.
+    """
+    wanted = ("always", "first-hit rays") if first_hit_rays else ("always",)
+    values = tuple(plane for plane in PLANES if plane.given in wanted)
+    return PlaneSet(values, tuple(plane for plane in PLANES if plane.variance) if variances else ())
+
+
+RADIANCE = plane_of("Radiance").channels
+ALBEDO = plane_of("Albedo").channels
+NORMAL = plane_of("Normal").channels
+DEPTH = plane_of("Depth").channels
+COVERAGE = plane_of("Coverage").channels
+SAMPLES = plane_of("Samples").channels
+EMISSION = plane_of("Emission").channels
+LUMINANCE_VARIANCE = plane_of("Luminance").variance_channels[0]
+"""R, G and B covary: the variance of luminance cannot be had from theirs."""
+
+BASE_PLANES = rendered_planes().names
+ALL_PLANES = rendered_planes(variances=True).names
+VARIANCE_PLANES = ALL_PLANES[len(BASE_PLANES) :]
+"""Variances of the pixel's value, not of one sample; NaN where fewer than two samples tell."""
