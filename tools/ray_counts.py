@@ -77,9 +77,9 @@ def _counting(counts: ctypes.Array[ctypes.c_ulonglong]) -> Iterator[None]:
         functions, toward_light = count_searches(make_intersection(features, tree), ctypes.addressof(counts))
         return functions
 
-    def counted_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
-        pierce, _ = make_alpha(closest, surface_of, opacity)
-        _, transmittance = make_alpha(toward_light, surface_of, opacity)
+    def counted_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
+        pierce, _ = make_alpha(features, closest, surface_of, opacity)
+        _, transmittance = make_alpha(features, toward_light, surface_of, opacity)
         return pierce, transmittance
 
     build_kernel.cache_clear()

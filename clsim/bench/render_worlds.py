@@ -34,7 +34,7 @@ def bumpy_room(triangles: int = 1_000_000, size: int = 256) -> World:
         instances=tuple(Instance(i, Static(np.eye(4))) for i in range(len(meshes))),
         materials=(
             Material(color=(0.73, 0.72, 0.7)),
-            Material(color=(0.0, 0.0, 0.0), emission=(12.0, 11.0, 9.0), two_sided=False),
+            Material(color=(0.0, 0.0, 0.0), emission=(12.0, 11.0, 9.0), emits_behind=False),
         ),
     )
 

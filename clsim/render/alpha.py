@@ -1,6 +1,6 @@
 # Warp: a variable that changes must be born by a call.
-# ruff: noqa: RUF046, UP018
-"""Rays through cut-out and translucent surfaces, as Warp functions.
+# ruff: noqa: RUF046, SIM102, UP018
+"""Rays through cut-out and translucent surfaces and culled backs, as Warp functions.
 
 Rays that carry radiance are stopped by a surface with the probability of its opacity, by numbers of the sample's own
 stream, so that pictures of one seed stay the same. Shadow rays are weakened by each surface, which takes no number.
@@ -10,6 +10,7 @@ from typing import Any
 
 import warp as wp
 
+from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Hit, offset_origin
 from clsim.render.materials import OPAQUE, Materials
 from clsim.render.sampling import uniform_of
@@ -18,7 +19,7 @@ _MOST_LAYERS = wp.constant(256)
 """After as many surfaces on one ray the next one is opaque, so that every ray ends."""
 
 
-def make_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
+def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
     """Return the Warp functions ``pierce`` and ``transmittance``.
 
     The first gives the nearest hit that stops a ray, the second what is left of a shadow ray, 0 to 1.
@@ -33,6 +34,14 @@ def make_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
         return opaque
 
     @wp.func
+    def unseen(geometry: Geometry, materials: Materials, hit: Hit, direction: wp.vec3, time: float) -> bool:
+        """Whether a ray meets the back of a surface that is culled."""
+        culled = bool(False)
+        if materials.rows[geometry.material_ids[hit.triangle]].culled != 0:
+            culled = wp.dot(surface_of(geometry, hit, time).normal, direction) > 0.0
+        return culled
+
+    @wp.func
     def beyond(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> wp.vec3:
         """Return the origin of a ray that goes on behind the surface."""
         point = surface_of(geometry, hit, time)
@@ -41,12 +50,21 @@ def make_alpha(closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
 
     @wp.func
     def pierce(
-        geometry: Geometry, materials: Materials, origin: wp.vec3, direction: wp.vec3, time: float, word: wp.uint64
+        geometry: Geometry,
+        materials: Materials,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        time: float,
+        word: wp.uint64,
+        from_camera: bool,
     ) -> Hit:
         hit = closest(geometry, origin, direction, time)
         layer = int(0)
         while hit.triangle >= 0 and layer < _MOST_LAYERS:
             opaque = share(geometry, materials, hit, time)
+            if wp.static(features.culled_backs):
+                if from_camera and unseen(geometry, materials, hit, direction, time):
+                    opaque = 0.0
             if opaque >= 1.0 or uniform_of(word, layer) < opaque:
                 break
             start = beyond(geometry, hit, direction, time)

@@ -102,7 +102,7 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
         if wp.static("dielectric" in kinds or "thin-dielectric" in kinds):
             if b.kind == DIELECTRIC or b.kind == THIN_DIELECTRIC:
                 color = wp.vec3(1.0, 1.0, 1.0)
-        if wp.static(features.one_sided):
+        if wp.static(features.dark_backs):
             if b.dark:
                 color = wp.vec3()
         return color

@@ -30,7 +30,9 @@ class Features:
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
         follow_specular: features are of the first surface that is not a mirror or clear glass.
-        one_sided: some used material's back is black.
+        dark_backs: some used material's back scatters nothing.
+        culled_backs: some used material's back is invisible to the camera.
+        one_sided_lamps: some triangle emits from its front alone.
         triangle_lights: some triangle emits.
         still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
@@ -61,7 +63,9 @@ class Features:
     alpha: bool
     transmission: bool
     follow_specular: bool
-    one_sided: bool
+    dark_backs: bool
+    culled_backs: bool
+    one_sided_lamps: bool
     triangle_lights: bool
     still_lamps: bool
     sphere_lights: bool
@@ -91,7 +95,9 @@ class Features:
             (self.normal_maps, "normal maps"),
             (self.alpha, "cut-out and translucent surfaces"),
             (self.follow_specular, "features seen through mirrors and clear glass"),
-            (self.one_sided, "one-sided materials"),
+            (self.dark_backs, "surfaces that are black behind"),
+            (self.culled_backs, "surfaces that the camera does not see from behind"),
+            (self.one_sided_lamps, "lamps that shine from one side"),
             (self.triangle_lights, "triangle area lights"),
             (self.sphere_lights, "sphere lights"),
             (self.punctual_lights, "point, spot and directional lights"),
@@ -206,7 +212,9 @@ def features_of(
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),
         follow_specular=follow_specular and any(may_be_mirror(material) for material in materials),
-        one_sided=any(not material.two_sided for material in materials),
+        dark_backs=any(material.back == "black" and not passes_light(material) for material in materials),
+        culled_backs=any(material.back == "culled" for material in materials),
+        one_sided_lamps=any(max(material.emission) > 0 and not material.emits_behind for material in materials),
         triangle_lights=any(max(material.emission) > 0 for material in materials),
         still_lamps=_still_lamps(world),
         sphere_lights=bool(world.sphere_lights),

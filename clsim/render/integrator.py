@@ -69,7 +69,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     resolve, emitted, opacity = make_materials(features)
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
-    pierce, transmittance = make_alpha(closest, surface_of, opacity)
+    pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
     side = make_side(features)
     glossy = features.kinds != ("diffuse",)
     refracts = "dielectric" in features.kinds
@@ -94,9 +94,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     def closest_opaque(
         scene: Scene, origin: wp.vec3, direction: wp.vec3, time: float, stream: sampling.Stream, depth: int
     ) -> Hit:
-        if wp.static(features.alpha):
+        if wp.static(features.alpha or features.culled_backs):
             word = sampling.stream_word(stream.key, depth * _DIMENSIONS + sampling.LOBE)
-            return pierce(scene.geometry, scene.materials, origin, direction, time, word)
+            return pierce(scene.geometry, scene.materials, origin, direction, time, word, depth == 0)
         return closest(scene.geometry, origin, direction, time)
 
     @wp.func

@@ -24,9 +24,9 @@ BLEND = wp.constant(2)
 class MaterialRow:
     """A ``clsim.scene.Material`` in numbers.
 
-    ``dark_back`` says that the back scatters nothing, ``one_sided`` that it emits nothing; ``complex_index`` that
-    ``eta`` and ``k`` hold; ``table`` is plastic's first entry in ``Materials.transmittance`` and ``inner`` its mean
-    reflectance from inside; where its roughness is textured, there is a stack of tables, and then their ``inner``.
+    ``dark_back`` says that the back scatters nothing, ``culled`` that the camera does not see it; ``complex_index``
+    that ``eta`` and ``k`` hold; ``table`` is plastic's first entry in ``Materials.transmittance`` and ``inner`` its
+    mean reflectance from inside; where its roughness is textured, there is a stack of tables, and then their ``inner``.
     """
 
     kind: int
@@ -45,8 +45,9 @@ class MaterialRow:
     nonlinear: int
     table: int
     inner: float
-    one_sided: int
+    emits_behind: int
     dark_back: int
+    culled: int
     alpha_mode: int
     alpha_cutoff: float
     opacity: float
@@ -115,7 +116,7 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
             if row.texture >= 0:
                 rgba = lookup(materials.textures, row.texture, point.uv)
                 b.color = wp.cw_mul(b.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
-        if wp.static(features.one_sided):
+        if wp.static(features.dark_backs):
             b.dark = not point.front and row.dark_back != 0
         if wp.static(glossy):
             b.specular = row.specular
@@ -163,8 +164,8 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
             if row.emission_texture >= 0:
                 rgba = lookup(materials.textures, row.emission_texture, point.uv)
                 radiance = wp.cw_mul(radiance, wp.vec3(rgba[0], rgba[1], rgba[2]))
-        if wp.static(features.one_sided):
-            if not point.front and row.one_sided != 0:
+        if wp.static(features.one_sided_lamps):
+            if not point.front and row.emits_behind == 0:
                 radiance = wp.vec3()
         return radiance
 

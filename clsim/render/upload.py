@@ -224,7 +224,7 @@ class SceneData:
     def _lights(self, world: World, placement: _Placement) -> Any:
         """Number the lights and give each its share of the power, as it is at time 0."""
         emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
-        sides = np.array([2.0 if material.two_sided else 1.0 for material in world.materials])
+        sides = np.array([2.0 if material.emits_behind else 1.0 for material in world.materials])
         power_of = emission @ LUMINANCE * sides * math.pi
         ranks, emitting = [], []
         for mesh in placement.meshes:

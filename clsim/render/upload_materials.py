@@ -49,9 +49,10 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
         else:
             table, row.inner = coat(material.alpha, material.ior)
             tables.append(table)
-    row.one_sided = int(not material.two_sided)
+    row.emits_behind = int(material.emits_behind)
     # Light that crosses a surface must be able to come back.
-    row.dark_back = int(not material.two_sided and not passes_light(material))
+    row.dark_back = int(material.back == "black" and not passes_light(material))
+    row.culled = int(material.back == "culled")
     row.alpha_mode = _ALPHA_MODES[material.alpha_mode]
     row.opacity = material.opacity
     row.normal_scale = material.normal_scale

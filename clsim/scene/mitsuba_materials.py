@@ -17,6 +17,8 @@ from clsim.scene.spectra import GLASSES, METALS
 from clsim.scene.world import CheckerTexture, ImageTexture, Material, Texture, Vec3, Wrap
 
 WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "mirror": "mirror", "black": "clamp", "zero": "clamp"}
+BLACK: Vec3 = (0.0, 0.0, 0.0)
+GREY: Vec3 = (0.5, 0.5, 0.5)
 WHITE: Vec3 = (1.0, 1.0, 1.0)
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 
@@ -41,10 +43,14 @@ class MaterialReader:
 
     def index(self, bsdf: Plugin | None, emission: Vec3 = (0.0, 0.0, 0.0), emission_texture: int = -1) -> int:
         """Return the index into ``materials`` of a bsdf on a surface that also emits."""
-        material = Material(color=(0.5, 0.5, 0.5), two_sided=False) if bsdf is None else self._read(bsdf)
+        if bsdf is None:  # Mitsuba's default is grey, and black for what emits
+            color = BLACK if any(emission) else GREY
+            material = Material(color=color, back="black")
+        else:
+            material = self._read(bsdf)
         if any(emission):
-            # Mitsuba's area lights shine from the front alone, whatever the bsdf does.
-            material = replace(material, emission=emission, emission_texture=emission_texture, two_sided=False)
+            # Mitsuba's area lights shine from the front alone, on whichever sides the bsdf scatters.
+            material = replace(material, emission=emission, emission_texture=emission_texture, emits_behind=False)
         if material not in self._material_indices:
             self._material_indices[material] = len(self.materials)
             self.materials.append(material)
@@ -63,11 +69,11 @@ class MaterialReader:
         for name in ("reflectance", "diffuse_reflectance", "base_color", "albedo"):
             if name in bsdf.values or bsdf.child(name) is not None:
                 return self._diffuse(bsdf, name)
-        return Material(two_sided=False)
+        return Material(back="black")
 
     def _diffuse(self, bsdf: Plugin, name: str, default: float = 0.5) -> Material:
         color, texture = self._color(bsdf, name, default)
-        return Material(color=_reflectance(color), texture=texture, two_sided=False)
+        return Material(color=_reflectance(color), texture=texture, back="black")
 
     def _read_diffuse(self, bsdf: Plugin) -> Material:
         return self._diffuse(bsdf, "reflectance")
@@ -92,7 +98,7 @@ class MaterialReader:
     def _read_conductor(self, bsdf: Plugin) -> Material:
         specular, _ = self._color(bsdf, "specular_reflectance", 1.0, plain=True)
         outside = self._index(bsdf, "ext_eta", 1.0) if "ext_eta" in bsdf.values else 1.0
-        metal = Material(kind="conductor", color=WHITE, two_sided=False, specular_color=specular)
+        metal = Material(kind="conductor", color=WHITE, back="black", specular_color=specular)
         name = bsdf.get("material", "Cu" if self._legacy else "none")
         if "eta" in bsdf.values or "k" in bsdf.values:
             eta, _ = self._color(bsdf, "eta", 0.0, plain=True)
@@ -141,7 +147,7 @@ class MaterialReader:
         nested = self._nested(bsdf)
         if len(bsdf.of_kind("bsdf")) > 1:
             self._warn("a twosided bsdf with two sides of its own shows its first on both")
-        return replace(self._read(nested), two_sided=True)
+        return replace(self._read(nested), back="same")
 
     def _read_mask(self, bsdf: Plugin) -> Material:
         """Opacity is the luminance of its texture's colours, as in Mitsuba, also where the image has an alpha."""

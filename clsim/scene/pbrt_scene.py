@@ -302,7 +302,7 @@ class _Reader:
             mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
         material = self.materials.opacity(self.state.material, parameters)
         if self.state.emission is not None and any(self.state.emission):
-            material = replace(material, emission=self.state.emission, two_sided=self.state.emission_two_sided)
+            material = replace(material, emission=self.state.emission, emits_behind=self.state.emission_two_sided)
         ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
         placed = Placed(len(self.meshes), self.state.transform)
         self.meshes.append(replace(mesh, material_ids=ids))

@@ -205,7 +205,10 @@ class MaterialTable(Table):
     checker: CheckerTable | None = None
     emission: Radiance = Field((0.0, 0.0, 0.0), description="radiance; anything above 0 makes an area light")
     emission_texture: ImageTable | None = None
-    two_sided: Flag = Field(True, description="whether the back looks as the front does")
+    emits_behind: Flag = Field(True, description="whether the back emits as the front does")
+    back: Literal["same", "black", "culled"] = Field(
+        "same", description="what the back scatters: as the front, nothing, or it is not there for the camera"
+    )
     roughness: Share = Field(0.0, description="perceptual: the square root of GGX's alpha; 0 is smooth")
     roughness_texture: ImageTable | None = Field(None, description="G is roughness, B metalness, as in glTF")
     metallic: Share = 0.0

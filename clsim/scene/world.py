@@ -19,6 +19,7 @@ I32 = npt.NDArray[np.int32]
 Wrap = Literal["repeat", "clamp", "mirror"]
 Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
 AlphaMode = Literal["opaque", "mask", "blend"]
+Back = Literal["same", "black", "culled"]
 
 
 class Deformation(Protocol):
@@ -106,7 +107,10 @@ class Material:
         color: diffuse reflectance or base colour, Schlick's F0 of a metal, what glass lets pass (multiplied by the
             texture where there is one).
         emission: radiance that the surface emits; a triangle that emits is an area light.
-        two_sided: whether the back scatters and emits as the front does.
+        emits_behind: whether the back emits as the front does.
+        back: what else the back does: ``same`` scatters as the front; ``black`` scatters nothing (Mitsuba's surfaces
+            that are not ``twosided``); ``culled`` is invisible to the camera, but scatters and blocks light as the
+            front does (glTF's single-sided faces). Glass and what else passes light scatters on both sides.
         alpha: GGX roughness α of the specular lobe; 0 is a perfect mirror or smooth glass.
         roughness_texture: G is perceptual roughness (α = (G·√alpha)²), B metalness, as in glTF.
         specular_color: multiplies the specular lobe; of glass and panes what they reflect, of ``principled`` F0 and
@@ -121,7 +125,8 @@ class Material:
     texture: int = -1
     emission: Vec3 = (0.0, 0.0, 0.0)
     emission_texture: int = -1
-    two_sided: bool = True
+    emits_behind: bool = True
+    back: Back = "same"
     alpha: float = 0.0
     roughness_texture: int = -1
     metallic: float = 0.0

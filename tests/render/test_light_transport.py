@@ -8,11 +8,11 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.scene import Material, SphereLight, Static
+from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
 WHITE = Material(color=(1.0, 1.0, 1.0))
-LAMP = Material(color=(0.0, 0.0, 0.0), emission=(4.0, 5.0, 6.0), two_sided=False)
+LAMP = Material(color=(0.0, 0.0, 0.0), emission=(4.0, 5.0, 6.0), emits_behind=False)
 
 
 def test_a_closed_glowing_box_shows_the_geometric_series():
@@ -171,12 +171,54 @@ def test_roulette_changes_noise_and_not_the_mean():
     assert np.all(early_error > late_error)
 
 
-def test_a_one_sided_surface_is_black_behind():
+def behind_a_panel(material, **rest):
+    """What the camera sees at the centre of a panel that turns its back on it, a metre before a white wall."""
+    panel = hw.quad((-1, -1, -2), (2, 0, 0), (0, 2, 0), material=1)
+    wall = hw.quad((-9, -9, -1), (18, 0, 0), (0, 18, 0), material=2)
+    white = Material(color=(0.0, 0.0, 0.0), emission=(7.0, 7.0, 7.0))
+    view = hw.camera(hw.look_from((0, 0, -4), (0, 0, -2)))
+    frame = hw.render(hw.world(panel, wall, materials=(hw.GREY, material, white), view=view, **rest), spp=16)
+    return hw.radiance(frame)[:, 7:9, 7:9].mean(axis=(1, 2))
+
+
+def test_backs_emit_and_scatter_apart():
+    """Under a sky of 1 a back that scatters shows its colour, one that emits its emission besides."""
+    sky = {"environment": (1.0, 1.0, 1.0)}
+    lamp = Material(color=(0.6, 0.4, 0.2), emission=(4.0, 5.0, 6.0))
+    np.testing.assert_allclose(behind_a_panel(lamp, **sky), (4.6, 5.4, 6.2), rtol=0.01)
+    lamp = replace(lamp, emits_behind=False)
+    np.testing.assert_allclose(behind_a_panel(lamp, **sky), (0.6, 0.4, 0.2), rtol=0.05)
+    lamp = replace(lamp, back="black")
+    np.testing.assert_allclose(behind_a_panel(lamp, **sky), 0.0)
+    lamp = replace(lamp, back="black", emits_behind=True)
+    np.testing.assert_allclose(behind_a_panel(lamp, **sky), lamp.emission, rtol=1e-5)
+
+
+def test_culled_backs_are_invisible_to_the_camera_and_stop_light_all_the_same():
+    grey = replace(hw.GREY, back="culled")
+    np.testing.assert_allclose(behind_a_panel(grey), 7.0, rtol=1e-5)
+    # The lid turns its back on floor and lamp: it scatters their light and keeps the sun out as if it were not culled.
+    floor = hw.quad((-1, 0, 1), (2, 0, 0), (0, 0, -2))
+    lid = hw.quad((-9, 1, 9), (18, 0, 0), (0, 0, -18), material=1)
+    sun = PunctualLight("directional", (5.0, 5.0, 5.0), Static(hw.look_from((0, 5, 0), (0, 0, 0), (0, 0, 1))))
+    lamp = PunctualLight("point", (2.0, 2.0, 2.0), Static(hw.translation(0.3, 0.8, 0.2)))
+    view = hw.camera(hw.look_from((0, 0.9, 0.1), (0, 0, 0)), 8, 8)
+    for lights, lit in (((sun,), False), ((sun, lamp), True)):
+        pictures = []
+        for back in ("culled", "same"):
+            materials = (hw.GREY, replace(hw.GREY, back=back))
+            scene = hw.world(floor, lid, materials=materials, view=view, punctual_lights=lights)
+            pictures.append(hw.radiance(hw.render(scene, spp=16)))
+        np.testing.assert_allclose(*pictures, rtol=1e-4)
+        assert (pictures[0].max() > 0) == lit
+
+
+def test_a_black_back_blocks_the_view():
     """A one-sided lamp and wall seen from behind: nothing emitted, nothing scattered, yet the view is blocked."""
     lamp = hw.quad((-1, -1, -2), (2, 0, 0), (0, 2, 0), material=1)
     front = hw.world(lamp, materials=(hw.GREY, LAMP), environment=(1.0, 1.0, 1.0))
     behind = hw.with_camera(front, hw.camera(hw.look_from((0, 0, -4), (0, 0, -2))))
-    wall = replace(behind, materials=(hw.GREY, replace(hw.GREY, two_sided=False)))
+    wall = replace(behind, materials=(hw.GREY, replace(hw.GREY, back="black")))
     for scene, expected in ((front, LAMP.emission), (behind, (0, 0, 0)), (wall, (0, 0, 0))):
         frame = hw.render(scene, spp=4)
         centre = frame.planes[:, 7:9, 7:9]

@@ -11,7 +11,7 @@ import pytest
 from clsim.scene import CheckerTexture, Material, PunctualLight, SphereLight, Static
 
 WHITE = (1.0, 1.0, 1.0)
-GLOW = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0), two_sided=False)
+GLOW = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0), emits_behind=False)
 ROUGH = {
     "conductor": Material(kind="conductor", color=(0.9, 0.7, 0.5), alpha=0.3),
     "dielectric": Material(kind="dielectric", color=WHITE, alpha=0.3),
@@ -74,7 +74,7 @@ def test_a_pane_dims_and_mirrors_as_fresnel_says():
     """Straight through a pane of index 1.5: T = 1 − 2R / (1 + R), R = 0.04; the rest is the black room's reflection."""
     wall = hw.quad((-5, -5, -3), (10, 0, 0), (0, 10, 0), material=1)
     pane = hw.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
-    glow = replace(GLOW, two_sided=True)
+    glow = replace(GLOW, emits_behind=True)
     for kind in ("thin-dielectric", "principled"):
         glass = Material(kind=kind, color=WHITE, transmission=1.0)
         view = hw.camera(hw.look_from((0, 0, 2), (0, 0, 0)), 8, 8, fov_deg=1.0)
@@ -94,7 +94,7 @@ def test_lamps_behind_rough_panes_are_found_both_ways(kind):
         for each in (kind, "principled", "dielectric")
     )
     view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)), 8, 8, fov_deg=10)
-    scene = hw.world(pane, lamp, *crumbs, materials=(rough, replace(GLOW, two_sided=True), *both), view=view)
+    scene = hw.world(pane, lamp, *crumbs, materials=(rough, replace(GLOW, emits_behind=True), *both), view=view)
     by_light, scattered, mis = (
         hw.mean_and_error(hw.render(scene, spp=512, seed=i, strategy=strategy))
         for i, strategy in enumerate(("light", "scatter", "mis"))
@@ -106,7 +106,7 @@ def test_lamps_behind_rough_panes_are_found_both_ways(kind):
 
 def test_light_comes_back_through_single_sided_glass():
     """A one-sided material that passes light must not be black from within."""
-    glass = Material(kind="principled", color=WHITE, transmission=1.0, two_sided=False)
+    glass = Material(kind="principled", color=WHITE, transmission=1.0, back="black")
     view = hw.camera(hw.look_from((0, 0.5, 4), (0, 0, 0)))
     scene = hw.world(hw.ball(1.0), materials=(glass,), view=view, environment=WHITE)
     np.testing.assert_allclose(hw.radiance(hw.render(scene, spp=64, max_depth=60)).mean(), 1.0, rtol=0.01)

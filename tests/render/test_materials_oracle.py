@@ -130,7 +130,7 @@ def our_world(case):
         thing,
         floor,
         lamp,
-        materials=(case.material, hw.GREY, Material(color=(0, 0, 0), emission=(6.0, 5.0, 4.0), two_sided=False)),
+        materials=(case.material, hw.GREY, Material(color=(0, 0, 0), emission=(6.0, 5.0, 4.0), emits_behind=False)),
         textures=() if case.texture is None else (case.texture,),
         environment=(0.3, 0.4, 0.5),
         view=hw.camera(hw.look_from((0.5, 1.2, 4.0), (0, -0.2, 0)), SIZE, SIZE, fov_deg=40),

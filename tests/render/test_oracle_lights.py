@@ -109,7 +109,7 @@ def finer(radiance):
 def properties(mi, material: Material):
     bsdf = {"type": "diffuse", "reflectance": rgb(material.color)}
     result = mi.Properties()
-    result["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": bsdf} if material.two_sided else bsdf)
+    result["bsdf"] = mi.load_dict({"type": "twosided", "bsdf": bsdf} if material.back == "same" else bsdf)
     if max(material.emission) > 0:
         result["emitter"] = mi.load_dict({"type": "area", "radiance": rgb(material.emission)})
     return result

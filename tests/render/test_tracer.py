@@ -30,7 +30,7 @@ from clsim.scene import (
     Static,
 )
 
-LAMP = Material(color=(0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0), two_sided=False)
+LAMP = Material(color=(0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0), emits_behind=False)
 
 
 @dataclass(frozen=True)

@@ -47,7 +47,8 @@ def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
     world = load_gltf(path)
     m = world.materials[0]
     assert (m.color, m.opacity, m.metallic, m.alpha) == ((0.1, 0.2, 0.3), 0.4, 0.6, 0.25)
-    assert (m.alpha_mode, m.alpha_cutoff, m.two_sided, m.opacity_texture) == ("mask", 0.25, True, m.texture)
+    assert (m.alpha_mode, m.alpha_cutoff, m.opacity_texture) == ("mask", 0.25, m.texture)
+    assert (m.emits_behind, m.back) == (True, "same")
     assert (m.emission, m.ior, m.transmission, m.normal_scale) == ((4, 0, 8), 1.33, 0.2, 0.7)
     assert (m.clearcoat, m.clearcoat_alpha) == (0.9, pytest.approx(0.09))
     color, normal = world.textures[m.texture], world.textures[m.normal_texture]

@@ -111,20 +111,20 @@ def test_materials(tmp_path):
         '<bsdf type="twosided"><bsdf type="roughconductor"><string name="material" value="Au"/>'
         '<float name="alpha" value="0.3"/><string name="distribution" value="ggx"/></bsdf></bsdf>',
     )
-    assert (gold.kind, gold.alpha, gold.two_sided, gold.eta[2]) == ("conductor", 0.3, True, 1.442)
+    assert (gold.kind, gold.alpha, gold.back, gold.eta[2]) == ("conductor", 0.3, "same", 1.442)
     copper, _ = material(tmp_path, '<bsdf type="conductor"/>', "0.6.0")
     assert copper.eta[0] == 0.201
     ideal, _ = material(tmp_path, '<bsdf type="conductor"/>')
     assert ideal.eta is None
     glass, _ = material(tmp_path, '<bsdf type="dielectric"><string name="int_ior" value="diamond"/></bsdf>')
-    assert (glass.kind, glass.two_sided) == ("dielectric", True)
+    assert (glass.kind, glass.back) == ("dielectric", "same")
     assert glass.ior == pytest.approx(2.419 / 1.000277)
     pane, _ = material(tmp_path, '<bsdf type="thindielectric"/>')
     assert pane.kind == "thin-dielectric"
     hole, _ = material(tmp_path, '<bsdf type="mask"><float name="opacity" value="0.3"/><bsdf type="diffuse"/></bsdf>')
     assert (hole.alpha_mode, hole.opacity) == ("blend", pytest.approx(0.3))
     back, _ = material(tmp_path, '<bsdf type="diffuse"/>')
-    assert not back.two_sided
+    assert back.back == "black"
     srgb, _ = material(tmp_path, '<bsdf type="diffuse"><rgb name="reflectance" value="#ff8000"/></bsdf>')
     assert srgb.color == pytest.approx((1, float(decode_srgb(128 / 255)), 0))
     flat, _ = material(tmp_path, '<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.5, 700:0.5"/></bsdf>')
@@ -199,7 +199,7 @@ def test_lights(tmp_path):
     assert (ball.radius_m, ball.radiance) == (1.0, (1, 2, 3))
     np.testing.assert_allclose(ball.motion.pose(0)[:3, 3], (2, 0, 0))
     (lamp,) = (m for m in world.materials if any(m.emission))
-    assert lamp.emission == (7, 7, 7) and not lamp.two_sided
+    assert (lamp.emission, lamp.emits_behind, lamp.back) == ((7, 7, 7), False, "same")
 
 
 def test_stretched_shapes_and_instances_stand_where_they_should(tmp_path):
@@ -357,3 +357,9 @@ def test_damaged_text_never_raises_anything_but_an_input_error(tmp_path, data):
         load_world(path)
     except InputError as error:
         assert "scene.xml" in str(error)
+
+
+def test_lamps_without_a_bsdf_are_black_and_other_shapes_grey(tmp_path):
+    light = '<emitter type="area"><rgb name="radiance" value="1, 2, 3"/></emitter>'
+    world = load(tmp_path, f'<shape type="disk">{light}</shape><shape type="cube"/>')
+    assert [m.color for m in world.materials] == [(0, 0, 0), (0.5, 0.5, 0.5)]

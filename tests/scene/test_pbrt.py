@@ -212,7 +212,7 @@ def test_lights(tmp_path):
     np.testing.assert_allclose(-spot.motion.pose(0)[:3, 2], (0, 0, -1), atol=1e-12)
     assert (spot.inner_deg, spot.outer_deg) == (20, 30)
     lamp = world.materials[world.meshes[0].material_ids[0]]
-    assert lamp.emission == (4, 5, 6) and not lamp.two_sided
+    assert (lamp.emission, lamp.emits_behind, lamp.back) == ((4, 5, 6), False, "same")
     a, b, c = corners(world)
     assert np.cross(b - a, c - a) @ world.camera.motion.pose(0)[:3, 2] > 0  # turned round, its front faces the camera
 

@@ -153,7 +153,8 @@ def test_values_reach_the_world(tmp_path):
         [materials.glow]
         color = [0.1, 0.2, 0.3]
         emission = [1, 2, 3]
-        two_sided = false
+        emits_behind = false
+        back = "culled"
         [materials.squares]
         checker = { color_a = [1, 0, 0], color_b = [0, 0, 1], squares_per_m = 3 }
         [[objects]]
@@ -188,9 +189,9 @@ def test_values_reach_the_world(tmp_path):
     np.testing.assert_allclose(ball.vertices.max(axis=0), (2, 4, 6), rtol=1e-5)
     np.testing.assert_allclose(world.instances[0].motion.pose(0.0) @ (0, 0, 1, 1), (2, 2, 3, 1), atol=1e-12)
     glow = world.materials[ball.material_ids[0]]
-    assert (glow.color, glow.emission, glow.two_sided, glow.texture) == ((0.1, 0.2, 0.3), (1, 2, 3), False, -1)
+    assert (glow.color, glow.emission, glow.emits_behind, glow.back) == ((0.1, 0.2, 0.3), (1, 2, 3), False, "culled")
     checker = world.materials[squares.material_ids[0]]
-    assert (checker.color, checker.two_sided) == ((1, 1, 1), True)
+    assert (checker.color, checker.emits_behind, checker.back) == ((1, 1, 1), True, "same")
     texture = world.textures[checker.texture]
     assert (texture.color_a, texture.color_b, texture.scale) == ((1, 0, 0), (0, 0, 1), 3)
     assert world.materials[plain.material_ids[0]].color == (0.5, 0.5, 0.5)

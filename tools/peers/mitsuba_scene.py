@@ -116,7 +116,7 @@ def _mesh(mitsuba: Any, world: World, instance: Instance, name: str) -> Any:
     properties = mitsuba.Properties()
     properties["face_normals"] = mesh.normals is None
     diffuse = {"type": "diffuse", "reflectance": _reflectance(mitsuba, world, material)}
-    bsdf = {"type": "twosided", "bsdf": diffuse} if material.two_sided else diffuse
+    bsdf = {"type": "twosided", "bsdf": diffuse} if material.back == "same" else diffuse
     properties["bsdf"] = mitsuba.load_dict(bsdf)
     if max(material.emission) > 0:
         properties["emitter"] = mitsuba.load_dict({"type": "area", "radiance": _rgb(material.emission)})

@@ -1,0 +1,84 @@
+"""Small scenes of one cause each, rendered from the same file by Mitsuba 3 and by clsim."""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+
+import numpy as np
+import pytest
+
+from clsim.frames import Frame, page_aligned
+from clsim.render import PathTracer, RenderOptions
+from clsim.scene import load_world
+
+pytestmark = [pytest.mark.oracle, pytest.mark.timeout(600)]
+SIZE = 24
+SENSOR = f"""
+    <integrator type="path"><integer name="max_depth" value="9"/></integrator>
+    <sensor type="perspective"><float name="fov" value="50"/>
+        <transform name="to_world"><lookat origin="0, 2, 4" target="0, 0.5, 0" up="0, 1, 0"/></transform>
+        <film type="hdrfilm"><integer name="width" value="{SIZE}"/><integer name="height" value="{SIZE}"/>
+            <rfilter type="box"/></film>
+    </sensor>"""
+FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>
+    <bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.5, 0.4"/></bsdf></shape>"""
+SKY = '<emitter type="constant"><rgb name="radiance" value="0.5, 0.6, 0.8"/></emitter>'
+
+
+@pytest.fixture(scope="module")
+def mi():
+    """Mitsuba, in its LLVM variant where LLVM is found."""
+    mitsuba = pytest.importorskip("mitsuba", reason="needs the oracle extra")
+    library = ctypes.util.find_library("LLVM-19") or ctypes.util.find_library("LLVM")
+    if library:
+        os.environ.setdefault("DRJIT_LIBLLVM_PATH", library)
+    mitsuba.set_variant("llvm_ad_rgb" if "DRJIT_LIBLLVM_PATH" in os.environ else "scalar_rgb")
+    return mitsuba
+
+
+def ours(path, spp):
+    tracer = PathTracer(load_world(path), RenderOptions(spp=spp, max_depth=9, threads=2))
+    try:
+        frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+        tracer.fill(0, frame)
+        return frame.planes[:3].transpose(1, 2, 0).astype(np.float64)
+    finally:
+        tracer.close()
+
+
+def blocks(picture):
+    return picture.reshape(SIZE // 4, 4, SIZE // 4, 4, 3).mean(axis=(1, 3))
+
+
+def assert_alike(mi, folder, body, *, version="3.0.0", spp=2048, mean=0.01, block=0.03):
+    """The means of each channel agree, and blocks of 4×4 pixels to a share of the brightest channel's mean."""
+    path = folder / "scene.xml"
+    path.write_text(f'<scene version="{version}">{SENSOR}{body}</scene>')
+    reference = np.array(mi.render(mi.load_file(str(path)), spp=spp))[..., :3].astype(np.float64)
+    picture = ours(path, spp)
+    expected = reference.mean(axis=(0, 1))
+    assert expected.max() > 0
+    np.testing.assert_allclose(picture.mean(axis=(0, 1)), expected, rtol=mean, atol=mean * 0.1 * expected.max())
+    assert np.abs(blocks(picture) - blocks(reference)).max() < block * max(blocks(reference).max(), 1e-9)
+
+
+def panel(bsdf, emitter='<rgb name="radiance" value="4, 5, 6"/>'):
+    """A lamp over the floor that shines down, and whose back the camera sees."""
+    place = '<transform name="to_world"><scale value="0.8"/><rotate x="1" angle="70"/><translate y="1"/></transform>'
+    return f'<shape type="rectangle">{place}{bsdf}<emitter type="area">{emitter}</emitter></shape>'
+
+
+DIFFUSE = '<bsdf type="diffuse"><rgb name="reflectance" value="0.8, 0.7, 0.2"/></bsdf>'
+
+
+@pytest.mark.parametrize("bsdf", ["", DIFFUSE, f'<bsdf type="twosided">{DIFFUSE}</bsdf>'])
+def test_backs_of_lamps(mi, tmp_path, bsdf):
+    assert_alike(mi, tmp_path, FLOOR + SKY + panel(bsdf))
+
+
+def test_emitters_without_a_bsdf_are_black(mi, tmp_path):
+    """A floor within a glowing dome: what the dome reflects would be seen everywhere."""
+    dome = """<shape type="sphere"><float name="radius" value="9"/><boolean name="flip_normals" value="true"/>
+        <emitter type="area"><rgb name="radiance" value="1, 1.5, 2"/></emitter></shape>"""
+    assert_alike(mi, tmp_path, FLOOR + dome)
