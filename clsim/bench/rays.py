@@ -4,14 +4,14 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.camera import View
+from clsim.render.camera import CameraState
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Tree, face, make_intersection
 from clsim.render.integrator import kernel_options
 
 
 @wp.kernel(enable_backward=False)
-def aim(camera: View, width: int, out_origins: wp.array(dtype=wp.vec3), out_directions: wp.array(dtype=wp.vec3)):
+def aim(camera: CameraState, width: int, out_origins: wp.array(dtype=wp.vec3), out_directions: wp.array(dtype=wp.vec3)):
     """Write rays of a plain pinhole through the centres of pixels."""
     i = wp.tid()
     out_origins[i] = camera.origin

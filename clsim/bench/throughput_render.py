@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import statistics
 import time
 from collections.abc import Callable, Mapping
@@ -14,13 +13,11 @@ import warp as wp
 from clsim.bench.rays import aim, build_searches
 from clsim.bench.render_worlds import bumpy_room, cornell
 from clsim.frames import Frame, page_aligned
-from clsim.render import PathTracer, RenderOptions
+from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.bvh8 import Bvh8
 from clsim.render.camera import CameraData
-from clsim.render.devices import start_warp
-from clsim.render.features import features_of
+from clsim.render.devices import start_warp, usable_cores
 from clsim.render.geometry import Tree
-from clsim.render.upload import SceneData
 from clsim.scene import World
 
 MAX_DEPTH = 8
@@ -79,7 +76,7 @@ def _medians(seconds: dict[str, list[float]]) -> dict[str, float]:
 
 
 def _tree_cost(world: World) -> dict[str, Any]:
-    data = SceneData(world, features_of(world, False, "mis"), "bvh8", wp.get_device("cpu"))
+    data = SceneData(world, tree="bvh8")
     geometry = data.scene.geometry
     seconds = []
     for _ in range(3):
@@ -93,9 +90,9 @@ def _tree_cost(world: World) -> dict[str, Any]:
 def _ray_rates(world: World, rounds: int) -> dict[str, dict[str, float]]:
     """Measure rays on one thread: from the camera, from its hits in cosine-weighted directions, and to a lamp."""
     device = wp.get_device("cpu")
-    features = features_of(world, False, "mis")
+    features = RenderOptions().features_of(world)
     searches = {tree: build_searches(features, tree) for tree in _TREES}
-    scenes = {tree: SceneData(world, features, tree, device) for tree in _TREES}
+    scenes = {tree: SceneData(world, tree=tree) for tree in _TREES}
     width, height = world.camera.width, world.camera.height
     n = width * height
     origins, directions, places, normals = (wp.zeros(n, dtype=wp.vec3, device=device) for _ in range(4))
@@ -159,7 +156,7 @@ def _lamp_corners(world: World) -> Any:
 
 
 def _our_render(world: World, spp: int, tree: Tree) -> Callable[[], float]:
-    threads = len(os.sched_getaffinity(0))
+    threads = usable_cores()
     options = RenderOptions(spp=spp, max_depth=MAX_DEPTH, roulette_start=1000, threads=threads, tree=tree)
     tracer = PathTracer(world, options)
     frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)

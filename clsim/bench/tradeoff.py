@@ -179,7 +179,7 @@ class Sweep:
 
     def start_keys(self, point: Point) -> tuple[Any, Any]:
         """Return what the kernels of rendering, and those of detection, depend on."""
-        features = self.render_options(point.rendering).features(self.world)
+        features = self.render_options(point.rendering).features_of(self.world)
         return features, (point.detector, features.first_hits)
 
     def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:

@@ -22,7 +22,7 @@ from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Output, Pipeline
 from clsim.live.schedule import Schedule, plan
-from clsim.scene import Camera, Motion, World, load_world
+from clsim.scene import Camera, World, load_world
 from clsim.version import VERSION
 
 
@@ -325,8 +325,5 @@ def _live_config(options: LiveOptions, world: World) -> DetectorConfig:
 
 
 def _is_periodic(world: World) -> bool:
-    motions: list[Motion] = [world.camera.motion, *(instance.motion for instance in world.instances)]
-    motions += [light.motion for light in world.sphere_lights]
-    motions += [light.motion for light in world.punctual_lights]
     meshes_still = all(mesh.deformation is None for mesh in world.meshes)
-    return meshes_still and all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in motions)
+    return meshes_still and all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in world.motions())

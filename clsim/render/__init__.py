@@ -2,13 +2,18 @@
 
 from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
-from clsim.render.tracer import PathTracer, RenderCancelled, RenderOptions, describe_build
+from clsim.render.options import RenderOptions
+from clsim.render.scene_data import SceneData
+from clsim.render.tracer import PathTracer, describe_build
+from clsim.render.view import RenderCancelled, View
 
 __all__ = [
     "Effort",
     "PathTracer",
     "RenderCancelled",
     "RenderOptions",
+    "SceneData",
+    "View",
     "check_device",
     "describe_build",
     "fastest_tree",

@@ -13,20 +13,12 @@ import warp as wp
 from clsim.render.bsdf_conductor import conductor_fresnel, conductor_sample, conductor_value
 from clsim.render.bsdf_dielectric import dielectric_sample, dielectric_value, thin_sample
 from clsim.render.bsdf_diffuse import diffuse_sample, diffuse_value
+from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DIFFUSE, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
 from clsim.render.bsdf_parts import Scattered, Scattering
 from clsim.render.bsdf_plastic import plastic_sample, plastic_value
 from clsim.render.bsdf_principled import principled_sample, principled_value
 from clsim.render.features import Features
-from clsim.render.materials import (
-    CONDUCTOR,
-    DIELECTRIC,
-    DIFFUSE,
-    PLASTIC,
-    PRINCIPLED,
-    THIN_DIELECTRIC,
-    Bsdf,
-    Materials,
-)
+from clsim.render.materials import Bsdf, Materials
 from clsim.render.sampling import tangent_frame
 
 

@@ -28,7 +28,7 @@ vec5 = wp.types.vector(length=5, dtype=wp.float32)
 
 
 @wp.struct
-class View:
+class CameraState:
     """A camera where it stands.
 
     A plain pinhole is ``origin`` and the plane of the image: ``right`` and ``down`` span one pixel, ``corner`` points
@@ -107,7 +107,7 @@ def make_camera(features: Features) -> Any:
     """
 
     @wp.func
-    def camera_ray(view: View, x: float, y: float, lens: wp.vec2, time: float) -> CameraRay:
+    def camera_ray(view: CameraState, x: float, y: float, lens: wp.vec2, time: float) -> CameraRay:
         ray = CameraRay()
         ray.exists = True
         if wp.static(plain(features)):
@@ -136,7 +136,7 @@ def make_camera(features: Features) -> Any:
                 target = target * view.focus_m - start
             position = view.positions[0]
             rotation = view.rotations[0]
-            if wp.static(features.motion_blur):
+            if wp.static(features.camera_blur):
                 key = shutter_key(time)
                 weight = shutter_weight(time)
                 position = wp.lerp(view.positions[key], view.positions[key + 1], weight)
@@ -154,7 +154,7 @@ def plain(features: Features) -> bool:
         features.projection == "perspective"
         and not features.distortion
         and not features.aperture
-        and not features.motion_blur
+        and not features.camera_blur
     )
 
 
@@ -164,7 +164,7 @@ class CameraData:
     def __init__(self, camera: Camera, features: Features, device: Any) -> None:
         """Take what does not change with time."""
         self._camera = camera
-        self._shutter_s = camera.shutter_s if features.motion_blur else 0.0
+        self._shutter_s = camera.shutter_s if features.camera_blur else 0.0
         fov, lens = math.radians(camera.fov_deg), camera.lens
         fisheye = lens.model == "fisheye"
         self._focal_px = camera.width / fov if fisheye else camera.width / (2.0 * math.tan(fov / 2.0))
@@ -173,7 +173,7 @@ class CameraData:
             camera.height / 2.0 + camera.width * lens.principal_point[1],
         )
         keys = len(key_times(0.0, self._shutter_s))
-        self._view = View()
+        self._view = CameraState()
         self._view.focal_px = self._focal_px
         self._view.centre_px = wp.vec2(*self._centre_px)
         self._view.distortion = vec5(*lens.distortion, *[0.0] * (5 - len(lens.distortion)))

@@ -63,6 +63,13 @@ def check_device(name: str) -> None:
         raise InputError(f"`render_device` {name}: no such render device, expected one of {', '.join(known)}")
 
 
+def usable_cores() -> int:
+    """Return how many processor cores this process may use; all of them where the system does not tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def fastest_tree(device: str) -> Literal["bvh8", "warp"]:
     """Return how rays find triangles fastest on a device: our 8-wide tree on a CPU, Warp's own on a GPU."""
     return "bvh8" if device == "cpu" else "warp"

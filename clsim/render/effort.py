@@ -84,14 +84,16 @@ class Steerer:
         self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
 
     @property
-    def kept(self) -> tuple[Any, ...]:
-        """The arrays of the kernel, from ``grades`` to ``known``."""
-        return self._device_grades, self._irradiance, self._correction, self._known
-
-    @property
-    def spent(self) -> Any:
-        """The array ``out_spent`` of the kernel."""
-        return self._spent
+    def arguments(self) -> dict[str, Any]:
+        """What the kernel takes beside the scene and the frame; ``steering`` changes with each frame."""
+        return {
+            "steering": Steering(),
+            "grades": self._device_grades,
+            "irradiance": self._irradiance,
+            "correction": self._correction,
+            "known": self._known,
+            "out_spent": self._spent,
+        }
 
     def prepare(self, index: int) -> tuple[Any, int]:
         """Choose the samples of the frame ``index``; return the kernel's ``steering`` and the full number of paths.

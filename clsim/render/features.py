@@ -3,33 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
+from clsim.render.bsdf_kinds import KINDS
 from clsim.render.deform import deforms
-from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
+from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, World
 from clsim.scene.world import Kind
 
 Strategy = Literal["mis", "light", "scatter"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
-"""The scattering models; kernels know them by their place here."""
 
 
 @dataclass(frozen=True)
-class Features:
-    """The switches of the kernel factory; a part whose switch is off is not compiled in.
+class SceneFeatures:
+    """What a world on a device has, whoever looks at it.
 
     Attributes:
         two_level: something moves or deforms, and rays pass through a tree over instances; else one mesh holds all.
         smooth_normals: some mesh has shading normals.
-        kinds: the scattering models of the used materials, in the order of ``KINDS``.
+        kinds: the scattering models of the used materials, in the order of ``bsdf_kinds.KINDS``.
         textures: some used material has a texture of any sort.
         checkers, images: some of these textures are checkerboards, or images.
         roughness_textures, emission_textures, normal_maps: some of them are of that use.
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
-        follow_specular: features are of the first surface that is not a mirror or clear glass.
+        mirrors: some used material has points with no lobe but perfectly smooth ones.
         dark_backs: some used material's back scatters nothing.
         culled_backs: some used material's back is invisible to the camera.
         one_sided_lamps: some triangle emits from its front alone.
@@ -39,16 +38,8 @@ class Features:
         punctual_lights: the number of point, spot and directional lights is not zero.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
-        motion_blur: the exposure lasts, and something moves or deforms.
-        deforming_blur: the exposure lasts, and something deforms.
-        projection: the camera's.
-        distortion: the camera's lens distorts.
-        aperture: the camera's lens has a size.
-        sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
-        variances: the planes of variances are wanted.
-        first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
-        strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
-            The last two are for checking the first.
+        motion_blur: the interval lasts, and an object or a light moves or deforms.
+        deforming_blur: the interval lasts, and something deforms.
     """
 
     two_level: bool
@@ -62,7 +53,7 @@ class Features:
     normal_maps: bool
     alpha: bool
     transmission: bool
-    follow_specular: bool
+    mirrors: bool
     dark_backs: bool
     culled_backs: bool
     one_sided_lamps: bool
@@ -74,6 +65,27 @@ class Features:
     environment_map: bool
     motion_blur: bool
     deforming_blur: bool
+
+
+@dataclass(frozen=True)
+class Features(SceneFeatures):
+    """The switches of the kernel factory; a part whose switch is off is not compiled in.
+
+    Attributes:
+        follow_specular: features are of the first surface that is not a mirror or clear glass.
+        camera_blur: the exposure lasts, and the camera moves.
+        projection: the camera's.
+        distortion: the camera's lens distorts.
+        aperture: the camera's lens has a size.
+        sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
+        variances: the planes of variances are wanted.
+        first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
+        strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
+            The last two are for checking the first.
+    """
+
+    follow_specular: bool
+    camera_blur: bool
     projection: Literal["perspective", "fisheye"]
     distortion: bool
     aperture: bool
@@ -103,7 +115,7 @@ class Features:
             (self.punctual_lights, "point, spot and directional lights"),
             (self.environment and not self.environment_map, "constant environment"),
             (self.environment_map, "environment map"),
-            (self.motion_blur, "motion blur"),
+            (self.motion_blur or self.camera_blur, "motion blur"),
             (self.deforming_blur, "motion blur of deforming objects"),
             (self.projection == "fisheye", "fisheye projection"),
             (self.distortion, "lens distortion"),
@@ -177,29 +189,20 @@ def used_textures(world: World) -> list[int]:
     return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
 
 
-def moves(world: World) -> bool:
-    """Whether the camera, an object or a light moves rigidly."""
-    motions = [world.camera.motion, *(instance.motion for instance in world.instances)]
-    motions += [light.motion for light in world.sphere_lights]
-    motions += [light.motion for light in world.punctual_lights]
-    return any(motion.duration_s > 0 for motion in motions)
+def objects_move(world: World) -> bool:
+    """Whether an object or a light moves rigidly."""
+    _, *others = world.motions()
+    return any(motion.duration_s > 0 for motion in others)
 
 
-def features_of(
-    world: World,
-    variances: bool,
-    strategy: Strategy,
-    follow_specular: bool = True,
-    sobol: bool = False,
-    first_hits: bool = False,
-) -> Features:
-    """Return the features that the world needs."""
+def scene_features(world: World, interval_s: float) -> SceneFeatures:
+    """Return what the world needs on a device, over an interval of that length [s]."""
     meshes, materials = _used_meshes(world), _used_materials(world)
     kinds = {material.kind for material in materials} or {"diffuse"}
     uses = {use for material in materials for use in textures_of(material)}
     textures = [world.textures[index] for index in used_textures(world)]
     deforming = any(deforms(mesh) for mesh in meshes)
-    return Features(
+    return SceneFeatures(
         two_level=deforming or any(instance.motion.duration_s > 0 for instance in world.instances),
         smooth_normals=any(mesh.normals is not None for mesh in meshes),
         kinds=tuple(kind for kind in KINDS if kind in kinds),
@@ -211,7 +214,7 @@ def features_of(
         normal_maps="normal" in uses,
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),
-        follow_specular=follow_specular and any(may_be_mirror(material) for material in materials),
+        mirrors=any(may_be_mirror(material) for material in materials),
         dark_backs=any(material.back == "black" and not passes_light(material) for material in materials),
         culled_backs=any(material.back == "culled" for material in materials),
         one_sided_lamps=any(max(material.emission) > 0 and not material.emits_behind for material in materials),
@@ -221,11 +224,28 @@ def features_of(
         punctual_lights=bool(world.punctual_lights),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,
-        motion_blur=world.camera.shutter_s > 0 and (deforming or moves(world)),
-        deforming_blur=world.camera.shutter_s > 0 and deforming,
-        projection=world.camera.lens.model,
-        distortion=any(world.camera.lens.distortion),
-        aperture=world.camera.lens.aperture_radius_m > 0,
+        motion_blur=interval_s > 0 and (deforming or objects_move(world)),
+        deforming_blur=interval_s > 0 and deforming,
+    )
+
+
+def view_features(
+    scene: SceneFeatures,
+    camera: Camera,
+    variances: bool = False,
+    strategy: Strategy = "mis",
+    follow_specular: bool = True,
+    sobol: bool = False,
+    first_hits: bool = False,
+) -> Features:
+    """Return the features of the kernel with which a camera looks at such a scene."""
+    return Features(
+        **vars(scene),
+        follow_specular=follow_specular and scene.mirrors,
+        camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
+        projection=camera.lens.model,
+        distortion=any(camera.lens.distortion),
+        aperture=camera.lens.aperture_radius_m > 0,
         sobol=sobol,
         variances=variances,
         first_hits=first_hits,

@@ -14,7 +14,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.alpha import make_alpha
 from clsim.render.bsdf import make_bsdf
-from clsim.render.camera import View, make_camera
+from clsim.render.camera import CameraState, make_camera
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
 from clsim.render.geometry import Geometry, Hit, Surface, Tree, face, make_intersection, make_sphere_at, offset_origin
@@ -29,13 +29,18 @@ _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 
 @wp.struct
 class Settings:
-    """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame)."""
+    """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
+
+    The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers.
+    """
 
     samples: int
     batches: int
     max_depth: int
     roulette_start: int
     width: int
+    opens: float
+    lasts: float
     stream: wp.uint64
 
 
@@ -258,25 +263,26 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     @wp.func
     def shoot(
-        scene: Scene, camera: View, settings: Settings, pixel: int, stream: sampling.Stream, only_look: bool
+        scene: Scene, camera: CameraState, settings: Settings, pixel: int, stream: sampling.Stream, only_look: bool
     ) -> Sample:
         jitter = uniform2(stream, sampling.CAMERA)
         lens = wp.vec2()
         if wp.static(features.aperture):
             lens = uniform2(stream, sampling.LENS)
-        time = float(0.0)
-        if wp.static(features.motion_blur):
-            time = uniform2(stream, sampling.TIME)[0]
+        shutter = float(0.0)
+        if wp.static(features.camera_blur or features.motion_blur):
+            shutter = uniform2(stream, sampling.TIME)[0]
+        time = settings.opens + settings.lasts * shutter
         x = float(pixel % settings.width)
         y = float(pixel // settings.width)
-        ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, time)
+        ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, shutter)
         sample = Sample()
         if ray.exists:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, only_look)
         return sample
 
     if features.first_hits:
-        return make_steered(features.sobol, shoot, Scene, View, Settings, kernel_options())
+        return make_steered(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
 
     @wp.kernel(
         module="unique",
@@ -285,7 +291,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     )
     def render(
         scene: Scene,
-        camera: View,
+        camera: CameraState,
         settings: Settings,
         first_pixel: int,
         out_planes: wp.array2d(dtype=float),

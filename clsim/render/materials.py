@@ -6,13 +6,12 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.features import KINDS, Features
+from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, NUMBERS, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
+from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
 from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
 from clsim.render.textures import Textures, make_textures
-
-DIFFUSE, CONDUCTOR, DIELECTRIC, THIN_DIELECTRIC, PLASTIC, PRINCIPLED = (wp.constant(i) for i in range(len(KINDS)))
 
 _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
@@ -99,7 +98,7 @@ class Bsdf:
 def make_materials(features: Features) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface)."""
     lookup = make_textures(features)
-    only = KINDS.index(features.kinds[0]) if len(features.kinds) == 1 else -1
+    only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
     glossy = features.kinds != ("diffuse",)
 
     @wp.func

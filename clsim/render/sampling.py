@@ -12,6 +12,8 @@ frames rendered with common random numbers stay in step where only part of the p
 
 import warp as wp
 
+from clsim.render.native import native_code
+
 DIMENSION_BITS = 9
 DIMENSIONS_PER_BOUNCE = 4
 """Pairs of uniform numbers set aside for each bounce: light, scattering, light and roulette, lobe and opacity."""
@@ -25,9 +27,24 @@ SCATTER = wp.constant(1)
 CHOICE = wp.constant(2)
 LOBE = wp.constant(3)
 
+_MASK64 = (1 << 64) - 1
 _GAMMA = wp.constant(wp.uint64(0x9E3779B97F4A7C15))
 _MIX_A = wp.constant(wp.uint64(0xBF58476D1CE4E5B9))
 _MIX_B = wp.constant(wp.uint64(0x94D049BB133111EB))
+
+
+def stream_state(seed: int, frame: int | None) -> int:
+    """Return the hash of a seed, and of a frame's index where each has its own noise, as the kernel goes on with it."""
+    state = _mix64(seed + 0x9E3779B97F4A7C15)
+    return state if frame is None else _mix64(state + (frame + 1) * 0xD1342543DE82EF95)
+
+
+def _mix64(x: int) -> int:
+    """``mix64`` on the host."""
+    x &= _MASK64
+    x = (x ^ (x >> 30)) * 0xBF58476D1CE4E5B9 & _MASK64
+    x = (x ^ (x >> 27)) * 0x94D049BB133111EB & _MASK64
+    return x ^ (x >> 31)
 
 
 @wp.func
@@ -138,11 +155,7 @@ def luminance(c: wp.vec3) -> float:
     return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
 
 
-@wp.func_native("""
-    union { float value; unsigned int bits; } both;
-    both.value = x;
-    return (both.bits & 0x7f800000u) != 0x7f800000u;
-""")
+@wp.func_native(native_code("finite.h"))
 def _finite(x: float) -> bool: ...
 
 

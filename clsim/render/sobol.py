@@ -11,18 +11,13 @@ from typing import Any
 
 import warp as wp
 
+from clsim.render.native import native_code
 from clsim.render.sampling import Stream, mix64, pair, stream_word
 
 _OTHER = wp.constant(wp.uint64(0x9E6C63D0876A9A62))
 
 
-@wp.func_native("""
-#if defined(__CUDA_ARCH__)
-    return __brev(x);
-#else
-    return __builtin_bitreverse32(x);
-#endif
-""")
+@wp.func_native(native_code("reverse_bits.h"))
 def _reverse_bits(x: wp.uint32) -> wp.uint32: ...
 
 

@@ -8,10 +8,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.features import KINDS, has_roughness, passes_light, used_textures
+from clsim.render.bsdf_kinds import NUMBERS
+from clsim.render.features import has_roughness, passes_light, used_textures
 from clsim.render.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
 from clsim.render.plastic_tables import coat, coats
 from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
+from clsim.render.upload_arrays import array
 from clsim.scene import CheckerTexture, Material, World
 
 _WRAPS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}
@@ -24,14 +26,14 @@ def upload_materials(world: World, device: Any) -> Any:
     tables: list[npt.NDArray[np.float64]] = []
     rows = [_row(material, tables) for material in world.materials] or [MaterialRow()]
     materials.rows = _structs(rows, MaterialRow, device)
-    materials.transmittance = _array(np.concatenate(tables) if tables else [], wp.float32, device)
+    materials.transmittance = array(np.concatenate(tables) if tables else [], wp.float32, device)
     materials.textures = _textures(world, device)
     return materials
 
 
 def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
     row = MaterialRow()
-    row.kind = KINDS.index(material.kind)
+    row.kind = NUMBERS[material.kind]
     row.color = wp.vec3(*material.color)
     row.emission = wp.vec3(*material.emission)
     row.specular = wp.vec3(*material.specular_color)
@@ -90,8 +92,8 @@ def _textures(world: World, device: Any) -> Any:
         rows.append(row)
     textures = Textures()
     textures.rows = _structs(rows or [TextureRow()], TextureRow, device)
-    textures.texels = _array(np.concatenate(images) if images else [], wp.uint32, device)
-    textures.decoding = _array(decoding(), wp.float32, device)
+    textures.texels = array(np.concatenate(images) if images else [], wp.uint32, device)
+    textures.decoding = array(decoding(), wp.float32, device)
     return textures
 
 
@@ -104,9 +106,3 @@ def decoding() -> npt.NDArray[np.float64]:
 
 def _structs(rows: list[Any], dtype: Any, device: Any) -> Any:
     return wp.array(rows, dtype=dtype, device=device)
-
-
-def _array(values: Any, dtype: Any, device: Any) -> Any:
-    """Copy to the device; an empty array becomes one entry of zeros, since its fields are never read."""
-    data = np.asarray(values)
-    return wp.array(data, dtype=dtype, device=device) if data.size else wp.zeros(1, dtype=dtype, device=device)

@@ -49,10 +49,7 @@ class Drift:
 
 def drifting(world: World) -> World:
     """Return the world with its camera on a small closed path, unless something moves in it already."""
-    deformed = (mesh.deformation for mesh in world.meshes)
-    motions = [world.camera.motion, *(instance.motion for instance in world.instances)]
-    motions += [light.motion for light in world.sphere_lights] + [light.motion for light in world.punctual_lights]
-    if any(motion.duration_s > 0 for motion in motions) or any(d is not None and d.duration_s > 0 for d in deformed):
+    if world.moving_s() > 0:
         return world
     pose = world.camera.motion.pose(0.0)
     distance_m = _distance_ahead(world, pose[:3, 3], -pose[:3, 2])

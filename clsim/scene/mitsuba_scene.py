@@ -77,8 +77,7 @@ class _Reader:
             center, size = bounds(self.path, self.meshes, self.instances)
             cameras = cameras or [orbiting_camera(center, size)]
             lights = lights if lit else [lamp(center, size)]
-        motions = [cameras[0].motion, *(instance.motion for instance in self.instances)]
-        return World(
+        world = World(
             name=self.path.stem,
             camera=cameras[0],
             meshes=tuple(self.meshes),
@@ -89,9 +88,9 @@ class _Reader:
             punctual_lights=tuple(self.punctual_lights),
             environment=self.environment if lit else ENVIRONMENT,
             environment_map=self.environment_map,
-            duration_s=max(motion.duration_s for motion in motions) or 1.0,
             warnings=tuple(self.warnings),
         )
+        return replace(world, duration_s=world.moving_s() or 1.0)
 
     def _warn(self, sentence: str) -> None:
         text = f"{self.path.name}: {sentence}"

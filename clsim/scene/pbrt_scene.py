@@ -350,8 +350,7 @@ class _Reader:
             camera = read_camera(*self.camera, self.resolution, self.times, mirror, self._warn)
         if not lit:
             spheres = [lamp(center, size)]
-        motions = [camera.motion, *(instance.motion for instance in instances)]
-        return World(
+        world = World(
             name=self.path.stem,
             camera=camera,
             meshes=tuple(self.meshes),
@@ -362,9 +361,9 @@ class _Reader:
             punctual_lights=tuple(lights),
             environment=self.environment if lit else ENVIRONMENT,
             environment_map=environment_map,
-            duration_s=max(motion.duration_s for motion in motions) or 1.0,
             warnings=tuple(self.warnings),
         )
+        return replace(world, duration_s=world.moving_s() or 1.0)
 
 
 def _inverse(matrix: Matrix) -> Matrix:

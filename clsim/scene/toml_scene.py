@@ -107,10 +107,7 @@ def load_toml(path: Path) -> World:
         camera = _camera(scene.camera, path.parent)
     if problems or camera is None:
         raise InputError("\n".join(problems))
-    motions = [camera.motion, *(i.motion for i in builder.instances), *(light.motion for light in lights)]
-    motions += [light.motion for light in builder.punctual_lights]
-    deformed = [mesh.deformation.duration_s for mesh in builder.meshes if mesh.deformation is not None]
-    return World(
+    world = World(
         name=path.stem,
         camera=camera,
         meshes=tuple(builder.meshes),
@@ -123,10 +120,10 @@ def load_toml(path: Path) -> World:
         environment_map=environment_map,
         sensor=Sensor(**scene.sensor.model_dump()),
         fps=scene.fps,
-        duration_s=scene.duration_s or max(*(motion.duration_s for motion in motions), *deformed, 0.0) or 1.0,
         warnings=tuple(builder.warnings),
         notes=tuple(builder.notes),
     )
+    return replace(world, duration_s=scene.duration_s or world.moving_s() or 1.0)
 
 
 class _Builder:

@@ -254,5 +254,16 @@ class World:
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def motions(self) -> list[Motion]:
+        """Return how everything moves rigidly: the camera, instances, sphere lights and punctual lights."""
+        placed: tuple[Camera | Instance | SphereLight | PunctualLight, ...]
+        placed = (self.camera, *self.instances, *self.sphere_lights, *self.punctual_lights)
+        return [each.motion for each in placed]
+
+    def moving_s(self) -> float:
+        """Return the length of the longest motion or deformation [s]; 0 where nothing moves."""
+        deformations = [mesh.deformation.duration_s for mesh in self.meshes if mesh.deformation is not None]
+        return max(*(motion.duration_s for motion in self.motions()), *deformations, 0.0)
+
 
 IDENTITY = Static(np.eye(4))

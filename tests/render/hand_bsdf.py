@@ -6,9 +6,9 @@ import hand_worlds as hw
 import numpy as np
 import warp as wp
 
+from clsim.render import RenderOptions
 from clsim.render.bsdf import make_bsdf
 from clsim.render.devices import start_warp
-from clsim.render.features import features_of
 from clsim.render.geometry import Surface
 from clsim.render.materials import Materials, make_materials
 from clsim.render.upload_materials import upload_materials
@@ -21,7 +21,7 @@ class Lone:
         start_warp()
         world = hw.world(hw.quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), materials=(material,))
         self._materials = upload_materials(world, "cpu")
-        self._evaluate, self._draw = _kernels(features_of(world, False, "mis"))
+        self._evaluate, self._draw = _kernels(RenderOptions().features_of(world))
 
     def evaluate(self, wo, wi, front=True):
         """f·cos θ ``[n, 3]`` and density ``[n]``; arguments are broadcast."""

@@ -11,9 +11,9 @@ import pytest
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.render.camera import CameraData, View, invertible, make_camera, quaternions
+from clsim.render import RenderOptions
+from clsim.render.camera import CameraData, CameraState, invertible, make_camera, quaternions
 from clsim.render.devices import start_warp
-from clsim.render.features import features_of
 from clsim.scene import Camera, Lens, Material, Static
 from clsim.scene.validate import validate
 
@@ -30,12 +30,12 @@ def trace_rays(view, xy, lens=None, time=None, time_s=0.0, scene=None):
     """Origins, unit directions (in the camera's frame: x right, y down, z forward) and whether rays exist."""
     start_warp()
     scene = hw.with_camera(scene or hw.world(hw.ball(1.0)), view)
-    features = features_of(scene, False, "mis")
+    features = RenderOptions().features_of(scene)
     camera_ray = make_camera(features)
 
     @wp.kernel(module="unique", enable_backward=False)
     def rays(
-        view: View,
+        view: CameraState,
         xy: wp.array(dtype=wp.vec2),
         lens: wp.array(dtype=wp.vec2),
         time: wp.array(dtype=float),

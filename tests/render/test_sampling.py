@@ -8,7 +8,7 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.devices import start_warp
-from clsim.render.tracer import stream_state
+from clsim.render.sampling import stream_state
 
 SEEDS, PIXELS, SAMPLES, DIMENSIONS = 10, 64, 16, 8
 

@@ -13,7 +13,7 @@ from scipy.stats import qmc
 from clsim.errors import InputError
 from clsim.render import RenderOptions, sampling, sobol
 from clsim.render.devices import start_warp
-from clsim.render.tracer import stream_state
+from clsim.render.sampling import stream_state
 from clsim.scene import Camera, Material, SphereLight, Static
 
 SEEDS, PIXELS, POINTS, DIMENSIONS = 4, 32, 64, 4

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import warp as wp
 
+from clsim.render import RenderOptions
 from clsim.render.devices import start_warp
-from clsim.render.features import features_of
 from clsim.render.materials import Materials
 from clsim.render.plastic_tables import STACK_SIZE, coat, coats
 from clsim.render.textures import make_textures
@@ -34,7 +34,7 @@ def textured(*textures):
 def look_up(world, index, uv):
     """RGBA ``[n, 4]`` as the tracer reads it."""
     start_warp()
-    lookup = make_textures(features_of(world, False, "mis"))
+    lookup = make_textures(RenderOptions().features_of(world))
 
     @wp.kernel(module="unique", enable_backward=False)
     def read(materials: Materials, index: int, uv: wp.array(dtype=wp.vec2), out_rgba: wp.array(dtype=wp.vec4)):

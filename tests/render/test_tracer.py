@@ -15,7 +15,8 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import ALL_PLANES, BASE_PLANES, Frame, page_aligned
 from clsim.render import PathTracer, RenderCancelled, RenderOptions, check_device, describe_build, list_render_devices
-from clsim.render.features import KINDS, Features
+from clsim.render.bsdf_kinds import KINDS
+from clsim.render.features import Features
 from clsim.render.integrator import build_kernel
 from clsim.scene import (
     CheckerTexture,

@@ -1,0 +1,47 @@
+// Writes boxes and corners for a known topology.
+#include "build_triangles.h"
+#include "list_fit.h"
+float extent = 0.0f;
+for (int at = count - 1; at >= 0; --at) {
+    float* node = nodes.data + NODE_FLOATS * (long long)at;
+    const int* refs = (const int*)(node + 48);
+    for (int i = 0; i < 8; ++i) {
+        v4 lower = v4(inf), upper = v4(-inf);
+        const int first = ~refs[i] >> 3, size = (~refs[i] & 7) + 1;
+        if (refs[i] >= 0) {
+            const float* child = nodes.data + 8 * (long long)refs[i];
+            for (int k = 0; k < 3; ++k) {
+                for (int j = 0; j < 8; ++j) {
+                    const float a = child[8 * k + j], b = child[8 * k + 24 + j];
+                    lower[k] = a < lower[k] ? a : lower[k];
+                    upper[k] = b > upper[k] ? b : upper[k];
+                }
+            }
+        } else if (first < order.shape[0]) {
+            float* block = corners.data + CORNER_FLOATS * (long long)first;
+            for (int j = 0; j < size; ++j) {
+                v4 p[3];
+                // Corners that coincide are never hit: so those of a triangle without a normal are made to.
+                const bool whole = load(order.data[first + j], p);
+                ((int*)block)[9 * size + j] = FIRST_NUMBER + order.data[first + j];
+                for (int m = 0; m < 3; ++m) {
+                    if (whole) {
+                        lower = lesser(lower, p[m]);
+                        upper = greater(upper, p[m]);
+                    }
+                    for (int k = 0; k < 3; ++k) block[(3 * m + k) * size + j] = whole ? p[m][k] : 0.0f;
+                }
+            }
+        }
+        for (int k = 0; k < 3; ++k) {
+            node[8 * k + i] = lower[k];
+            node[8 * k + 24 + i] = upper[k];
+            const float a = -lower[k], b = upper[k];
+            if (lower[k] <= upper[k]) {
+                extent = a > extent ? a : extent;
+                extent = b > extent ? b : extent;
+            }
+        }
+    }
+}
+out_extent.data[0] = extent;

@@ -1,0 +1,25 @@
+// What both steps of building share: triangles and their boxes.
+typedef float v4 __attribute__((ext_vector_type(4)));
+typedef int i4 __attribute__((ext_vector_type(4)));
+const float inf = __builtin_inff();
+const auto lesser = [](v4 a, v4 b) __attribute__((always_inline)) { return a < b ? a : b; };
+const auto greater = [](v4 a, v4 b) __attribute__((always_inline)) { return a > b ? a : b; };
+const auto corner = [&](int triangle, int i) __attribute__((always_inline)) {
+    const float* p = &vertices.data[indices.data[3 * (long long)triangle + i]][0];
+    return v4{p[0], p[1], p[2], 0.0f};
+};
+const auto usable = [&](v4 lower, v4 upper) __attribute__((always_inline)) {
+    return lower.x >= -FARTHEST && lower.y >= -FARTHEST && lower.z >= -FARTHEST
+        && upper.x <= FARTHEST && upper.y <= FARTHEST && upper.z <= FARTHEST;
+};
+// The corners of a triangle, and whether a ray may hit it.
+const auto load = [&](int triangle, v4* p) __attribute__((always_inline)) {
+    bool whole = true;
+    for (int m = 0; m < 3; ++m) {
+        p[m] = corner(triangle, m);
+        whole = whole && usable(p[m], p[m]);
+    }
+    const v4 e = p[1] - p[0], f = p[2] - p[0];
+    const v4 n = e.yzxw * f.zxyw - e.zxyw * f.yzxw;
+    return whole && n.x * n.x + n.y * n.y + n.z * n.z > 0.0f;
+};

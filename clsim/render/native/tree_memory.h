@@ -1,0 +1,20 @@
+// What both searches, and those of lists, share. A child that is not negative is a node, in units of 32 bytes; of a
+// negative one the complement is a leaf: eight times the first triangle, plus the number of triangles less one. A missing
+// child is the leaf behind the last, without extent: a ray of NaN may go there, and must find memory.
+// Casts are C's, because Warp defines int(x) and float(x) as macros.
+typedef float v8 __attribute__((ext_vector_type(8)));
+typedef float unaligned8 __attribute__((ext_vector_type(8), aligned(4)));
+typedef int lanes8 __attribute__((ext_vector_type(8)));
+typedef bool bits8 __attribute__((ext_vector_type(8)));
+
+const unsigned long long* tree = (const unsigned long long*)handle;
+const float* nodes = (const float*)tree[0];
+const float* corners = (const float*)tree[1];
+const float extent = *(const float*)&tree[2];
+const int blocks = (int)tree[3];
+
+const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
+const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
+const auto mask = [](lanes8 a) __attribute__((always_inline)) {
+    return (unsigned)__builtin_bit_cast(unsigned char, __builtin_convertvector(a, bits8));
+};

@@ -1,0 +1,74 @@
+// What the search for the nearest hit and that for any hit share: a node's boxes, a leaf's triangles.
+float size = extent, longest = 0.0f;
+int kz = 0;
+for (int k = 0; k < 3; ++k) {
+    const float o = __builtin_fabsf(origin[k]), d = __builtin_fabsf(direction[k]);
+    size = o > size ? o : size;
+    kz = d > longest ? k : kz;
+    longest = d > longest ? d : longest;
+}
+const int kx = kz == 2 ? 0 : kz + 1, ky = kx == 2 ? 0 : kx + 1;
+
+int near_row[3], far_row[3];
+float inverse[3], near_shift[3], far_shift[3];
+for (int k = 0; k < 3; ++k) {
+    // A ray along an axis never leaves the slabs of the others: a steep, finite slope says the same without NaN.
+    const float least = 1.0e-18f * longest;
+    const float d = __builtin_fabsf(direction[k]) < least ? __builtin_copysignf(least, direction[k]) : direction[k];
+    const float r = 1.0f / d, slack = 0x1p-20f * size * __builtin_fabsf(r);
+    inverse[k] = r;
+    near_shift[k] = -origin[k] * r - slack;
+    far_shift[k] = -origin[k] * r + slack;
+    near_row[k] = r < 0.0f ? 8 * k + 24 : 8 * k;
+    far_row[k] = r < 0.0f ? 8 * k : 8 * k + 24;
+}
+const float sz = inverse[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
+
+// Boxes that the ray meets between t_min and far, and where.
+const auto boxes = [&](const float* node, v8& enter) __attribute__((always_inline)) {
+    const auto plane = [&](int row, int k, float shift) __attribute__((always_inline)) {
+        return *(const v8*)(node + row) * v8(inverse[k]) + v8(shift);
+    };
+    const v8 x0 = plane(near_row[0], 0, near_shift[0]), x1 = plane(far_row[0], 0, far_shift[0]);
+    const v8 y0 = plane(near_row[1], 1, near_shift[1]), y1 = plane(far_row[1], 1, far_shift[1]);
+    const v8 z0 = plane(near_row[2], 2, near_shift[2]), z1 = plane(far_row[2], 2, far_shift[2]);
+    enter = greater(greater(x0, y0), greater(z0, v8(t_min)));
+    return mask(enter <= lesser(lesser(x1, y1), lesser(z1, v8(far))));
+};
+const auto fetch = [&](int child) __attribute__((always_inline)) {
+    const float* p = child >= 0 ? nodes + 8 * (long long)child : corners + CORNER_FLOATS * (long long)(~child >> 3);
+    for (int line = 0; line < 4; ++line) __builtin_prefetch(p + 16 * line);
+};
+// Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
+const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
+    const float* block = corners + CORNER_FLOATS * (long long)first;
+    const int corner = 3 * count;
+    const auto row = [&](int i, int k) __attribute__((always_inline)) {
+        return v8(*(const unaligned8*)(block + k * count + i * corner)) - v8(origin[k]);
+    };
+    const auto shear = [](v8 a, float s, v8 z) __attribute__((always_inline)) {
+        return __builtin_elementwise_fma(v8(-s), z, a);
+    };
+    const v8 az = row(0, kz), bz = row(1, kz), cz = row(2, kz);
+    const v8 ax = shear(row(0, kx), sx, az), ay = shear(row(0, ky), sy, az);
+    const v8 bx = shear(row(1, kx), sx, bz), by = shear(row(1, ky), sy, bz);
+    const v8 cx = shear(row(2, kx), sx, cz), cy = shear(row(2, ky), sy, cz);
+    v8 w;
+    {
+        #pragma clang fp contract(off)
+        u = cx * by - cy * bx;
+        v = ax * cy - ay * cx;
+        w = bx * ay - by * ax;
+    }
+    const v8 sum = u + v + w;
+    const lanes8 inside = (lesser(lesser(u, v), w) >= v8(0.0f)) | (greater(greater(u, v), w) <= v8(0.0f));
+    unsigned met = mask(inside & (sum != v8(0.0f))) & ((1u << count) - 1u);
+    if (met) {
+        const v8 scale = v8(1.0f) / sum;
+        t = (u * az + v * bz + w * cz) * (scale * v8(sz));
+        u *= scale;
+        v *= scale;
+        met &= mask((t >= v8(t_min)) & (t <= v8(far)));
+    }
+    return met;
+};

@@ -1,0 +1,123 @@
+"""How to render a world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from clsim.errors import InputError, require_choice
+from clsim.render.features import Features, SceneFeatures, Strategy, scene_features, view_features
+from clsim.render.geometry import Tree
+from clsim.render.sampling import MAX_BOUNCES
+from clsim.scene import Camera, World
+
+LARGEST_SPP, LARGEST_FIRST_HIT_RAYS = 1 << 20, 4096
+"""Nobody means more: a digit too many is better told than waited for."""
+_LARGEST_SEED = (1 << 64) - 1
+
+
+@dataclass(frozen=True)
+class RenderOptions:
+    """How to render a world."""
+
+    spp: int = 8
+    """Paths per pixel and frame."""
+    fps: float | None = None
+    """Frames per simulated second; None takes the world's."""
+    frames: int | None = None
+    """Number of frames; None plays the world's motion once, both ends included."""
+    seed: int = 0
+    """Seed of all random numbers, 0 to 2⁶⁴ − 1."""
+    noise: Literal["common", "independent"] = "common"
+    """Whether every frame uses the same random numbers, so that a still pixel stays exactly the same, or its own."""
+    max_depth: int = 8
+    """Longest path in edges: 1 sees emitters only, 2 adds direct light, 3 one bounce of indirect light."""
+    roulette_start: int = 5
+    """Number of edges after which Russian roulette may end a path."""
+    threads: int | None = None
+    """Threads on a CPU; None takes one a core. Pictures do not depend on it."""
+    tile_pixels: int | None = None
+    """Pixels in a launch; None chooses. Pictures do not depend on it."""
+    device: str = "cpu"
+    """Render device, "cpu" or "cuda:0" …"""
+    variances: bool = False
+    """Whether frames have the planes of variances."""
+    strategy: Strategy = "mis"
+    """How light is found; other than "mis" only to check it."""
+    sampler: Literal["pcg", "sobol"] = "pcg"
+    """Whether samples are independent ("pcg") or spread evenly by Owen-scrambled Sobol points, in four batches.
+
+    With "sobol", sample i belongs to batch i mod 4; batches are independent, and variances are estimated from their
+    means: that is honest, but noisier, and up to a fifth too large where the number of samples is not a multiple of 4.
+    A power of 2 from 4 is spread best.
+    """
+    follow_specular: bool = True
+    """Whether the planes of albedo, normal and depth show what mirrors and clear glass show instead of themselves.
+
+    Depth is then the length of the way, albedo is multiplied by what the chain of mirrors lets through, and normals
+    are those of the surface found, not mirrored. Where glass both reflects and refracts, each sample takes one way, so
+    that the planes hold the mean of two surfaces and a variance. A way that ends nowhere shows the last mirror.
+    """
+    first_hit_rays: int = 0
+    """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
+
+    They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
+    clean after few paths; frames have an emission plane then.
+    """
+    probe_spp: int | None = None
+    """Paths where no event is near, doubled elsewhere; None traces ``spp``. Needs first-hit rays and common noise."""
+    probe_every: int = 1
+    """Frames from one probe of a pixel to the next where no event is near; in between, the last irradiance is taken.
+
+    Needs first-hit rays and common noise where it is more than 1.
+    """
+    tree: Tree | None = None
+    """How rays find triangles; None takes the fastest of the device, others are there to compare."""
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work."""
+        require_choice("noise", self.noise, ("common", "independent"))
+        require_choice("sampler", self.sampler, ("pcg", "sobol"))
+        require_choice("tree", self.tree, (None, "bvh8", "warp"))
+        for option, value in (
+            ("spp", self.spp),
+            ("frames", self.frames),
+            ("max_depth", self.max_depth),
+            ("threads", self.threads),
+            ("tile_pixels", self.tile_pixels),
+            ("probe_spp", self.probe_spp),
+            ("probe_every", self.probe_every),
+        ):
+            if value is not None and value < 1:
+                raise InputError(f"`{option}` must be at least 1, got {value}")
+        for option, count, limit in (
+            ("spp", self.spp, LARGEST_SPP),
+            ("first_hit_rays", self.first_hit_rays, LARGEST_FIRST_HIT_RAYS),
+            ("max_depth", self.max_depth, MAX_BOUNCES),
+        ):
+            if count > limit:
+                raise InputError(f"`{option}` must be at most {limit}, got {count}")
+        if self.fps is not None and not 0 < self.fps < float("inf"):
+            raise InputError(f"`fps` must be a positive number, got {self.fps}")
+        if not 0 <= self.seed <= _LARGEST_SEED:
+            raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
+        if self.first_hit_rays < 0:
+            raise InputError(f"`first_hit_rays` must be at least 0, got {self.first_hit_rays}")
+        if self.first_hit_rays and self.variances:
+            raise InputError("first-hit rays give no variances; expected `first_hit_rays` 0 where variances are wanted")
+        for option, steers in (("probe_spp", self.probe_spp is not None), ("probe_every", self.probe_every > 1)):
+            if steers and not self.first_hit_rays:
+                raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
+            if steers and self.noise != "common":
+                raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
+        if self.probe_spp is not None and self.probe_spp > self.spp:
+            raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
+
+    def features(self, scene: SceneFeatures, camera: Camera) -> Features:
+        """Return what the kernel has with which a camera looks at such a scene."""
+        sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
+        return view_features(scene, camera, self.variances, self.strategy, self.follow_specular, sobol, first_hits)
+
+    def features_of(self, world: World) -> Features:
+        """Return what the kernel has with which the world's own camera looks at it."""
+        return self.features(scene_features(world, world.camera.shutter_s), world.camera)

@@ -1,0 +1,75 @@
+"""Which meshes rays search and where they stand: all that never moves is one mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.render.deform import deforms, flat_or_smooth, shaped
+from clsim.scene import Instance, Mesh, Static, World
+
+_NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32))
+"""A triangle without area, for a world without meshes."""
+
+
+@dataclass(frozen=True)
+class Placement:
+    """The meshes that rays search and where they stand; all that never moves is one mesh in world space, the first.
+
+    Deforming meshes are in their shape at time 0.
+    """
+
+    meshes: list[Mesh]
+    instances: list[Instance]
+
+
+def place(world: World) -> Placement:
+    """Return the world's instances, all that never moves joined to one."""
+
+    def moves(instance: Instance) -> bool:
+        return instance.motion.duration_s > 0 or deforms(world.meshes[instance.mesh])
+
+    still = [instance for instance in world.instances if not moves(instance)]
+    moving = [instance for instance in world.instances if moves(instance)]
+    meshes: list[Mesh] = []
+    instances: list[Instance] = []
+    if still or not moving:
+        meshes.append(_merge(world, still) if still else _NOTHING)
+        instances.append(Instance(0, Static(np.eye(4))))
+    slots: dict[int, int] = {}
+    for instance in moving:
+        if instance.mesh not in slots:
+            slots[instance.mesh] = len(meshes)
+            meshes.append(shaped(world.meshes[instance.mesh], 0.0))
+        instances.append(Instance(slots[instance.mesh], instance.motion, instance.name))
+    return Placement(meshes, instances)
+
+
+def _merge(world: World, instances: list[Instance]) -> Mesh:
+    """Join still instances to one mesh in world space."""
+    vertices, triangles, normals, coordinates, materials = [], [], [], [], []
+    first = 0
+    for instance in instances:
+        mesh, pose = shaped(world.meshes[instance.mesh], 0.0), instance.motion.pose(0.0)
+        vertices.append((mesh.vertices @ pose[:3, :3].T + pose[:3, 3]).astype(np.float32))
+        triangles.append(mesh.triangles + np.int32(first))
+        normals.append((flat_or_smooth(mesh) @ np.linalg.inv(pose[:3, :3])).astype(np.float32))
+        coordinates.append(uvs(mesh))
+        materials.append(mesh.material_ids)
+        first += len(mesh.vertices)
+    blended = np.concatenate(normals)
+    lengths = np.linalg.norm(blended, axis=1, keepdims=True)
+    return Mesh(
+        np.concatenate(vertices),
+        np.concatenate(triangles),
+        np.concatenate(materials),
+        np.divide(blended, lengths, out=np.zeros_like(blended), where=lengths > 0),
+        np.concatenate(coordinates),
+    )
+
+
+def uvs(mesh: Mesh) -> npt.NDArray[np.float32]:
+    """Return texture coordinates ``[n, 2]``; 0 where the mesh has none."""
+    return np.zeros((len(mesh.vertices), 2), np.float32) if mesh.uvs is None else mesh.uvs

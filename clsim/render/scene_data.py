@@ -1,0 +1,78 @@
+"""A world on a device, over an interval of time, for any number of views."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from clsim.errors import InputError
+from clsim.render.devices import check_device, fastest_tree
+from clsim.render.features import scene_features
+from clsim.render.geometry import Tree
+from clsim.render.integrator import Scene
+from clsim.render.placement import place
+from clsim.render.shutter import key_times
+from clsim.render.upload_geometry import GeometryData
+from clsim.render.upload_lights import LightData
+from clsim.render.upload_materials import upload_materials
+from clsim.scene import World
+from clsim.scene.validate import validate
+
+
+class SceneData:
+    """What rays may meet: trees, instances, lights and materials on a device, moved by data and not built anew.
+
+    Several ``View`` may look at one, in turn: all that they render between two calls of ``move`` is of one instant.
+
+    Attributes:
+        world: the world, as it was given.
+        features: what it has.
+        tree: how rays find triangles.
+        device: Warp's device.
+        interval_s: the time that it covers, about the instant to which it was moved [s].
+        scene: what kernels take.
+    """
+
+    def __init__(
+        self, world: World, device: str = "cpu", tree: Tree | None = None, interval_s: float | None = None
+    ) -> None:
+        """Copy the world to the device and build its trees.
+
+        Args:
+            world: what is rendered.
+            device: render device, "cpu" or "cuda:0" …
+            tree: how rays find triangles; None takes the fastest of the device.
+            interval_s: at least the longest exposure of all views [s]; None takes that of the world's camera.
+
+        Raises:
+            InputError: the world, the device or the tree cannot be used.
+        """
+        validate(world, world.name)
+        check_device(device)
+        self.world = world
+        self.device = wp.get_device(device)
+        self.tree: Tree = tree or fastest_tree(device)
+        if self.tree == "bvh8" and not self.device.is_cpu:
+            raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {device}')
+        self.interval_s = world.camera.shutter_s if interval_s is None else interval_s
+        self.features = scene_features(world, self.interval_s)
+        self._time_s: float | None = None
+        placement, times_s = place(world), self._key_times(0.0)
+        self._geometry = GeometryData(placement, world.sphere_lights, self.features, self.tree, times_s, self.device)
+        self._lights = LightData(world, placement, self._geometry.radius_m, self.features, times_s, self.device)
+        self.scene: Any = Scene()
+        self.scene.geometry = self._geometry.geometry
+        self.scene.materials = upload_materials(world, self.device)
+        self.scene.lights = self._lights.lights
+
+    def move(self, time_s: float) -> None:
+        """Move everything to where it is about that time [s]; costs nothing where it is there already."""
+        if time_s != self._time_s:
+            times_s = self._key_times(time_s)
+            self._geometry.update(times_s)
+            self._lights.update(times_s)
+            self._time_s = time_s
+
+    def _key_times(self, time_s: float) -> Any:
+        return key_times(time_s, self.interval_s if self.features.motion_blur else 0.0)

@@ -1,0 +1,143 @@
+"""From a world's shapes to the arrays and trees that rays search, and their change from frame to frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.bvh8 import Bvh8
+from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth
+from clsim.render.features import SceneFeatures
+from clsim.render.geometry import Geometry, Tree, mat34
+from clsim.render.placement import Placement, uvs
+from clsim.render.shutter import SHUTTER_KEYS
+from clsim.render.upload_arrays import array
+from clsim.scene import SphereLight
+
+_F64 = npt.NDArray[np.float64]
+
+
+class GeometryData:
+    """Meshes, instances and sphere lights on a device.
+
+    Attributes:
+        geometry: what the kernel takes.
+        radius_m: half the diagonal of the box around everything, at the first times.
+    """
+
+    def __init__(
+        self,
+        placement: Placement,
+        sphere_lights: tuple[SphereLight, ...],
+        features: SceneFeatures,
+        tree: Tree,
+        times_s: _F64,
+        device: Any,
+    ) -> None:
+        """Copy the shapes, as they are at time 0, and build the trees for what stands somewhere at those times."""
+        self._device = device
+        self._features = features
+        self._search = Bvh8 if tree == "bvh8" else wp.Mesh
+        self._instances = placement.instances
+        self._sphere_lights = sphere_lights
+        meshes = placement.meshes
+        first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)])
+        # A mesh that deforms within the interval stands in the table once for each key.
+        counts = [SHUTTER_KEYS if features.deforming_blur and deforms(mesh) else 1 for mesh in meshes]
+        first_entry = np.cumsum([0, *counts])
+        owner = np.repeat(np.arange(len(meshes)), counts)
+        shapes = [meshes[i] for i in owner]
+        first_vertex = np.cumsum([0, *(len(mesh.vertices) for mesh in shapes)])
+        self.geometry = geometry = Geometry()
+        geometry.mesh_first_vertex = array(first_vertex[:-1], wp.int32, device)
+        geometry.mesh_first_triangle = array(first_triangle[owner], wp.int32, device)
+        geometry.vertices = array(np.concatenate([mesh.vertices for mesh in shapes]), wp.vec3, device)
+        geometry.indices = array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32, device)
+        geometry.material_ids = array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32, device)
+        if features.smooth_normals:
+            geometry.normals = array(np.concatenate([flat_or_smooth(mesh) for mesh in shapes]), wp.vec3, device)
+        if features.textures:
+            geometry.uvs = array(np.concatenate([uvs(mesh) for mesh in shapes]), wp.vec2, device)
+        self._trees: list[Any] = []
+        self._deforming: dict[int, tuple[int, DeformingMesh]] = {}
+        for entry, (mesh, i) in enumerate(zip(shapes, owner, strict=True)):
+            own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
+            vertices = geometry.vertices[own]
+            indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
+            if deforms(mesh):
+                normals = geometry.normals[own] if features.smooth_normals else None
+                deforming = DeformingMesh(mesh, self._search, vertices, indices, normals)
+                self._deforming[entry] = entry - int(first_entry[i]), deforming
+                self._trees.append(deforming.tree)
+            else:
+                self._trees.append(self._search(vertices, indices))
+        self._handles = array([each.id for each in self._trees], wp.uint64, device)
+        geometry.mesh_handles = self._handles
+        self._boxes = np.array([box(mesh) for mesh in shapes])
+        of = np.array([instance.mesh for instance in placement.instances])
+        keys = np.minimum(np.arange(max(counts))[:, None], np.array(counts)[of] - 1)
+        self._entries = first_entry[of] + keys
+        geometry.instance_mesh = array(self._entries.ravel(), wp.int32, device)
+        geometry.instance_count = len(placement.instances)
+        geometry.sphere_count = len(sphere_lights)
+        self._place(times_s)
+
+    def update(self, times_s: _F64) -> None:
+        """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
+        for entry, (key, deforming) in self._deforming.items():
+            self._boxes[entry] = deforming.update(float(times_s[key]))
+            self._trees[entry] = deforming.tree
+        if self._deforming:
+            self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
+        if self._features.two_level:
+            poses = self._poses(times_s)
+            lowers, uppers = self._bounds(poses)
+            self._to_world.assign(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32))
+            if not self._features.motion_blur:
+                self._to_object.assign(np.linalg.inv(poses[0])[:, :3].astype(np.float32))
+            self._lowers.assign(lowers.astype(np.float32))
+            self._uppers.assign(uppers.astype(np.float32))
+            self._tree.refit()
+        if any(light.motion.duration_s > 0 for light in self._sphere_lights):
+            self._spheres.assign(self._sphere_rows(times_s))
+
+    def _place(self, times_s: _F64) -> None:
+        """Put instances and spheres where they are at those times and build the tree over instances."""
+        geometry, poses = self.geometry, self._poses(times_s)
+        lowers, uppers = self._bounds(poses)
+        spheres = self._sphere_rows(times_s)
+        least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
+        most = np.vstack([uppers, spheres[:, :3] + spheres[:, 3:]]).max(axis=0)
+        geometry.scale_m = float((most - least).max() / 2)
+        self.radius_m = float(np.linalg.norm(most - least) / 2)
+        self._to_world = array(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32), mat34, self._device)
+        self._to_object = array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34, self._device)
+        geometry.to_world, geometry.to_object = self._to_world, self._to_object
+        if self._features.two_level:
+            self._lowers = array(lowers.astype(np.float32), wp.vec3, self._device)
+            self._uppers = array(uppers.astype(np.float32), wp.vec3, self._device)
+            self._tree: Any = wp.Bvh(self._lowers, self._uppers)
+            geometry.instance_tree = self._tree.id
+        if len(spheres):
+            self._spheres = array(spheres, wp.vec4, self._device)
+            geometry.spheres = self._spheres
+
+    def _poses(self, times_s: _F64) -> _F64:
+        """Poses ``[times, instances, 4, 4]``."""
+        return np.array([[instance.motion.pose(float(t)) for instance in self._instances] for t in times_s])
+
+    def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
+        """World boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
+        boxes = self._boxes[self._entries]  # [keys, instances, 2, 3]
+        low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
+        centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
+        extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
+        extents += 1e-6 * (1.0 + np.abs(centres) + extents)
+        return (centres - extents).min(axis=0), (centres + extents).max(axis=0)
+
+    def _sphere_rows(self, times_s: _F64) -> npt.NDArray[np.float32]:
+        rows = [(*light.motion.pose(float(t))[:3, 3], light.radius_m) for t in times_s for light in self._sphere_lights]
+        return np.array(rows, np.float32).reshape(-1, 4)

@@ -1,0 +1,244 @@
+"""One camera that looks at a scene: a source of frames."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import warp as wp
+
+from clsim.errors import Error, InputError
+from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
+from clsim.render.camera import CameraData
+from clsim.render.devices import usable_cores
+from clsim.render.effort import Effort, Steerer
+from clsim.render.integrator import Settings, build_kernel
+from clsim.render.launch import record
+from clsim.render.options import RenderOptions
+from clsim.render.sampling import stream_state
+from clsim.render.scene_data import SceneData
+from clsim.scene import Camera
+
+_TILE_PATHS = 4096
+"""Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
+_MAX_TARGETS = 16
+"""Frames whose memory is remembered: more than a ring has slots."""
+SOBOL_BATCHES = 4
+"""Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
+
+
+class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
+    """``View.cancel`` was called; the frame is incomplete."""
+
+
+class View:
+    """One camera: its rays, launches, frame memory and steering; a ``clsim.frames.FrameSource``.
+
+    Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
+    noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its
+    material's albedo, a sphere light has albedo 0.
+
+    Attributes:
+        width, height: of its frames [pixels].
+        names: their planes.
+        fps: frames per simulated second.
+        frame_count: frames until the motion ends, or as many as were asked for.
+    """
+
+    def __init__(
+        self,
+        data: SceneData,
+        options: RenderOptions,
+        board: InterestBoard | None = None,
+        camera: Camera | None = None,
+    ) -> None:
+        """Build the kernel for what the scene and the camera have.
+
+        Args:
+            data: what is rendered; other views may share it, as long as one renders at a time.
+            options: how it is rendered; device and tree are those of ``data``.
+            board: where interest maps are found, one frame's for each that is filled; without, no event is ever near.
+            camera: the camera; None takes the world's.
+
+        Raises:
+            InputError: the exposure is longer than the interval of ``data``.
+        """
+        camera = camera or data.world.camera
+        if camera.shutter_s > data.interval_s:
+            raise InputError(
+                f"the camera exposes for {camera.shutter_s:g} s, expected at most the interval of the scene's data, "
+                f"{data.interval_s:g} s"
+            )
+        self.width, self.height = camera.width, camera.height
+        planes = rendered_planes(first_hit_rays=options.first_hit_rays > 0, variances=options.variances)
+        self.names: tuple[str, ...] = planes.names
+        self.fps = options.fps or data.world.fps
+        self.frame_count: int | None = options.frames or max(1, round(data.world.duration_s * self.fps)) + 1
+        self._data = data
+        self._options = options
+        self._device = data.device
+        features = options.features(data.features, camera)
+        self._kernel = build_kernel(features, data.tree)
+        self._camera = CameraData(camera, features, self._device)
+        self._settings: Any = Settings()
+        self._settings.samples = options.spp
+        self._settings.batches = SOBOL_BATCHES
+        self._settings.max_depth = options.max_depth
+        self._settings.roulette_start = options.roulette_start
+        self._settings.width = camera.width
+        if features.motion_blur:
+            share = camera.shutter_s / data.interval_s
+            self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
+        self._steerer: Steerer | None = None
+        if options.first_hit_rays:
+            probe_spp = options.probe_spp or options.spp
+            effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
+            self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
+        self._paths = 0
+        self._cancelled = threading.Event()
+        self._targets: dict[int, tuple[Any, Any]] = {}
+
+        pixels = camera.width * camera.height
+        if self._device.is_cpu:
+            threads = options.threads or usable_cores()
+            self._tile = options.tile_pixels or max(1, _TILE_PATHS // (options.probe_spp or options.spp))
+        else:
+            threads = 1
+            self._tile = options.tile_pixels or pixels
+        self._tile = min(self._tile, pixels)
+        self._launches = [self._record() for _ in range(min(threads, -(-pixels // self._tile)))]
+        # The calling thread renders too.
+        self._pool = ThreadPoolExecutor(len(self._launches) - 1, "clsim-tile") if len(self._launches) > 1 else None
+
+    def fill(self, index: int, out: Frame) -> None:
+        """Render frame ``index`` (from 0; beyond the motion's end it goes on as the motion does) into ``out``.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
+        """
+        if out.names != self.names or (out.height, out.width) != (self.height, self.width):
+            raise ValueError(f"expected a frame {self.width}x{self.height} with the planes {', '.join(self.names)}")
+        if self._cancelled.is_set():
+            raise RenderCancelled
+        time_us = frame_time_us(index, self.fps)
+        time_s = time_us * 1e-6
+        self._data.move(time_s)
+        self._settings.stream = stream_state(
+            self._options.seed, index if self._options.noise == "independent" else None
+        )
+        planes, bits = self._target(out)
+        changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
+        if self._steerer is None:
+            changed["out_bits"] = bits
+        else:
+            changed["steering"], self._settings.samples = self._steerer.prepare(index)
+        for launch in self._launches:
+            for name, value in changed.items():
+                launch.set_param_by_name(name, value)
+        self._render_tiles()
+        if self._steerer is None:
+            self._paths += self.width * self.height * self._options.spp
+        else:
+            self._steerer.count()
+        if not self._device.is_cpu:
+            wp.copy(self._host(out), planes)
+            wp.synchronize_device(self._device)
+        out.time_us, out.index = time_us, index
+
+    @property
+    def effort(self) -> Effort:
+        """What is spent on a pixel; set it, from any thread, for the next frame on. First-hit rays cannot be left out.
+
+        With common noise, a change of paths fires no event: the log brightness of a still picture stays within 1e-4.
+        Other numbers of first-hit rays do change a still picture, where it is textured.
+        """
+        if self._steerer is None:
+            raise ValueError("only a renderer with first-hit rays has an effort")
+        return self._steerer.effort
+
+    @effort.setter
+    def effort(self, effort: Effort) -> None:
+        if self._steerer is None:
+            raise ValueError("only a renderer with first-hit rays can change its effort")
+        self._steerer.effort = effort
+
+    @property
+    def paths(self) -> int:
+        """Paths traced so far."""
+        return self._paths if self._steerer is None else self._steerer.paths
+
+    @property
+    def first_hit_rays(self) -> int:
+        """First-hit rays traced so far."""
+        return 0 if self._steerer is None else self._steerer.first_hit_rays
+
+    def cancel(self) -> None:
+        """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread."""
+        self._cancelled.set()
+
+    def close(self) -> None:
+        """End the threads and let go of all memory; safe to call twice."""
+        self.cancel()
+        if self._pool is not None:
+            self._pool.shutdown()
+            self._pool = None
+        self._launches.clear()
+        self._targets.clear()
+
+    def _record(self) -> Any:
+        """Record a launch, one for each thread since its parameters change."""
+        planes = wp.zeros((len(self.names), self._tile), dtype=wp.float32, device=self._device)
+        arguments = {
+            "scene": self._data.scene,
+            "camera": self._camera.at(0.0),
+            "settings": self._settings,
+            "first_pixel": 0,
+            "out_planes": planes,
+        }
+        if self._steerer is None:
+            arguments["out_bits"] = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+        else:
+            arguments |= self._steerer.arguments
+        return record(self._kernel, self._tile, self._device, **arguments)
+
+    def _render_tiles(self) -> None:
+        pixels = self.width * self.height
+        tiles = iter(range(0, pixels, self._tile))
+        # next() of a range iterator is one step of the interpreter, so that threads may share it.
+        workers = [self._pool.submit(self._drain, launch, tiles) for launch in self._launches[1:]] if self._pool else []
+        try:
+            self._drain(self._launches[0], tiles)
+        except BaseException:
+            self._cancelled.set()
+            raise
+        finally:
+            for worker in workers:
+                worker.result()
+        if self._cancelled.is_set():
+            raise RenderCancelled
+
+    def _drain(self, launch: Any, tiles: Any) -> None:
+        for first in tiles:
+            if self._cancelled.is_set():
+                return
+            launch.set_dim(min(self._tile, self.width * self.height - first))
+            launch.set_param_by_name("first_pixel", first)
+            launch.launch()
+
+    def _target(self, out: Frame) -> tuple[Any, Any]:
+        """Return the array that the kernel writes, and the same as bits: the frame's own memory on a CPU."""
+        shape = (len(self.names), self.width * self.height)
+        address = out.planes.ctypes.data if self._device.is_cpu else 0
+        if address not in self._targets:
+            if len(self._targets) == _MAX_TARGETS:
+                self._targets.clear()
+            on_host = self._device.is_cpu
+            planes = self._host(out) if on_host else wp.empty(shape, dtype=wp.float32, device=self._device)
+            bits: Any = wp.array(ptr=planes.ptr, shape=shape, dtype=wp.uint32, device=self._device)
+            self._targets[address] = (planes, bits)
+        return self._targets[address]
+
+    def _host(self, out: Frame) -> Any:
+        shape = (len(self.names), self.width * self.height)
+        return wp.array(ptr=out.planes.ctypes.data, shape=shape, dtype=wp.float32, device="cpu")
