@@ -16,13 +16,13 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig, Precision
 from clsim.detect.detector import Detector
-from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
-from clsim.detect.program import BORDER
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
-from clsim.detect.reference_observation import Observation, feature_names, observe
+from clsim.detect.reference.fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
+from clsim.detect.reference.observation import Observation, feature_names, observe
 from clsim.frames import Frame, frame_time_us
+from clsim.opencl.device import Device, choose_device
+from clsim.opencl.workplace import BORDER
 from tools.stability_cases import F64, NAMES, Case, cases, frames
 
 FLOAT32_SMALLEST = 1e-37

@@ -18,9 +18,9 @@ from clsim.bench.tradeoff_measure import render_each
 from clsim.bench.tradeoff_settings import DetectorSetting
 from clsim.detect.config import EventRule
 from clsim.detect.detector import Detector
-from clsim.detect.device import Device
 from clsim.events import EventBatch
 from clsim.frames import BASE_PLANES, Frame
+from clsim.opencl.device import Device
 from clsim.render import RenderOptions
 from clsim.scene import World
 

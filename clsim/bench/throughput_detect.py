@@ -8,11 +8,11 @@ from collections.abc import Callable
 import numpy as np
 
 from clsim.detect.config import DetectorConfig, Precision
-from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
-from clsim.detect.program import Layout, Workplace
 from clsim.detect.wlr import History
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, page_aligned
+from clsim.opencl.device import Device, choose_device
+from clsim.opencl.workplace import Layout, Workplace
 
 PEAK_CHAINS = 12
 """Independent chains of multiply-adds in peak.cl."""

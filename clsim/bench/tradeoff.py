@@ -18,9 +18,9 @@ from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_tu
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import savings, summarise
 from clsim.detect.config import EventRule
-from clsim.detect.device import Device, choose_device
 from clsim.errors import InputError
 from clsim.events import EventBatch
+from clsim.opencl.device import Device, choose_device
 from clsim.render import RenderOptions
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score

@@ -11,9 +11,9 @@ import numpy as np
 from clsim.bench.stopwatch import Stopwatch, peak_memory_bytes, reset_peak_memory
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
-from clsim.detect.device import Device
 from clsim.events import EventBatch
 from clsim.frames import Frame, InterestBoard, page_aligned, rendered_planes
+from clsim.opencl.device import Device
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import World
 

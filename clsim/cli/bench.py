@@ -26,7 +26,7 @@ def throughput(json_file: JSON_FILE = None, opencl: OPENCL = None) -> None:
     """
     from clsim.bench.throughput_detect import detect_throughput
     from clsim.bench.throughput_render import render_throughput
-    from clsim.detect.device import choose_device
+    from clsim.opencl.device import choose_device
 
     figures: dict[str, Any] = detect_throughput(device=choose_device(opencl))
     figures["render"] = render_throughput()

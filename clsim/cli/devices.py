@@ -14,7 +14,7 @@ def devices(as_json: JSON = False) -> None:
 
     Example: `clsim devices`
     """
-    from clsim.detect.device import list_devices
+    from clsim.opencl.device import list_devices
     from clsim.render import list_render_devices
 
     rendering = list_render_devices()

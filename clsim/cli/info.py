@@ -55,7 +55,7 @@ def _frames(what: str) -> dict[str, Any]:
     """Return what the files hold, and what `clsim detect --features auto` makes of the first one."""
     from clsim.detect.config import DetectorConfig
     from clsim.detect.pack import first_features
-    from clsim.detect.reference_observation import FEATURE_PLANES, feature_names
+    from clsim.detect.reference.observation import FEATURE_PLANES, feature_names
     from clsim.frames import Frame, page_aligned
     from clsim.frames.exr import ExrSequence
 

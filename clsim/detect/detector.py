@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from clsim.detect.config import REGRESSING, DetectorConfig
-from clsim.detect.device import Device, choose_device
 from clsim.detect.engine import Engine
 from clsim.detect.events import Interval
 from clsim.detect.gate import Counts
 from clsim.detect.irradiance import check_planes
 from clsim.detect.pack import first_features
-from clsim.detect.reference_observation import check_variance, feature_names
+from clsim.detect.reference.observation import check_variance, feature_names
 from clsim.detect.stats import DetectorStats
 from clsim.detect.wlr import History
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.frames import RADIANCE, Frame, InterestMap
 from clsim.frames.frame import FloatArray
+from clsim.opencl.device import Device, choose_device
 
 SPARSE_SHARE = 0.5
 """Below this share of pixels to solve, a list of them is faster than solving all (measured, random pixels)."""

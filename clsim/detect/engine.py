@@ -10,15 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import REGRESSING, DetectorConfig
-from clsim.detect.device import Device
 from clsim.detect.events import EventRule
 from clsim.detect.gate import Gate, Level
 from clsim.detect.interest import Interest
 from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing
 from clsim.detect.pack import FrameMemory, Pack
-from clsim.detect.program import BORDER, Buffer, Layout, Workplace
 from clsim.detect.wlr import Regression
 from clsim.frames import COVERAGE, DEPTH
+from clsim.opencl.device import Device
+from clsim.opencl.workplace import BORDER, Buffer, Layout, Workplace
 
 
 @dataclass

@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.gate import Gate, Level, model_macros
-from clsim.detect.program import Buffer, Workplace
 from clsim.detect.wlr import History, Regression
 from clsim.events import EventBatch, empty_batch
+from clsim.opencl.workplace import Buffer, Workplace
 
 _CHUNK = 64
 """Pixels of the list that one work-item turns into events."""

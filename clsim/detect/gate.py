@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.program import Buffer, Workplace
+from clsim.opencl.workplace import Buffer, Workplace
 
 
 @dataclass(frozen=True)

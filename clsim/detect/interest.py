@@ -6,8 +6,8 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.gate import model_macros
-from clsim.detect.program import Buffer, Workplace
 from clsim.frames.frame import FloatArray
+from clsim.opencl.workplace import Buffer, Workplace
 
 
 class Interest:

@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.program import BORDER, Buffer, Workplace
-from clsim.detect.reference_irradiance import detail_noise
-from clsim.detect.reference_observation import LUMINANCE_WEIGHTS
+from clsim.detect.reference.irradiance import detail_noise
+from clsim.detect.reference.observation import LUMINANCE_WEIGHTS
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES
+from clsim.opencl.workplace import BORDER, Buffer, Workplace
 
 NEEDED_PLANES = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
 PACKED_PLANES = 9

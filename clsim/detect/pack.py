@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.program import Workplace
-from clsim.detect.reference_observation import LUMINANCE_WEIGHTS, VARIANCE
+from clsim.detect.reference.observation import LUMINANCE_WEIGHTS, VARIANCE
 from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
+from clsim.opencl.workplace import Workplace
 
 _CACHED_FRAMES = 8
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
 from clsim.detect.detector import Detector
-from clsim.detect.device import Device
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.stats import DetectorStats
 from clsim.events import EventBatch
 from clsim.frames import Frame
 from clsim.frames.frame import FloatArray
+from clsim.opencl.device import Device
 
 
 class NumpyDetector:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.program import Buffer, Workplace
+from clsim.opencl.workplace import Buffer, Workplace
 
 _TILE = {16: 5, 8: 3, 4: 3, 1: 3}
 """Side of the register tile by vector width: CPUs with 512-bit registers have twice as many of them."""

@@ -238,8 +238,8 @@ def _detector_maker(
     config: DetectorConfig, width: int, height: int, names: tuple[str, ...], opencl: str | None
 ) -> Callable[[], Any]:
     """Choose the device now, so that a wrong name is told at once; build the kernels later, in a worker."""
-    from clsim.detect.device import choose_device
     from clsim.detect.recorded import needs_numpy, recorded_detector
+    from clsim.opencl.device import choose_device
 
     device = None if needs_numpy(config) else choose_device(opencl)
 

@@ -13,8 +13,8 @@ from clsim.bench import tradeoff, tradeoff_measure
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
 from clsim.bench.tradeoff_tables import markdown_text
-from clsim.detect.device import choose_device
 from clsim.errors import InputError
+from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 from clsim.score import Score

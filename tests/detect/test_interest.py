@@ -6,7 +6,7 @@ import pytest
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_irradiance import smoothed_level
+from clsim.detect.reference.irradiance import smoothed_level
 from tests.detect.irradiance_scenes import textured_room
 from tests.detect.reference_scenes import make_frame, random_frames
 

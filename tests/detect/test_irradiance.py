@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
-from clsim.detect.device import choose_device
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_irradiance import smoothed_level
+from clsim.detect.reference.irradiance import smoothed_level
 from clsim.errors import InputError
 from clsim.frames import Frame
+from clsim.opencl.device import choose_device
 from tests.detect.irradiance_scenes import SURFACE, config_of, seen, spoiled, surface, textured_room
 
 FEW = settings(max_examples=15, deadline=None)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
-from clsim.detect.device import choose_device
-from clsim.detect.reference_irradiance import LEAST_OF_FOUR, detail_noise, smoothed_level
+from clsim.detect.reference.irradiance import LEAST_OF_FOUR, detail_noise, smoothed_level
+from clsim.opencl.device import choose_device
 from tests.detect.irradiance_scenes import config_of, seen, shadowed_wall, spoiled, surface
 
 

@@ -8,11 +8,11 @@ import pytest
 from clsim.detect import detector as detector_module
 from clsim.detect.config import DetectorConfig
 from clsim.detect.detector import Detector
-from clsim.detect.device import choose_device
 from clsim.detect.recorded import recorded_detector
 from clsim.detect.reference import ReferenceDetector
 from clsim.errors import InputError
 from clsim.frames import Frame
+from clsim.opencl.device import choose_device
 from tests.detect.reference_scenes import FEATURES, make_frame, random_frames, run
 
 METHODS = [
@@ -327,7 +327,7 @@ def test_wrong_input_is_named():
 
 
 def test_new_frame_sizes_use_the_same_programs():
-    from clsim.detect.program import _build
+    from clsim.opencl.workplace import _build
 
     config = config_of()
     sizes = [(9, 11), (10, 40)]
@@ -341,7 +341,7 @@ def test_new_frame_sizes_use_the_same_programs():
 
 def test_how_bright_a_luminance_is_makes_no_new_programs_but_where_it_matters(monkeypatch):
     """The extremes of windows, box means and the regression itself are of any brightness; compiling them takes long."""
-    from clsim.detect import program
+    from clsim.opencl import workplace as program
 
     built, build = [], program._build
 

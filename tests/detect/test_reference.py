@@ -10,7 +10,7 @@ from reference_scenes import make_frame, random_frames, run
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_observation import observe
+from clsim.detect.reference.observation import observe
 from clsim.errors import InputError
 
 METHODS = [

@@ -8,9 +8,9 @@ from reference_scenes import FEATURES, make_frame, random_frames, run
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_bandwidth import curvature, solve_optimised, solve_tsvd, subspace
-from clsim.detect.reference_fit import gather, solve_windows
-from clsim.detect.reference_observation import add_variances, feature_names, observe
+from clsim.detect.reference.bandwidth import curvature, solve_optimised, solve_tsvd, subspace
+from clsim.detect.reference.fit import gather, solve_windows
+from clsim.detect.reference.observation import add_variances, feature_names, observe
 from clsim.errors import InputError
 from clsim.frames import Frame
 

@@ -6,10 +6,10 @@ from reference_scenes import random_frames, run
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_fit import fit_pixels, gather
-from clsim.detect.reference_gate import Model
-from clsim.detect.reference_kept import KeptWindows, published
-from clsim.detect.reference_observation import feature_names, observe
+from clsim.detect.reference.fit import fit_pixels, gather
+from clsim.detect.reference.gate import Model
+from clsim.detect.reference.kept import KeptWindows, published
+from clsim.detect.reference.observation import feature_names, observe
 
 OPTIONS = {"window": 5, "threshold_on": 0.1, "threshold_off": 0.13}
 

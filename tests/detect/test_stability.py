@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.device import choose_device
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference_observation import feature_names, observe
+from clsim.detect.reference.observation import feature_names, observe
 from clsim.errors import InputError
+from clsim.opencl.device import choose_device
 from tests.detect.reference_scenes import random_frames
 from tools import stability as bench
 from tools.stability_cases import Case, cases, frames

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_fit import Fit, Pixels, empty_fit, put_fit
-from clsim.detect.reference_observation import F64, Mask, Observation, log_brightness
+from clsim.detect.reference.fit import Fit, Pixels, empty_fit, put_fit
+from clsim.detect.reference.observation import F64, Mask, Observation, log_brightness
 
 RANGE_MARGIN = 1e-3
 """How far a feature may leave its old window's range, as a share of its size, before the radiance gate solves."""

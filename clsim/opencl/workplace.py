@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.detect.device import Device
+from clsim.opencl.device import Device
 
 BORDER = 32
 """Columns and rows around a packed image (common.clh)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_observation import (
+from clsim.detect.reference.observation import (
     F64,
     LARGEST_LUMINANCE,
     LUMINANCE_WEIGHTS,

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_observation import F64, Mask, Observation
+from clsim.detect.reference.observation import F64, Mask, Observation
 
 Pixels = npt.NDArray[np.int64]
 """Indices into the flattened image, row by row."""

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_fit import (
+from clsim.detect.reference.fit import (
     Pixels,
     Windows,
     chunks,
@@ -22,8 +22,8 @@ from clsim.detect.reference_fit import (
     kernel_weights,
     tap_offsets,
 )
-from clsim.detect.reference_gate import Model, Verdict
-from clsim.detect.reference_observation import F64, Mask, Observation
+from clsim.detect.reference.gate import Model, Verdict
+from clsim.detect.reference.observation import F64, Mask, Observation
 
 
 class KeptWindows:

@@ -13,12 +13,12 @@ from dataclasses import replace
 import numpy as np
 
 from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
-from clsim.detect.reference_bandwidth import SOLVERS
-from clsim.detect.reference_fit import Fit, Pixels, fit_pixels
-from clsim.detect.reference_gate import Boxes, Model, Verdict, box_means, delta_r, level_of, radiance
-from clsim.detect.reference_irradiance import observe_irradiance
-from clsim.detect.reference_kept import KeptWindows, delta_r_exact, published
-from clsim.detect.reference_observation import (
+from clsim.detect.reference.bandwidth import SOLVERS
+from clsim.detect.reference.fit import Fit, Pixels, fit_pixels
+from clsim.detect.reference.gate import Boxes, Model, Verdict, box_means, delta_r, level_of, radiance
+from clsim.detect.reference.irradiance import observe_irradiance
+from clsim.detect.reference.kept import KeptWindows, delta_r_exact, published
+from clsim.detect.reference.observation import (
     F64,
     Mask,
     Observation,
@@ -27,7 +27,7 @@ from clsim.detect.reference_observation import (
     feature_names,
     observe,
 )
-from clsim.detect.reference_rule import Outcome, Step, apply_rule
+from clsim.detect.reference.rule import Outcome, Step, apply_rule
 from clsim.detect.stats import DetectorStats
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -47,7 +47,7 @@ class ReferenceDetector:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
 
         The gate `published` always has the authors' Epanechnikov kernel. The bandwidths `tsvd` and `optimised` are
-        chosen per pixel (see `clsim.detect.reference_bandwidth`) and need the variance planes.
+        chosen per pixel (see `clsim.detect.reference.bandwidth`) and need the variance planes.
 
         Raises:
             InputError: a feature asked for, or the variance that ``shrink`` needs, is not among the planes.

@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from clsim.detect.config import Bandwidth, DetectorConfig
-from clsim.detect.reference_fit import TINY_RIDGE, Fit, Windows, feature_scale, kernel_weights, solve_windows
-from clsim.detect.reference_observation import F64
+from clsim.detect.reference.fit import TINY_RIDGE, Fit, Windows, feature_scale, kernel_weights, solve_windows
+from clsim.detect.reference.observation import F64
 
 CANDIDATES_H = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Values of h to choose from, times the configured bandwidth."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference_fit import Pixels
-from clsim.detect.reference_observation import F64, Mask
+from clsim.detect.reference.fit import Pixels
+from clsim.detect.reference.observation import F64, Mask
 from clsim.events import EVENT_DTYPE, EventBatch
 
 MAX_EVENTS_PER_STEP = 1000

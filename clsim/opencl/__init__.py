@@ -1,0 +1,1 @@
+"""OpenCL: devices, memory on them, and kernels built from the files in ``clsim.kernels``."""
