@@ -134,6 +134,7 @@ def named_points(seed: int) -> dict[str, Point]:
         "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4, probe_every=2), IRRADIANCE),
         **{name: Point(rendering, IRRADIANCE) for name, rendering in adaptive.items()},
         "exact": Point(Rendering(128, "common", seed, "sobol"), ESIM),
+        "published": Point(Rendering(32, "independent", seed), ICIP_2023),
     }
 
 

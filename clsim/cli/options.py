@@ -23,7 +23,7 @@ FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [s
 SPP = Annotated[int, typer.Option(help="Light paths per pixel and frame.")]
 LIVE_SPP = Annotated[
     int | None,
-    typer.Option(help="Light paths per pixel and frame; with adaptive sampling, at most. [8]"),
+    typer.Option(help="Light paths per pixel and frame; with adaptive sampling, at most. [the quality's]"),
 ]
 PROBE_SPP = Annotated[int | None, typer.Option(help="Light paths that every pixel gets, with adaptive sampling. [1]")]
 PROBE_EVERY = Annotated[
@@ -35,32 +35,32 @@ PROBE_EVERY = Annotated[
 ]
 FIRST_HIT_RAYS = Annotated[
     int | None,
-    typer.Option(
-        help="Most rays per pixel that look for the first hit alone: clean features after few light paths. [0]"
-    ),
+    typer.Option(help="Most rays per pixel that look for the first hit alone: clean features. [the quality's]"),
 ]
 SAMPLING = Annotated[
     Literal["uniform", "adaptive"] | None,
-    typer.Option(help="The same for every pixel; or as much as tells whether an event fires. [uniform]"),
+    typer.Option(help="The same for every pixel; or as much as tells whether an event fires. [the quality's]"),
 ]
 QUALITY = Annotated[
     Quality | None,
-    typer.Option(help=f"A named point of speed against accuracy; other options win over it. {describe_qualities()}."),
+    typer.Option(
+        help="A named point of speed against accuracy; other options win over it. [balanced; with --method, 8 paths]. "
+        f"{describe_qualities()}."
+    ),
 ]
 MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path in edges: 2 is direct light, 3 one bounce.")]
 THREADS = Annotated[int | None, typer.Option(help="Threads that render. [one a core]")]
 SEED = Annotated[int, typer.Option(help="Seed of all random numbers.")]
-NOISE = Annotated[
-    Literal["common", "independent"],
-    typer.Option(help="Same random numbers in every frame, so that noise cancels in differences; or fresh ones."),
-]
+NOISE_HELP = "Same random numbers in every frame, so that noise cancels in differences; or fresh ones."
+NOISE = Annotated[Literal["common", "independent"], typer.Option(help=NOISE_HELP)]
+LIVE_NOISE = Annotated[Literal["common", "independent"] | None, typer.Option(help=f"{NOISE_HELP} [common]")]
 SAMPLER = Annotated[
     Literal["pcg", "sobol"],
     typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time)."),
 ]
 LIVE_SAMPLER = Annotated[
     Literal["pcg", "sobol"] | None,
-    typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time). [pcg]"),
+    typer.Option(help="Random numbers: plain, or Sobol's sequence, which has less noise. [the quality's]"),
 ]
 FOLLOW_SPECULAR = Annotated[
     bool,
@@ -79,11 +79,11 @@ METHOD_HELP = (
 METHOD = Annotated[Method, typer.Option(help=METHOD_HELP)]
 LIVE_METHOD = Annotated[
     Method | None,
-    typer.Option(help=f"{METHOD_HELP} [esim-ad]"),
+    typer.Option(help=f"{METHOD_HELP} [the quality's]"),
 ]
-EVENT_RULE = Annotated[
-    EventRule, typer.Option(help="interpolated: each crossing gets its own time; frame: at most one event a frame.")
-]
+EVENT_RULE_HELP = "interpolated: each crossing gets its own time; frame: at most one event a frame."
+EVENT_RULE = Annotated[EventRule, typer.Option(help=EVENT_RULE_HELP)]
+LIVE_EVENT_RULE = Annotated[EventRule | None, typer.Option(help=f"{EVENT_RULE_HELP} [interpolated]")]
 LIVE_WINDOW = Annotated[
     int | None, typer.Option(help="Side of the regression window [pixels], odd, 3…21. [the quality's, or the method's]")
 ]

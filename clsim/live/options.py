@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError, require_choice
 from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
-from clsim.live.quality import BASIS, DEFAULT, QUALITIES, Point, Quality, Sampler, Sampling, setting_names, with_given
+from clsim.live.plain import from_plain, to_plain
+from clsim.live.quality import (
+    DEFAULT,
+    PLAIN,
+    QUALITIES,
+    Noise,
+    Point,
+    Quality,
+    Sampler,
+    Sampling,
+    setting_names,
+    with_given,
+)
 
-Noise = Literal["common", "independent"]
 LIVE_GATES = ("delta-r", "radiance")
 
 
@@ -34,7 +46,9 @@ class LiveOptions:
     fps: float | None = None
     """Frames per simulated second."""
     quality: Quality | None = None
-    """Named point of speed against accuracy that holds where nothing else is given: see `clsim.live.quality`."""
+    """Named point of speed against accuracy that holds where nothing else is given: see `clsim.live.quality`.
+
+    None takes "balanced", or, where a method is given, 8 light paths of plain random numbers a pixel."""
     sampling: Sampling | None = None
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires."""
     probe_spp: int | None = None
@@ -50,11 +64,12 @@ class LiveOptions:
     threshold: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events [natural-log units]."""
     method: Method | None = None
-    gate: Gate = "radiance"
-    event_rule: EventRule = "interpolated"
+    gate: Gate | None = None
+    event_rule: EventRule | None = None
     window: int | None = None
     history: int = 1
-    noise: Noise = "common"
+    noise: Noise | None = None
+    """Whether every frame has the same random numbers, or its own."""
     seed: int = 0
     sampler: Sampler | None = None
     """Random numbers: plain, or Sobol's sequence (less noise for a little more time)."""
@@ -77,11 +92,13 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
-        require_choice("noise", self.noise, get_args(Noise))
         for option, choice, choices in (
             ("quality", self.quality, get_args(Quality)),
             ("sampling", self.sampling, get_args(Sampling)),
             ("sampler", self.sampler, get_args(Sampler)),
+            ("noise", self.noise, get_args(Noise)),
+            ("method", self.method, get_args(Method)),
+            ("event_rule", self.event_rule, get_args(EventRule)),
         ):
             if choice is not None:
                 require_choice(option, choice, choices)
@@ -112,7 +129,7 @@ class LiveOptions:
         if self.threshold is not None and not all(0 < value < float("inf") for value in self.threshold):
             raise InputError(f"`threshold` must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
         self.files.check(self.outputs)
-        if self.gate not in LIVE_GATES:
+        if self.gate is not None and self.gate not in LIVE_GATES:
             raise InputError(
                 f"`gate` {self.gate} needs the windows of past frames, which a live run does not keep; "
                 f"use one of {', '.join(LIVE_GATES)}, or `clsim detect` on recorded frames"
@@ -124,24 +141,24 @@ class LiveOptions:
     def point(self) -> Point:
         """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
 
-        Without a quality, adaptive sampling and the pace of the wall clock start from "balanced"; what rules adaptive
-        sampling out then makes it uniform.
+        Where no quality is named, what rules the default's adaptive sampling out makes it uniform.
         """
-        if self.quality is not None:
-            named = QUALITIES[self.quality]
-        elif self.sampling == "adaptive":
-            named = QUALITIES[BASIS]
-        elif self.pace == "real":
-            named = QUALITIES[BASIS]
-            if self.noise != "common" or self.first_hit_rays == 0:
-                named = replace(named, sampling="uniform")
-        else:
-            named = DEFAULT
+        basis = self.basis
+        named = PLAIN if basis is None else QUALITIES[basis]
+        if self.quality is None and (self.noise == "independent" or self.first_hit_rays == 0):
+            named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})
-        if self.probe_every is None and (self.noise != "common" or point.first_hit_rays == 0):
+        if self.probe_every is None and (point.noise != "common" or point.first_hit_rays == 0):
             # Nothing can be kept from frame to frame.
             point = replace(point, probe_every=1)
         return point
+
+    @property
+    def basis(self) -> Quality | None:
+        """The quality whose settings hold where nothing else is given; None for those of a named method."""
+        if self.quality is not None:
+            return self.quality
+        return DEFAULT if self.method is None or self.sampling == "adaptive" or self.pace == "real" else None
 
     @property
     def governed(self) -> bool:
@@ -151,16 +168,30 @@ class LiveOptions:
     @property
     def ungovernable(self) -> str | None:
         """The setting that leaves a governor nothing to set, as messages name it."""
-        if self.noise != "common":
-            return f"`noise` {self.noise}"
+        if self.point.noise != "common":
+            return f"`noise` {self.noise}" if self.noise is not None else f"`quality` {self.quality}"
         if self.point.first_hit_rays > 0:
             return None
         return f"`quality` {self.quality}" if self.first_hit_rays is None else "`first_hit_rays` 0"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options as plain values, for a sidecar, with the settings that follow from them."""
-        plain = {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
-        return plain | asdict(self.point)
+        """Return the options as plain values, for a sidecar, with the settings that follow from them.
+
+        `from_dict` takes them back.
+        """
+        settings = asdict(self.point) | {"quality": self.basis}
+        if self.point.sampling == "uniform":
+            settings["probe_spp"] = None
+        return to_plain(self) | settings
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> LiveOptions:
+        """Return options from plain values, such as ``options`` of a sidecar: they repeat its run.
+
+        Raises:
+            InputError: a key is unknown, or a value cannot be.
+        """
+        return from_plain(cls, plain)
 
     def _check_sampling(self) -> None:
         if self.first_hit_rays is not None and self.first_hit_rays < 0:
@@ -170,14 +201,14 @@ class LiveOptions:
             raise InputError(f"`probe_spp` {self.probe_spp} is for `sampling` adaptive, but sampling is uniform")
         if point.probe_every > 1:
             self._need_first_hit_rays(f"`probe_every` {point.probe_every}")
-            if self.noise != "common":
-                raise InputError(f"`probe_every` {point.probe_every} needs `noise` common, got {self.noise}")
+            if point.noise != "common":
+                raise InputError(f"`probe_every` {point.probe_every} needs `noise` common, got {point.noise}")
         if point.sampling == "adaptive":
             self._need_first_hit_rays("`sampling` adaptive")
             if point.probe_spp > point.spp:
                 raise InputError(f"`probe_spp` must be at most `spp` {point.spp}, got {point.probe_spp}")
-            if self.noise != "common":
-                raise InputError(f"`sampling` adaptive needs `noise` common, got {self.noise}")
+            if point.noise != "common":
+                raise InputError(f"`sampling` adaptive needs `noise` common, got {point.noise}")
 
     def _need_first_hit_rays(self, setting: str) -> None:
         if self.point.first_hit_rays == 0:
@@ -206,5 +237,10 @@ class RecordingOptions:
         self.files.check(self.outputs)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the options as plain values, for a sidecar."""
-        return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(self).items()}
+        """Return the options as plain values, for a sidecar; `from_dict` takes them back."""
+        return to_plain(self)
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> RecordingOptions:
+        """Return options from plain values, such as ``options`` of a sidecar; see `LiveOptions.from_dict`."""
+        return from_plain(cls, plain)

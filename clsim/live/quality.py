@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from clsim.detect.config import Method
+from clsim.detect.config import EventRule, Gate, Method
 
-Quality = Literal["draft", "balanced", "accurate", "exact"]
+Quality = Literal["draft", "balanced", "accurate", "exact", "published"]
 Sampling = Literal["uniform", "adaptive"]
 Sampler = Literal["pcg", "sobol"]
+Noise = Literal["common", "independent"]
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,11 @@ class Point:
     sampler: Sampler
     probe_every: int = 1
     """Frames in which the light of all pixels is found once, in turn; in each where it may decide about an event."""
+    noise: Noise = "common"
+    """Whether every frame has the same random numbers, so that noise cancels in differences, or its own."""
+    gate: Gate = "radiance"
+    """Where ``esim-ad`` solves a regression."""
+    event_rule: EventRule = "interpolated"
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
@@ -40,11 +46,18 @@ class Point:
             parts.append(f"{self.first_hit_rays} first-hit rays")
         if self.probe_every > 1:
             parts.insert(2, f"pixels probed each {self.probe_every} frames")
-        return ", ".join([*parts, self.sampler])
+        parts.append(self.sampler)
+        if self.noise != "common":
+            parts.append(f"{self.noise} noise")
+        if self.gate != "radiance" and self.method == "esim-ad":
+            parts.append(f"gate {self.gate}")
+        if self.event_rule != "interpolated":
+            parts.append(f"rule {self.event_rule}")
+        return ", ".join(parts)
 
 
-DEFAULT = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, spp=8, first_hit_rays=0, sampler="pcg")
-"""What runs unless something else is asked for."""
+PLAIN = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, spp=8, first_hit_rays=0, sampler="pcg")
+"""What runs where a method is named but no quality."""
 QUALITIES: dict[Quality, Point] = {
     "draft": Point(
         method="irradiance",
@@ -65,9 +78,21 @@ QUALITIES: dict[Quality, Point] = {
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"
     ),
+    "published": Point(
+        method="esim-ad",
+        window=13,
+        sampling="uniform",
+        probe_spp=1,
+        spp=32,
+        first_hit_rays=0,
+        sampler="pcg",
+        noise="independent",
+        gate="delta-r",
+        event_rule="frame",
+    ),
 }
-BASIS: Quality = "balanced"
-"""What is completed from this point where no quality is named, but something needs first-hit rays."""
+DEFAULT: Quality = "balanced"
+"""What runs where neither a quality nor a method is named."""
 
 
 def describe_qualities() -> str:

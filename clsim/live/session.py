@@ -130,7 +130,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         first_hit_rays=point.first_hit_rays,
         fps=fps,
         seed=options.seed,
-        noise=options.noise,
+        noise=point.noise,
         sampler=point.sampler,
         follow_specular=options.follow_specular,
         max_depth=options.max_depth,
@@ -156,7 +156,8 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         share_cores=options.render_device == "cpu",
     )
     pipeline.watchers += [output.sink for output in outputs if isinstance(output.sink, FrameRecorder)]
-    about = _about(options.as_dict() | {"window": config.side}, config, schedule) | about_camera(camera, schedule)
+    window = None if config.method == "esim" else config.side
+    about = _about(options.as_dict() | {"window": window}, config, schedule) | about_camera(camera, schedule)
     return Session(
         world.name,
         camera.width,
@@ -176,8 +177,8 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
 def _settings_notes(options: LiveOptions) -> list[str]:
     """Return what the user should know of settings that follow from other options."""
     notes = []
-    if options.quality is not None or options.pace == "real" or options.point.sampling == "adaptive":
-        notes.append(f"{options.quality or 'settings'}: {options.point.text()}")
+    if options.quality is not None or options.pace == "real":
+        notes.append(f"{options.basis}: {options.point.text()}")
     if options.pace == "real" and options.governor and options.ungovernable is not None:
         notes.append(f"no governor, because of {options.ungovernable}: frames may be late")
     return notes
@@ -313,8 +314,8 @@ def _live_config(options: LiveOptions, world: World) -> DetectorConfig:
     on, off = options.threshold or (sensor.threshold_on, sensor.threshold_off)
     return DetectorConfig(
         method=options.point.method,
-        gate=options.gate,
-        event_rule=options.event_rule,
+        gate=options.point.gate,
+        event_rule=options.point.event_rule,
         threshold_on=on,
         threshold_off=off,
         window=options.point.window,

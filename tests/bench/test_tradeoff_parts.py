@@ -128,11 +128,12 @@ def test_named_points_are_those_of_live_runs() -> None:
     assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,)))
     for name, quality in QUALITIES.items():
         rendering, detector = named[name].rendering, named[name].detector
-        assert rendering.noise == "common" and rendering.sampling == quality.sampling
+        assert (rendering.noise, rendering.sampling) == (quality.noise, quality.sampling)
         for field in ("spp", "sampler", "first_hit_rays", "probe_every"):
             assert getattr(rendering, field) == getattr(quality, field)
         assert rendering.probe_spp == (quality.probe_spp if quality.sampling == "adaptive" else None)
         assert (detector.method, detector.window) == (quality.method, quality.window)
+        assert (detector.gate or "radiance", detector.event_rule) == (quality.gate, quality.event_rule)
 
 
 def test_means_fronts_and_knobs() -> None:

@@ -95,7 +95,7 @@ def test_a_rate_that_cannot_be_had_is_told(capsys: pytest.CaptureFixture[str], l
 
 
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "400")
+    monkeypatch.setenv("COLUMNS", "1200")
     text = words(clsim("live", "--help").stdout)
     for name, point in QUALITIES.items():
         assert f"{name}: {point.text()}" in text

@@ -1,19 +1,23 @@
 """Named points of speed against accuracy, and what holds beside them."""
 
+import json
 from dataclasses import asdict, replace
 from typing import get_args
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
-from clsim.live.options import LiveOptions
-from clsim.live.quality import DEFAULT, QUALITIES, Quality
+from clsim.events.outputs import FileOptions
+from clsim.live.options import LiveOptions, RecordingOptions
+from clsim.live.quality import DEFAULT, PLAIN, QUALITIES, Quality
 from clsim.render import RenderOptions
 
 
-def options(**given: object) -> LiveOptions:
-    return LiveOptions("still", **given)  # type: ignore[arg-type]
+def options(**values: object) -> LiveOptions:
+    return LiveOptions("still", **values)  # type: ignore[arg-type]
 
 
 def test_every_named_point_can_be_rendered_and_detected() -> None:
@@ -45,7 +49,7 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
 
 
 def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
-    assert options(first_hit_rays=4, probe_every=3).point.probe_every == 3
+    assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
     assert options(quality="balanced", probe_every=2).point == replace(QUALITIES["balanced"], probe_every=2)
     assert "1 to 8 spp, pixels probed each 2 frames, 16" in options(quality="balanced", probe_every=2).point.text()
     assert "probed" not in QUALITIES["balanced"].text()
@@ -55,45 +59,137 @@ def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame(
     assert options(quality="draft", first_hit_rays=0).point.probe_every == 1
 
 
-def test_without_a_quality_nothing_is_adaptive_unless_the_clock_or_the_user_asks() -> None:
-    assert options().point == options(governor=False).point == DEFAULT
-    assert options(spp=4).point.spp == 4
-    assert options(sampling="adaptive").point == options(pace="real").point == QUALITIES["balanced"]
+def test_balanced_holds_unless_a_quality_or_a_method_is_named() -> None:
+    assert DEFAULT == "balanced"
+    assert options().point == options(governor=False).point == QUALITIES["balanced"]
+    assert options(spp=4).point == replace(QUALITIES["balanced"], spp=4)
+    for method in ("esim", "wlr-esim", "esim-ad", "irradiance"):
+        assert options(method=method).point == replace(PLAIN, method=method)
+    assert options(method="irradiance", sampling="adaptive").point == QUALITIES["balanced"]
+    assert options(method="irradiance", pace="real").point == QUALITIES["balanced"]
+
+
+def test_what_rules_adaptive_sampling_out_makes_the_default_uniform() -> None:
+    uniform = replace(QUALITIES["balanced"], sampling="uniform")
+    assert options(noise="independent").point == replace(uniform, noise="independent")
+    assert options(first_hit_rays=0).point == replace(uniform, first_hit_rays=0)
+
+
+def test_a_named_method_runs_as_it_always_did() -> None:
+    """Figures written down before "balanced" became the default."""
+    point = options(method="esim-ad").point
+    assert (point.spp, point.sampling, point.first_hit_rays, point.sampler) == (8, "uniform", 0, "pcg")
+    assert (point.noise, point.gate, point.event_rule, point.window) == ("common", "radiance", "interpolated", None)
+
+
+def test_published_is_the_papers_method_with_its_settings() -> None:
+    point = options(quality="published").point
+    assert (point.method, point.gate, point.event_rule, point.window) == ("esim-ad", "delta-r", "frame", 13)
+    assert (point.noise, point.sampling, point.first_hit_rays) == ("independent", "uniform", 0)
+    assert options(quality="published", noise="common", gate="radiance").point == replace(
+        point, noise="common", gate="radiance"
+    )
 
 
 def test_the_clock_starts_from_balanced_with_and_without_a_governor() -> None:
     balanced = QUALITIES["balanced"]
     assert options(pace="real", governor=False).point == balanced
     assert options(pace="real", governor=False, quality="draft").point == QUALITIES["draft"]
-    assert options(pace="real", noise="independent").point == replace(balanced, sampling="uniform")
+    assert options(pace="real", noise="independent").point == replace(balanced, sampling="uniform", noise="independent")
     without_rays = replace(balanced, sampling="uniform", first_hit_rays=0)
     assert options(pace="real", first_hit_rays=0).point == without_rays
 
 
 def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
     assert options(pace="real").governed and options(pace="real", quality="draft", spp=2).governed
-    for given in (
+    for values in (
         {"pace": "max"},
         {"pace": "real", "governor": False},
         {"pace": "real", "noise": "independent"},
         {"pace": "real", "quality": "exact"},
         {"pace": "real", "first_hit_rays": 0},
     ):
-        assert not options(**given).governed
+        assert not options(**values).governed
 
 
 def test_the_sidecar_tells_the_settings_that_hold() -> None:
     about = options(quality="balanced", spp=4).as_dict()
     assert about["quality"] == "balanced" and about["spp"] == 4
     assert about["method"] == QUALITIES["balanced"].method and about["sampling"] == "adaptive"
-    assert options().as_dict()["method"] == "esim-ad"
+    assert options().as_dict()["method"] == "irradiance" and options().as_dict()["quality"] == "balanced"
+    assert options(method="esim-ad").as_dict()["quality"] is None
+
+
+GIVEN = st.fixed_dictionaries(
+    {},
+    optional={
+        "quality": st.sampled_from(get_args(Quality)),
+        "method": st.sampled_from(["esim", "wlr-esim", "esim-ad", "irradiance"]),
+        "sampling": st.sampled_from(["uniform", "adaptive"]),
+        "noise": st.sampled_from(["common", "independent"]),
+        "gate": st.sampled_from(["radiance", "delta-r"]),
+        "event_rule": st.sampled_from(["interpolated", "frame"]),
+        "spp": st.integers(1, 64),
+        "probe_spp": st.integers(1, 8),
+        "probe_every": st.integers(1, 3),
+        "first_hit_rays": st.sampled_from([0, 4]),
+        "window": st.sampled_from([5, 9]),
+        "pace": st.sampled_from(["max", "real"]),
+        "resolution": st.just((32, 24)),
+        "threshold": st.just((0.2, 0.3)),
+        "outputs": st.just(("a.txt", "b.aedat4")),
+        "files": st.just(FileOptions(text_time="s")),
+    },
+)
+
+
+@given(GIVEN)
+def test_any_run_can_be_repeated_from_its_sidecar(given: dict[str, object]) -> None:
+    try:
+        first = options(**given)
+    except InputError:
+        return
+    again = LiveOptions.from_dict(json.loads(json.dumps(first.as_dict())))
+    assert again.as_dict() == first.as_dict() and again.governed == first.governed
+    assert (again.resolution, again.threshold, again.files) == (first.resolution, first.threshold, first.files)
+    probe = first.point.probe_spp if first.point.sampling == "adaptive" else again.point.probe_spp
+    assert again.point == replace(first.point, probe_spp=probe)
+    config = DetectorConfig(method=first.point.method, window=first.point.window)
+    assert DetectorConfig(method=again.point.method, window=again.point.window).side == config.side
+
+
+@pytest.mark.parametrize(
+    ("plain", "message"),
+    [
+        ({"scene": "still", "resolutoin": [4, 4]}, "there is no option 'resolutoin'; did you mean 'resolution'?"),
+        ({}, "`scene` is missing"),
+        ({"scene": "still", "spp": "8"}, "`spp` must be a whole number or null, got '8'"),
+        ({"scene": "still", "spp": True}, "`spp` must be a whole number or null, got True"),
+        ({"scene": "still", "loop": 1}, "`loop` must be true or false, got 1"),
+        ({"scene": "still", "resolution": [4]}, "`resolution` must be a list of 2 numbers or null, got [4]"),
+        ({"scene": "still", "outputs": "a.txt"}, "`outputs` must be a list of texts, got 'a.txt'"),
+        ({"scene": "still", "fps": -1}, "`fps` must be a positive number, got -1.0"),
+        ({"scene": "still", "files": {"frame": True}}, "there is no option 'frame'; did you mean 'frames'?"),
+        ({"scene": "still", "pace": "slow"}, "`pace` must be one of 'max', 'real', got 'slow'"),
+    ],
+)
+def test_what_no_sidecar_could_say_is_refused(plain: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as caught:
+        LiveOptions.from_dict(plain)
+    assert str(caught.value) == message
+
+
+def test_detection_too_is_repeated_from_its_sidecar() -> None:
+    config = DetectorConfig(method="wlr-esim", features=("Albedo.R",), threshold_on=0.3)
+    first = RecordingOptions("frames", config, fps=30.0, outputs=("a.txt",))
+    assert RecordingOptions.from_dict(json.loads(json.dumps(first.as_dict()))) == first
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"sampling": "adaptive", "spp": 4, "probe_spp": 5}, "`probe_spp` must be at most `spp` 4, got 5"),
-        ({"probe_spp": 2}, "`probe_spp` 2 is for `sampling` adaptive, but sampling is uniform"),
+        ({"method": "esim", "probe_spp": 2}, "`probe_spp` 2 is for `sampling` adaptive, but sampling is uniform"),
         ({"sampling": "adaptive", "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
         ({"sampling": "adaptive", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
         ({"quality": "balanced", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
@@ -102,13 +198,13 @@ def test_the_sidecar_tells_the_settings_that_hold() -> None:
             "`sampling` adaptive needs `first_hit_rays` of at least 1, got 0",
         ),
         ({"probe_every": 0}, "`probe_every` must be at least 1, got 0"),
-        ({"probe_every": 2}, "`probe_every` 2 needs `first_hit_rays` of at least 1, got 0"),
+        ({"method": "esim", "probe_every": 2}, "`probe_every` 2 needs `first_hit_rays` of at least 1, got 0"),
         (
             {"quality": "draft", "probe_every": 3, "noise": "independent"},
             "`probe_every` 3 needs `noise` common, got independent",
         ),
         ({"first_hit_rays": -1}, "`first_hit_rays` must not be negative, got -1"),
-        ({"quality": "best"}, "`quality` must be one of draft, balanced, accurate, exact, got 'best'"),
+        ({"quality": "best"}, "`quality` must be one of draft, balanced, accurate, exact, published, got 'best'"),
         ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, got 'random'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
