@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO, get_args
 import typer
 from typer.core import TyperCommand
 
+from clsim.cli.words import real_time_share
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,12 +75,6 @@ def page_numbers(summary: dict[str, Any]) -> dict[str, Any]:
         "dropped_frames": summary["dropped_frames"],
         "real_time_share": real_time_share(summary),
     }
-
-
-def real_time_share(summary: dict[str, Any]) -> float | None:
-    """Return simulated seconds a second since the first frame; None before there is any to tell of."""
-    running_s = summary["wall_s"] - (summary["startup_s"] or 0.0)
-    return summary["simulated_s"] / running_s if summary["simulated_s"] > 0 and running_s > 0 else None
 
 
 def default_view(outputs: tuple[str, ...], *, as_json: bool) -> View:

@@ -164,4 +164,5 @@ def _read(name: str) -> str:
 def _build(context: Any, text: str, options: tuple[tuple[str, object], ...]) -> Any:
     import pyopencl as cl
 
-    return cl.Program(context, text).build(options=[f"-D{key}={value}" for key, value in options])
+    # -w: PoCL's compiler warns of how vectors are passed between functions, and prints it over the user's terminal.
+    return cl.Program(context, text).build(options=["-w", *(f"-D{key}={value}" for key, value in options)])

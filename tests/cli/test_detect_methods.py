@@ -102,17 +102,3 @@ def test_missing_variances_are_named(clsim, tmp_path):
 def test_a_kept_window_gate_with_a_chosen_bandwidth_is_refused(clsim, folder):
     outcome = clsim("detect", folder, "--out", folder.parent / "x.csv", "--gate", "published", "--bandwidth", "tsvd")
     assert outcome.status == 2 and "--gate published needs --bandwidth fixed" in outcome.stderr
-
-
-def test_a_coarse_time_step_names_a_frame_rate_that_would_do(clsim, tmp_path):
-    """Seven thresholds in a step of 1/100 s: three times the rate leaves 7/3 < 3 a step."""
-    from tests.detect.reference_scenes import make_frame
-
-    writer = ExrWriter(tmp_path / "frames")
-    for k, level in enumerate((0.0, 0.75)):
-        writer.write(make_frame(np.full((4, 4), level), k))
-    outcome = clsim("detect", tmp_path / "frames", "--out", tmp_path / "x.csv", "--method", "esim", "--threshold", 0.1)
-    assert outcome.status == 0
-    text = " ".join(outcome.stderr.split())
-    assert "16 times a pixel crossed more than 3 thresholds in one frame step, once 7" in text
-    assert "--fps 300 would keep it to 3 a step" in text

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -82,3 +83,41 @@ def test_a_full_disk_ends_the_run_with_a_sentence(clsim: Callable[..., object], 
     assert (outcome.status, outcome.stderr) == (1, expected)
     about = json.loads((tmp_path / "events.json").read_text())
     assert about["complete"] is False and about["summary"]["outputs"][0]["error"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_one_of_two_outputs_that_broke_is_told_and_the_other_is_whole(
+    clsim: Callable[..., object], flickering: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "full").symlink_to("/dev/full")
+    whole, full = tmp_path / "whole.txt", tmp_path / "full"
+    command = ("detect", flickering, "--fps", "10", "--method", "esim", "--format", "text", "--out", whole)
+    assert clsim(*command).status == 0
+    alone = whole.read_bytes()
+    outcome = clsim(*command, "--out", full)
+    assert outcome.status == 1 and "No space left on device" in outcome.stderr
+    assert len(alone) > 0 and whole.read_bytes() == alone
+    summary = json.loads(clsim(*command, "--out", full, "--json").stdout)
+    assert ["error" in output for output in summary["outputs"]] == [False, True]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_conversion_that_fills_the_disk_says_so(clsim: Callable[..., object], tmp_path: Path) -> None:
+    events = np.zeros(100_000, EVENT_DTYPE)
+    events["t"] = np.arange(len(events))
+    with contextlib.closing(open_sink(tmp_path / "many.csv", 4, 4)) as sink:
+        sink.write(events)
+    (tmp_path / "full.txt").symlink_to("/dev/full")
+    outcome = clsim("convert", tmp_path / "many.csv", tmp_path / "full.txt")
+    sentence = f"clsim: {tmp_path}/full.txt: writing failed (No space left on device)"
+    assert (outcome.status, outcome.stderr.strip()) == (1, sentence)
+    assert not (tmp_path / "full.txt").is_symlink()  # nothing half-written is left under the name
+
+
+def test_servers_tell_their_address_without_a_terminal_too(clsim: Callable[..., object], flickering: Path) -> None:
+    outcome = clsim(
+        "detect", flickering, "--fps", "10", "--method", "esim", "--out", "tcp://127.0.0.1:0?compression=none"
+    )
+    assert outcome.status == 0
+    told = re.search(r"^clsim: events at tcp://127\.0\.0\.1:(\d+)\?compression=none$", outcome.stderr, re.MULTILINE)
+    assert told is not None and int(told[1]) > 1023

@@ -1,15 +1,20 @@
 """What ``clsim live`` says of the settings that hold and of what a governor gave up."""
 
+import io
 import json
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from clsim.cli.status import _print_summary, _print_warnings, _status_line
+from clsim.cli.status import status_line
+from clsim.cli.summary import print_losses, print_summary
+from clsim.cli.words import count_text, percent_text
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
-from clsim.live.session import open_live
+from clsim.live.session import Session, open_live
 
 SMALL = ("--resolution", "16x12", "--frame-count", "6", "--fps", "20")
 
@@ -60,38 +65,105 @@ def test_json_tells_paths_effort_and_governor(clsim: Callable[..., object]) -> N
     assert summary["governor"]["levels"] > 5
 
 
-def test_what_was_given_up_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+def told_at_the_end(session: Session, *, terminal: bool = True, **changes: object) -> str:
+    """Return what is printed of a run whose summary is the session's with some values changed."""
+    console = Console(file=io.StringIO(), force_terminal=terminal, width=500, no_color=True)
+    with console.capture() as capture:
+        summary = session.summary() | {"interrupted": False} | changes
+        print_losses(console, summary)
+        print_summary(console, session, summary)
+    return re.sub(r"\x1b\[[0-9;]*m", "", capture.get())
+
+
+@pytest.fixture
+def session() -> Session:
+    """A run that has shown its first frame."""
+    opened = open_live(LiveOptions("still", resolution=(16, 12), fps=25.0))
+    opened.pipeline.progress.first_frame_s = 0.1
+    return opened
+
+
+def test_the_status_line_tells_how_fast(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    told = {"simulated_s": 0.18, "events": 2_700_000, "wall_s": 1.1, "startup_s": 0.1, "late_frames": 0}
+    monkeypatch.setattr(session, "summary", lambda: session.__class__.summary(session) | told)
+    assert status_line(session).plain == "0.18 of 1.00 s · 2.7 M events · 18 % of real time"
+    told |= {"late_frames": 4, "dropped_frames": 3, "outputs": [{"clients": 2, "dropped_events": 5000}, {"clients": 1}]}
+    assert status_line(session).plain.endswith("4 frames late · 3 frames dropped · clients: 3 (missed 5.0 k events)")
+    session.pipeline.progress.first_frame_s = None
+    assert status_line(session).plain.startswith("still: starting")
+
+
+def test_the_end_tells_what_happened_how_fast_and_where_it_is(session: Session, tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_bytes(bytes(1500))
+    outputs = [{"name": f"{tmp_path}/a.txt"}, {"name": "tcp://x:1", "error": "no space"}]
+    figures = {"events": 2_700_000, "simulated_s": 2.0, "wall_s": 21.0, "startup_s": 1.0, "outputs": outputs}
+    assert told_at_the_end(session, **figures).splitlines() == [
+        "2,700,000 events in 2.000 s of still (16x12)",
+        "20.0 s of computing, 10 % of real time, after 1.0 s to start",
+        f"→ {tmp_path}/a.txt (1.5 kB)",
+        "→ tcp://x:1: no space",
+        f"to look at it: clsim view {tmp_path}/a.txt",
+    ]
+    assert "look at it" not in told_at_the_end(session, terminal=False, **figures)
+    assert "stopped: 2,700,000 events in 2.000 s of" in told_at_the_end(session, interrupted=True, **figures)
+
+
+@pytest.mark.parametrize(
+    ("figures", "hint"),
+    [
+        ({}, "to keep the events: --out events.aedat4"),
+        ({"events": 100, "steep_pixels": 21, "most_crossings": 7}, "--fps 75 places events in time"),
+        ({"events": 100, "steep_pixels": 20, "most_crossings": 7}, "to keep the events"),
+        ({"outputs": [{"name": "tcp://x:1"}]}, None),
+    ],
+)
+def test_there_is_one_hint_at_most(session: Session, figures: dict[str, object], hint: str | None) -> None:
+    *_, last = told_at_the_end(session, **figures).splitlines()
+    assert len(told_at_the_end(session, **figures).splitlines()) <= 4
+    if hint is not None:
+        assert hint in last
+
+
+def test_what_was_lost_is_always_told(session: Session) -> None:
+    text = told_at_the_end(session, terminal=False, masked_pixels=1200, capped_events=7, dropped_frames=3)
+    assert "clsim: 1,200 NaN or infinite pixels were masked" in text
+    assert "clsim: 7 events beyond 1000 per pixel and step were not written" in text
+    assert "0 frames came late, 3 were dropped" in text
+
+
+def test_what_was_given_up_is_shown() -> None:
     session = open_live(LiveOptions("still", resolution=(16, 12), pace="real"))
     assert session.governed is not None
     session.pipeline.progress.first_frame_s = 0.1
-    assert "gave up" not in _status_line(session).plain
+    assert "gave up" not in status_line(session).plain
     session.governed.governor.level = 3
     given_up = f"samples {QUALITIES['balanced'].spp} -> 1"
-    assert f"gave up: {given_up}" in _status_line(session).plain
-    _print_summary(Console(stderr=True), session.summary() | {"interrupted": False})
-    assert f"governor: gave up {given_up} (0 changes), 0 frames late" in words(capsys.readouterr().err)
-
-
-@pytest.mark.parametrize(("method", "solves"), [("esim", False), ("irradiance", False), ("esim-ad", True)])
-def test_only_methods_that_solve_regressions_tell_how_many(
-    capsys: pytest.CaptureFixture[str], method: str, solves: bool
-) -> None:
-    session = open_live(LiveOptions("still", resolution=(16, 12), method=method))  # type: ignore[arg-type]
-    session.pipeline.progress.first_frame_s = 0.1
-    assert ("solved" in _status_line(session).plain) == solves
-    _print_summary(Console(stderr=True), session.summary() | {"interrupted": False})
-    assert ("solved" in capsys.readouterr().err) == solves
+    assert f"gave up: {given_up}" in status_line(session).plain
+    assert f"to keep up with the clock it gave up {given_up}" in told_at_the_end(session)
 
 
 @pytest.mark.parametrize("late", [True, False])
-def test_a_rate_that_cannot_be_had_is_told(capsys: pytest.CaptureFixture[str], late: bool) -> None:
+def test_a_rate_that_cannot_be_had_is_told(late: bool) -> None:
     session = open_live(LiveOptions("still", resolution=(16, 12), pace="real", fps=25.0))
     assert session.governed is not None
     session.governed.governor.begin(2.0 if late else 1e-6, len(session.governed.levels) - 1)
     session.pipeline.progress.late_frames = 3
-    _print_warnings(Console(stderr=True), session, session.summary())
     sentence = "too slow for 25 fps even at the lowest level: try a smaller --resolution or a lower --fps"
-    assert (sentence in words(capsys.readouterr().err)) == late
+    assert (sentence in told_at_the_end(session)) == late
+
+
+@pytest.mark.parametrize(
+    ("share", "text"), [(0.18, "18 %"), (0.0012, "0.12 %"), (3.2, "320 %"), (0.0, "0 %"), (0.0099, "0.99 %")]
+)
+def test_percentages(share: float, text: str) -> None:
+    assert percent_text(share) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(999, "999"), (1000, "1.0 k"), (2_700_000, "2.7 M"), (1e9, "1.0 G"), (0, "0")]
+)
+def test_counts(value: float, text: str) -> None:
+    assert count_text(value) == text
 
 
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:
