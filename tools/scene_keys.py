@@ -59,6 +59,45 @@ material = "lamp"
 
 Unknown keys are errors, and every error is told at once, with its file and key.
 
+## Your own model, your own camera path
+
+```toml
+fps = 240
+
+[camera]
+resolution = [640, 480]
+fov_deg = 60.0
+interpolation = "cubic"
+keyframes = [
+  { time_s = 0.0, position = [0.0, 1.5, 4.0], look_at = [0.0, 0.5, 0.0] },
+  { time_s = 0.5, position = [2.0, 1.5, 3.0], look_at = [0.0, 0.5, 0.0] },
+  { time_s = 1.0, position = [3.0, 1.0, 0.0], look_at = [0.0, 0.5, 0.0] },
+]
+
+[environment]
+radiance = [0.8, 0.9, 1.0]
+
+[[objects]]
+file = "model.glb"
+```
+
+Save it as `mine.toml` beside `model.glb`, then `clsim live mine.toml --out mine.aedat4`. Poses that you have as a file
+go in with `trajectory = "poses.txt"` in place of `keyframes`: one line a pose in the TUM format,
+`time x y z qx qy qz qw`, in seconds and metres, with the camera's +z ahead and +y down (or say
+`trajectory_axes = "opengl"`). An animation in the GLB plays and repeats. Lights in it shine; its camera is not used.
+
+## Files that a scene names
+
+A TOML, Mitsuba or pbrt scene may name any ordinary file by a path relative to its own folder, `../` and links
+included, or by a whole path. What a glTF or OBJ names must lie in that file's own folder, for such files often come
+from strangers; links there are followed. To let them name files elsewhere, list the folders in the environment variable
+`CLSIM_ASSET_FOLDERS`, separated as in `PATH`. Addresses are never followed.
+
+## What glass does to light
+
+Point, spot and directional lights do not shine through glass, neither panes nor solid glass (Mitsuba and pbrt agree):
+a warning says so. Put a sphere light or a surface that emits behind it.
+
 ## Every key
 """
 

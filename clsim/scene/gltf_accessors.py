@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import json
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +19,8 @@ from pydantic import ValidationError
 
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
-from clsim.scene.files import inside_folder
+from clsim.scene.files import asset_file
+from clsim.scene.wording import plainly
 
 DTYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
@@ -65,9 +67,10 @@ class GltfFile:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             place = ".".join(str(part) for part in first["loc"]) or "its JSON"
-            message = first["msg"].replace("Input should be", "expected")
-            got = "" if first["type"] == "json_invalid" else f", got {repr(first['input'])[:60]}"
-            raise InputError(f"{path}: {place}: {message}{got}") from None
+            if first["type"] != "json_invalid" and _version(text).startswith("1"):
+                raise InputError(f"{path}: is glTF {_version(text)}, expected 2.0") from None
+            got = "" if first["type"] in ("json_invalid", "missing") else f", got {repr(first['input'])[:60]}"
+            raise InputError(f"{path}: {place}: {plainly(first)}{got}") from None
         lacking = [e for e in self.json.extensionsRequired if e not in EXTENSIONS and not _optional(e)]
         if lacking:
             raise InputError(f"{path}: requires the glTF extension {', '.join(lacking)}, which clsim does not support")
@@ -139,7 +142,7 @@ class GltfFile:
 
     def _file(self, place: str, uri: str) -> Path:
         try:
-            return self.path.parent / inside_folder(uri, self.path.parent)
+            return asset_file(uri, self.path.parent)
         except InputError as error:
             raise InputError(f"{self.path}: {place}.uri: {error}") from None
 
@@ -229,6 +232,14 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+
+
+def _version(text: bytes) -> str:
+    """Return the version of glTF that a JSON claims, as far as it can be read."""
+    try:
+        return str(json.loads(text)["asset"]["version"])
+    except (ValueError, KeyError, TypeError):
+        return ""
 
 
 def _optional(extension: str) -> bool:

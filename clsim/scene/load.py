@@ -12,7 +12,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene.drift import drifting
 from clsim.scene.validate import validate
-from clsim.scene.world import World
+from clsim.scene.world import Material, World
 
 SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt")
 
@@ -32,13 +32,31 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
         InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # what 32 bits cannot hold, validate names
-        world = _load(scene)
+        world = _warned(_load(scene))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if resolution is not None:
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
         validate(world, str(scene))
     return world
+
+
+def _warned(world: World) -> World:
+    """Add what holds for worlds of all formats."""
+    glassy = {i for i, material in enumerate(world.materials) if _is_glass(material)}
+    used = {int(k) for instance in world.instances for k in np.unique(world.meshes[instance.mesh].material_ids)}
+    if not (world.punctual_lights and glassy & used):
+        return world
+    sentence = (
+        f"{world.name}: point, spot and directional lights do not shine through glass, as in Mitsuba and pbrt; "
+        "a sphere or an area light does"
+    )
+    return replace(world, warnings=(*world.warnings, sentence))
+
+
+def _is_glass(material: Material) -> bool:
+    principled = material.kind == "principled" and material.transmission > 0
+    return principled or material.kind in ("dielectric", "thin-dielectric")
 
 
 def bundled_scenes() -> dict[str, str]:

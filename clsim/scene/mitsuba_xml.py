@@ -15,7 +15,7 @@ from xml.parsers import expat
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.files import inside_folder
+from clsim.scene.files import named_file
 from clsim.scene.images import decode_srgb
 from clsim.scene.motion import Matrix, look_at
 from clsim.scene.rigid import rotation_about
@@ -228,14 +228,11 @@ class _Reader:
 
 
 def file_of(place: str, name: str, folder: Path) -> Path:
-    """Return the path of a file that a scene names; raises InputError unless it lies in the folder."""
+    """Return the path of a file that a scene names; raises InputError if there is none."""
     try:
-        path = folder / inside_folder(name, folder)
+        return named_file(name, folder)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
-    if not path.is_file():
-        raise InputError(f"{place}: the file {name!r} is missing")
-    return path
 
 
 def _filled(element: Element, defaults: dict[str, str]) -> dict[str, str]:

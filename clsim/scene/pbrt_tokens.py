@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene.files import inside_folder
+from clsim.scene.files import named_file
 
 MAX_BYTES = 512 << 20
 MAX_INCLUDES = 1000
@@ -169,14 +169,11 @@ class Parameters:
 
 
 def file_of(place: str, name: str, folder: Path) -> Path:
-    """Return the path of a file that a scene names; raises InputError unless it lies in the folder."""
+    """Return the path of a file that a scene names; raises InputError if there is none."""
     try:
-        path = folder / inside_folder(name, folder)
+        return named_file(name, folder)
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
-    if not path.is_file():
-        raise InputError(f"{place}: the file {name!r} is missing")
-    return path
 
 
 def fail(token: Token, expected: str) -> NoReturn:

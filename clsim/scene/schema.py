@@ -9,12 +9,14 @@ import difflib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Strict, Tag, ValidationError
 from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
+from clsim.scene.spectra import METALS
+from clsim.scene.wording import plainly
 
 Number = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]
@@ -154,7 +156,7 @@ class SphereTable(ObjectTable):
 class FileTable(ObjectTable):
     """A mesh file."""
 
-    file: str = Field(description=".obj, .ply, .gltf or .glb, relative to the TOML's folder and inside it")
+    file: str = Field(description=".obj, .ply, .gltf or .glb, relative to the TOML's folder")
 
 
 OBJECTS: dict[str, type[ObjectTable]] = {"box": BoxTable, "quad": QuadTable, "sphere": SphereTable, "file": FileTable}
@@ -188,7 +190,7 @@ class CheckerTable(Table):
 class ImageTable(Table):
     """An image as a texture."""
 
-    file: str = Field(description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder and inside it")
+    file: str = Field(description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder")
     wrap: Literal["repeat", "clamp", "mirror"] = "repeat"
     nearest: Flag = Field(False, description="no smoothing between pixels")
     repeats: tuple[Number, Number] = Field(
@@ -213,7 +215,9 @@ class MaterialTable(Table):
     roughness_texture: ImageTable | None = Field(None, description="G is roughness, B metalness, as in glTF")
     metallic: Share = 0.0
     ior: Annotated[float, Strict(), Field(ge=1, le=10)] = 1.5
-    metal: str | None = Field(None, description="what a conductor is made of, such as Au; without, its colour counts")
+    metal: str | None = Field(
+        None, description=f"what a conductor is made of, {', '.join(METALS)}; without, its colour counts"
+    )
     eta: Radiance | None = Field(None, description="refractive index of a conductor, with k instead of metal")
     k: Radiance | None = Field(None, description="extinction coefficient of a conductor")
     specular_color: Reflectance = (1.0, 1.0, 1.0)
@@ -309,9 +313,17 @@ def key_table() -> str:
                 default = ""
             else:
                 default = str(list(info.default) if isinstance(info.default, tuple) else info.default)
-            lines.append(f"| {key} | {default} | {info.description or ''} |")
+            meaning = "; ".join(part for part in (_choices(info.annotation), info.description) if part)
+            lines.append(f"| {key} | {default} | {meaning} |")
         lines.append("")
     return "\n".join(lines)
+
+
+def _choices(annotation: Any) -> str:
+    """Return the values that a key may have, where they are few."""
+    if get_origin(annotation) is not Literal:
+        return ""
+    return "one of " + ", ".join(f"`{value}`" for value in get_args(annotation))
 
 
 def _conflicts(data: dict[str, Any]) -> Iterator[str]:
@@ -392,7 +404,7 @@ def _key_path(location: tuple[int | str, ...], data: Any) -> str:
 def _sentence(error: ErrorDetails) -> str:
     kind, got = error["type"], error["input"]
     if kind == "missing":
-        return "is missing, expected a value"
+        return plainly(error)
     if kind == "extra_forbidden":
         key, known = str(error["loc"][-1]), _known_keys(error["loc"])
         close = difflib.get_close_matches(key, known, 1)
@@ -403,8 +415,7 @@ def _sentence(error: ErrorDetails) -> str:
         return f"expected either a file or a shape out of {shapes}" + (
             f", got {got['shape']!r}" if isinstance(got, dict) and "shape" in got else ""
         )
-    message = error["msg"].replace("Input should be", "expected")
-    return f"{message[0].lower()}{message[1:]}, got {_short(got)}"
+    return f"{plainly(error)}, got {_short(got)}"
 
 
 def _short(value: Any) -> str:

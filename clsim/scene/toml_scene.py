@@ -15,7 +15,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene import shapes
-from clsim.scene.files import inside_folder
+from clsim.scene.files import named_file
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.images import PixelBudget, read_linear, read_texture
 from clsim.scene.motion import (
@@ -190,7 +190,7 @@ class _Builder:
     def _image(self, table: schema.ImageTable | None, *, srgb: bool) -> int:
         if table is None:
             return -1
-        pixels = read_texture(self.folder / inside_folder(table.file, self.folder), self.budget)
+        pixels = read_texture(named_file(table.file, self.folder), self.budget)
         (u, v), wrap = table.repeats, table.wrap
         matrix = ((u, 0.0, 0.0), (0.0, v, 0.0))
         image = ImageTexture(pixels, srgb=srgb, wrap_u=wrap, wrap_v=wrap, nearest=table.nearest, uv_matrix=matrix)
@@ -205,7 +205,7 @@ class _Builder:
     def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
         if table.map is None:
             return None
-        pixels = read_linear(self.folder / inside_folder(table.map, self.folder), self.budget)
+        pixels = read_linear(named_file(table.map, self.folder), self.budget)
         turn = rotation_matrix(euler_quaternion((0.0, table.map_rotation_deg, 0.0)))
         return EnvironmentMap(pixels * np.float32(table.map_scale), turn)
 
@@ -229,7 +229,7 @@ class _Builder:
         self.meshes.append(transformed(mesh, np.diag(_scale(table))))
 
     def _add_file(self, table: schema.FileTable, name: str, motion: Motion) -> None:
-        parts = _read_parts(self.folder / inside_folder(table.file, self.folder))
+        parts = _read_parts(named_file(table.file, self.folder))
         first_mesh, first_material, first_texture = len(self.meshes), len(self.materials), len(self.textures)
         for mesh in parts.meshes:
             own = mesh.material_ids + first_material
@@ -321,7 +321,7 @@ def _camera(table: schema.CameraTable, folder: Path) -> Camera:
     if table.orbit is not None and target is None and table.rotation_deg is None:
         target = table.orbit.center
     if table.trajectory is not None:
-        file = folder / inside_folder(table.trajectory, folder)
+        file = named_file(table.trajectory, folder)
         motion = read_tum(file, axes=table.trajectory_axes, interpolation=table.interpolation)
     else:
         motion = _motion(table, table.rotation_deg, target)

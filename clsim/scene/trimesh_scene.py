@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import os
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene.files import inside_folder
+from clsim.scene.files import asset_file
 from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
 from clsim.scene.geometry import joined
 from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
@@ -84,15 +86,18 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     suffix = path.suffix.lower()
+    resolver = _FolderResolver(path.parent)
     declared: dict[str, int] = {}
     if suffix == ".ply":
         from clsim.scene.ply import check_ply
 
         declared = check_ply(path, data)
-    elif suffix != ".obj":
+    elif suffix == ".obj":
+        data = _as_utf8(data)
+    else:
         raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
     found = {}
-    for name, geometry in _read(path, data, suffix, materials=materials).geometry.items():
+    for name, geometry in _read(path, data, suffix, resolver, materials=materials).geometry.items():
         if not hasattr(geometry, "faces"):
             notes.append(f"{path.name}: {name} has points or lines only and is left out")
             continue
@@ -101,13 +106,21 @@ def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, A
         found[str(name)] = geometry
     if not found:
         raise InputError(f"{path}: has no triangles, expected a mesh")
+    if materials:
+        notes += [f"{path.name}: {sentence}" for sentence in resolver.lacking]
+        if suffix == ".obj" and not resolver.lacking:
+            wanted = {
+                name.decode("utf-8", "replace").strip() for name in re.findall(rb"(?m)^\s*usemtl[ \t]+(.+)$", data)
+            }
+            notes += [
+                f"{path.name}: there is no material {name}; grey stands in" for name in sorted(wanted - resolver.known)
+            ]
     return found
 
 
-def _read(path: Path, data: bytes, suffix: str, *, materials: bool) -> Any:
+def _read(path: Path, data: bytes, suffix: str, resolver: _FolderResolver, *, materials: bool) -> Any:
     import trimesh
 
-    resolver = _FolderResolver(path.parent)
     files: Any = resolver  # trimesh needs no more of a resolver than get and []
     options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" and not materials else {}
     try:
@@ -126,24 +139,62 @@ def _read(path: Path, data: bytes, suffix: str, *, materials: bool) -> Any:
 
 
 class _FolderResolver:
-    """Gives trimesh the files beside the mesh and no others; trimesh swallows errors here, so they are kept."""
+    """Gives trimesh the files beside the mesh and no others; trimesh swallows errors here, so they are kept.
+
+    Attributes:
+        refused: why a file may not be read.
+        lacking: which files are missing or damaged, and what that means.
+        known: names of the materials that were found.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.refused: list[str] = []
+        self.lacking: list[str] = []
+        self.known: set[str] = set()
 
     def get(self, name: str) -> bytes:
+        """Return an image's bytes."""
+        from PIL import Image
+
+        data = self._bytes(name, "image", "its material has no texture")
         try:
-            file = self.folder / inside_folder(name, self.folder)
+            Image.open(io.BytesIO(data))
+        except Exception:
+            self.lacking.append(f"the image {name} cannot be decoded; its material has no texture")
+            raise
+        return data
+
+    def __getitem__(self, name: str) -> bytes:
+        """Return the bytes of a library of materials."""
+        data = _as_utf8(self._bytes(name, "material library", "its materials are grey"))
+        self.known |= {found.strip().decode() for found in re.findall(rb"(?m)^\s*newmtl[ \t]+(.+)$", data)}
+        return data
+
+    def _bytes(self, name: str, kind: str, consequence: str) -> bytes:
+        try:
+            file = asset_file(name, self.folder)
+            if not file.is_file():  # a name in another encoding than UTF-8 was decoded for trimesh
+                file = asset_file(os.fsdecode(name.encode("latin-1", "ignore")), self.folder)
             if file.is_file() and file.stat().st_size > MAX_FILE_BYTES:
                 raise InputError(f"{name!r} is larger than {MAX_FILE_BYTES >> 30} GiB")
         except InputError as error:
             self.refused.append(str(error))
             raise
-        return file.read_bytes()
+        try:
+            return file.read_bytes()
+        except OSError as error:
+            self.lacking.append(f"the {kind} {name} cannot be read ({error.strerror}); {consequence}")
+            raise
 
-    def __getitem__(self, name: str) -> bytes:
-        return self.get(name)
+
+def _as_utf8(data: bytes) -> bytes:
+    """Return text as UTF-8; what is none is taken for Latin-1, in which every byte is a letter."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode()
+    return data
 
 
 def _mesh(path: Path, name: str, geometry: Any, material: int) -> Mesh:

@@ -115,7 +115,6 @@ def test_a_toml_places_a_file_with_all_its_parts(tmp_path):
         ({"buffers": [{"byteLength": 36, "uri": "/etc/passwd"}]}, "outside the folder"),
         ({"buffers": [{"byteLength": 36, "uri": "../secret.bin"}]}, "outside the folder"),
         ({"buffers": [{"byteLength": 36, "uri": "%2e%2e/secret.bin"}]}, "outside the folder"),
-        ({"buffers": [{"byteLength": 36, "uri": "link.bin"}]}, "outside the folder"),
         ({"buffers": [{"byteLength": 99, "uri": "data:;base64,AAAA"}]}, "truncated"),
         ({"buffers": [{"byteLength": 36}]}, "truncated"),
         ({"images": [{"uri": "https://example.com/a.png"}]}, "address"),
@@ -131,6 +130,7 @@ def test_a_toml_places_a_file_with_all_its_parts(tmp_path):
             "accessors.0.componentType",
         ),
         ({"accessors": "x"}, "accessors"),
+        ({"asset": {"version": "1.0"}, "accessors": {"a": {}}}, "is glTF 1.0, expected 2.0"),
         ({"meshes": [{"primitives": [{"attributes": {"POSITION": 3}}]}]}, "uses accessors[3], of 1"),
         (  # a cycle that no root leads to
             {"nodes": [{"mesh": 0}, {"children": [2]}, {"children": [1]}]},
@@ -150,7 +150,6 @@ def test_broken_gltf_gets_one_sentence(tmp_path, changes, part):
     folder = tmp_path / "inner"
     folder.mkdir()
     (tmp_path / "secret.bin").write_bytes(np.array(CORNERS, "<f4").tobytes())
-    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
     assert part in complaint(write_gltf(folder, gltf(**changes)))
 
 

@@ -72,6 +72,31 @@ def test_a_resolution_changes_nothing_else():
     np.testing.assert_array_equal(poses(small, 0.5), poses(plain, 0.5))
 
 
+@pytest.mark.parametrize(
+    ("light", "glass", "warned"),
+    [
+        ('[[lights]]\nkind = "point"\nintensity = [1, 1, 1]\nposition = [0, 2, 0]', 'kind = "thin-dielectric"', True),
+        ('[[lights]]\nkind = "point"\nintensity = [1, 1, 1]\nposition = [0, 2, 0]', 'kind = "dielectric"', True),
+        (
+            '[[lights]]\nkind = "point"\nintensity = [1, 1, 1]\nposition = [0, 2, 0]',
+            'kind = "principled"\ntransmission = 0.5',
+            True,
+        ),
+        (
+            '[[lights]]\nkind = "point"\nintensity = [1, 1, 1]\nposition = [0, 2, 0]',
+            'kind = "principled"',
+            False,
+        ),
+        ("[[sphere_lights]]\nradius_m = 0.1\nradiance = [1, 1, 1]\nposition = [0, 2, 0]", 'kind = "dielectric"', False),
+    ],
+)
+def test_lights_that_glass_stops_are_warned_about(tmp_path, light, glass, warned):
+    path = tmp_path / "a.toml"
+    box = "[[objects]]\nshape = 'box'\nmaterial = 'glass'\n"
+    path.write_text(f"[camera]\nposition = [0, 0, 9]\n[materials.glass]\n{glass}\n{box}{light}\n")
+    assert ["do not shine through glass" in sentence for sentence in load_world(path).warnings] == [True] * warned
+
+
 @pytest.mark.parametrize("resolution", [(0, 48), (64, -1), (100_000, 10), (16384, 16384)])
 def test_impossible_resolutions_are_refused(resolution):
     with pytest.raises(InputError, match="camera"):

@@ -2,16 +2,19 @@
 
 import json
 import math
+import os
+import shutil
 import socket
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 from gltf_files import CORNERS, glb, gltf
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.files import inside_folder
+from clsim.scene.files import asset_file, named_file
 from clsim.scene.trimesh_scene import load_parts
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets" / "gltf"
@@ -158,10 +161,66 @@ def test_nothing_reaches_for_the_network(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("reference", ["a.bin", "sub/a.bin", "a%20b.bin", "sub/../a.bin"])
 def test_files_beside_the_scene_are_allowed(tmp_path, reference):
-    assert not inside_folder(reference, tmp_path).is_absolute()
+    assert asset_file(reference, tmp_path).is_relative_to(tmp_path)
 
 
 @pytest.mark.parametrize("reference", ["a\0b", "C:\\a.bin", "..\\a.bin", "sub/../../a.bin", "data:x"])
 def test_other_references_are_not(tmp_path, reference):
     with pytest.raises(InputError):
-        inside_folder(reference, tmp_path)
+        asset_file(reference, tmp_path)
+
+
+def test_a_scene_names_files_above_it_and_an_asset_only_where_its_user_says_so(tmp_path, monkeypatch):
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    above = tmp_path / "a.bin"
+    above.write_bytes(b"x")
+    (inner / "link.bin").symlink_to(above)
+    for reference in ("../a.bin", "..\\a.bin", str(above), "link.bin"):
+        assert named_file(reference, inner).resolve() == above.resolve()
+    assert asset_file("link.bin", inner).resolve() == above.resolve()
+    with pytest.raises(InputError, match=r"outside the folder .* CLSIM_ASSET_FOLDERS"):
+        asset_file("../a.bin", inner)
+    monkeypatch.setenv("CLSIM_ASSET_FOLDERS", f"/nowhere:{tmp_path}")
+    assert asset_file("../a.bin", inner).resolve() == above.resolve()
+    with pytest.raises(InputError, match="outside"):
+        asset_file("../../a.bin", inner)
+    for reference, part in (("/dev/null", "ordinary"), (".", "ordinary"), ("no", "missing"), ("http://a/b", "address")):
+        with pytest.raises(InputError, match=part):
+            named_file(reference, inner)
+
+
+def test_what_an_obj_lacks_is_told_and_strict_refuses_it(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\n" + OBJ + "usemtl m\nf 1 2 3\n")
+    for library, part in (
+        (None, "a.obj: the material library a.mtl cannot be read (No such file or directory)"),
+        ("newmtl n\nKd 1 0 0\n", "a.obj: there is no material m; grey stands in"),
+        ("newmtl m\nmap_Kd no.png\n", "a.obj: the image no.png cannot be read (No such file or directory)"),
+        ("newmtl m\nmap_Kd a.mtl\n", "a.obj: the image a.mtl cannot be decoded"),
+        ("newmtl m\nKd 1 0 0\n", ""),
+    ):
+        if library is not None:
+            (tmp_path / "a.mtl").write_text(library)
+        assert [part in warning for warning in load_world(path).warnings] == [True] * bool(part)
+        if part:
+            with pytest.raises(InputError, match="refused by strict"):
+                load_world(path, strict=True)
+
+
+def test_names_in_another_encoding_are_read(tmp_path):
+    """The image's own name is spelt in Latin-1, too."""
+    folder = os.fsencode(tmp_path)
+    image = os.path.join(folder, b"gr\xfcn.png")
+    shutil.move(_png(tmp_path / "x.png"), image)
+    (tmp_path / "b\u00fc.mtl").write_bytes(b"newmtl gr\xfcn\nmap_Kd gr\xfcn.png\n")
+    path = tmp_path / "a.obj"
+    path.write_bytes(b"# gr\xfcn\nmtllib b\xfc.mtl\n" + OBJ.encode() + b"usemtl gr\xfcn\nf 1 2 3\n")
+    world = load_world(path)
+    assert not world.warnings
+    assert world.materials[0].texture == 0
+
+
+def _png(path):
+    PIL.Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(path)
+    return path

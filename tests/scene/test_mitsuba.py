@@ -283,10 +283,10 @@ BOMB = "".join(f'<default name="a{k}" value="$a{k - 1}$a{k - 1}"/>' for k in ran
         (whole('<default name="a0" value="x"/>' + BOMB), "longer than"),
         (whole('<shape type="$what"/>'), "of which no <default>"),
         (whole('<include filename="scene.xml"/>'), "include each other"),
-        (whole('<include filename="../up.xml"/>'), "outside the folder"),
+        (whole('<include filename="../up.xml"/>'), "missing"),
         (
-            whole('<shape type="obj"><string name="filename" value="/etc/passwd"/></shape>'),
-            "outside",
+            whole('<shape type="obj"><string name="filename" value="/dev/null"/></shape>'),
+            "no ordinary file",
         ),
         (
             whole('<shape type="obj"><string name="filename" value="no.obj"/></shape>'),
