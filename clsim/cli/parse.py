@@ -19,6 +19,14 @@ def duration_s(text: str, option: str = "--duration") -> float:
     return value * _SECONDS[match["unit"]]
 
 
+def windows_us(text: str, option: str) -> tuple[int, ...]:
+    """Return the microseconds of ``0.3ms,1ms,3ms``, each once, smallest first."""
+    found = sorted({round(1e6 * duration_s(part, option)) for part in text.split(",")})
+    if found[0] < 1:
+        raise InputError(f"{option} must be times of at least 1us, got {text!r}")
+    return tuple(found)
+
+
 def resolution(text: str) -> tuple[int, int]:
     """Return width and height of ``346x260``."""
     match = re.fullmatch(r"(\d{1,6})\s*[xX×]\s*(\d{1,6})", text.strip())

@@ -9,6 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from clsim.cli import parse
 from clsim.cli.options import JSON
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
@@ -24,6 +25,9 @@ def score(
         float | None, typer.Option(help="Frame rate by which both were made: a frame is ⌈t·fps⌉. [the sidecars']")
     ] = None,
     tau: Annotated[float, typer.Option(help="Largest squared distance of a match, in image widths squared.")] = 5e-4,
+    within: Annotated[
+        str, typer.Option(help="Windows of time, comma-separated: scores of one-to-one matches within each.")
+    ] = "0.3ms,1ms,3ms,10ms",
     plot: Annotated[Path | None, typer.Option(help="Draw precision, recall and F1 over τ into this PNG.")] = None,
     as_json: JSON = False,
 ) -> None:
@@ -42,14 +46,17 @@ def score(
     columns = int(_agreed("--width", width, told))
     rows = int(_agreed("--height", height, told))
     rate = _agreed("--fps", fps, told)
-    result = score_events(found, truth, columns, rows, rate, tau)
+    result = score_events(found, truth, columns, rows, rate, tau, parse.windows_us(within, "--within"))
     if plot is not None:
         plot_curves({Path(events).stem: curves(found, truth, Sampling(columns, rows, rate))}, plot)
     if as_json:
         typer.echo(json.dumps(result.as_dict()))
         return
     for key, value in result.as_dict().items():
-        typer.echo(f"{key:<20} {'–' if value is None else f'{value:.6g}'}")
+        if key != "within":
+            typer.echo(f"{key:<20} {'–' if value is None else f'{value:.6g}'}")
+    for window, each in result.within.items():
+        typer.echo(f"{f'F1 within {window / 1000:g} ms':<20} {each.f1:.6g}")
 
 
 def _read(path: str) -> tuple[EventBatch, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""Which events of one set have a partner in another."""
+"""Which events of one set have a partner in another, in space or in time."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
+from clsim.score.assignment import I64, assign
 
 NO_NEIGHBOUR = 2.0
 """Squared distance of an event that has no same-polarity event in its frame: the image's diagonal, squared."""
@@ -69,28 +70,31 @@ def _points(events: EventBatch, sampling: Sampling) -> npt.NDArray[np.float64]:
     )
 
 
-def time_errors_us(events: EventBatch, others: EventBatch, sampling: Sampling) -> npt.NDArray[np.float64]:
-    """Return for each event |Δt| [µs] to the nearest in time of ``others`` at its pixel and of its polarity.
+def one_to_one(events: EventBatch, others: EventBatch, sampling: Sampling, within_us: int | None) -> I64:
+    """Return t − t' [µs] of each pair of an event and its partner among ``others``, in no particular order.
 
-    Infinite where none lies within one frame: those are strict misses.
+    Partners are at the same pixel, of the same polarity, and at most ``within_us`` apart; None lets them be one frame
+    apart. Nobody has two partners; there are as many pairs as there can be, and of these the closest.
     """
-    result = np.full(len(events), np.inf)
+    order, other_order = (np.lexsort((batch["t"], _place(batch, sampling))) for batch in (events, others))
+    events, others = events[order], others[other_order]
+    if within_us is None:
+        stamp, other_stamp, reach = sampling.frames(events), sampling.frames(others), 1
+    else:
+        stamp, other_stamp, reach = events["t"].astype(np.int64), others["t"].astype(np.int64), within_us
     if not len(events) or not len(others):
-        return result
-    first = min(int(events["t"].min()), int(others["t"].min()))
-    span = max(int(events["t"].max()), int(others["t"].max())) - first + 1
-    wanted, have = (_place(batch, sampling) * span + (batch["t"] - first) for batch in (events, others))
-    order = np.argsort(have, kind="stable")
-    have = have[order]
-    partners = others[order]
-    frames, partner_frames = sampling.frames(events), sampling.frames(partners)
-    after = np.searchsorted(have, wanted)
-    for candidate in (after - 1, after):
-        index = np.clip(candidate, 0, len(have) - 1)
-        same = have[index] // span == wanted // span
-        near = same & (np.abs(partner_frames[index] - frames) <= 1)
-        result = np.where(near, np.minimum(result, np.abs(have[index] - wanted)), result)
-    return result
+        return np.empty(0, np.int64)
+    origin = min(int(stamp.min()), int(other_stamp.min()))
+    # Places lie so far apart that nothing reaches from one to the next.
+    span = max(int(stamp.max()), int(other_stamp.max())) - origin + 2 * reach + 1
+    key = _place(events, sampling) * span + (stamp - origin)
+    other_key = _place(others, sampling) * span + (other_stamp - origin)
+    first = np.searchsorted(other_key, key - reach, side="left").astype(np.int64)
+    end = np.searchsorted(other_key, key + reach, side="right").astype(np.int64)
+    time, other_time = events["t"].astype(np.int64), others["t"].astype(np.int64)
+    partner = assign(time, other_time, first, end)
+    matched = partner >= 0
+    return np.asarray(time[matched] - other_time[partner[matched]])
 
 
 def _place(events: EventBatch, sampling: Sampling) -> npt.NDArray[np.int64]:

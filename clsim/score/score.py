@@ -8,17 +8,28 @@ precision. F1 is the same either way.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.score.matching import NO_NEIGHBOUR, Sampling, squared_distances, time_errors_us
+from clsim.score.matching import NO_NEIGHBOUR, Sampling, one_to_one, squared_distances
 
 PAPER_TAU = 5e-4
 """The τ of the paper's tables, on d²: about 0.022 of the image's width."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Shares of events that have a partner of their own, and the harmonic mean of both."""
+
+    precision: float
+    recall: float
+    f1: float
 
 
 @dataclass(frozen=True)
@@ -32,12 +43,14 @@ class Score:
         precision: share of detected events with d² < τ to a reference event of their polarity and frame.
         recall: share of reference events with d² < τ to a detected event (the paper's "precision").
         strict_f1: harmonic mean of the strict two.
-        strict_precision: share of detected events with a reference event at the same pixel, of the same polarity,
-            at most one frame away.
-        strict_recall: share of reference events with such a detected event.
+        strict_precision: share of detected events that have a partner of their own: a reference event at the same
+            pixel, of the same polarity, at most one frame away. Nobody has two partners.
+        strict_recall: share of reference events with a partner.
         chamfer: mean of the two mean d²; an event without any partner counts d² = 2.
         dt_median_us: median |Δt| of detected events to their strict partner [µs]; None without any.
         dt_p95_us: 95th percentile of the same; None without any.
+        dt_bias_us: mean of t − t' to the strict partner [µs], positive where events are late; None without any.
+        within: for each window [µs] that was asked for, the scores of one-to-one matches of at most that |Δt|.
         events: number of detected events.
         reference_events: number of reference events.
         unmatched_events: detected events without any same-polarity reference event in their frame.
@@ -54,19 +67,29 @@ class Score:
     chamfer: float
     dt_median_us: float | None
     dt_p95_us: float | None
+    dt_bias_us: float | None
+    within: dict[int, Agreement]
     events: int
     reference_events: int
     unmatched_events: int
     unmatched_reference: int
     tau: float
 
-    def as_dict(self) -> dict[str, float | int | None]:
-        """Return the scores by name, for JSON."""
-        return dataclasses.asdict(self)
+    def as_dict(self) -> dict[str, Any]:
+        """Return the scores by name, for JSON; the windows of ``within`` become texts."""
+        return dataclasses.asdict(self) | {
+            "within": {str(window): dataclasses.asdict(each) for window, each in self.within.items()}
+        }
 
 
 def score(
-    events: EventBatch, reference: EventBatch, width: int, height: int, fps: float, tau: float = PAPER_TAU
+    events: EventBatch,
+    reference: EventBatch,
+    width: int,
+    height: int,
+    fps: float,
+    tau: float = PAPER_TAU,
+    within_us: Sequence[int] = (),
 ) -> Score:
     """Score detected events against a reference (Tsuji et al., ICIP 2023, section 3, and a strict variant).
 
@@ -77,6 +100,7 @@ def score(
         height: image height [pixels].
         fps: frame rate [1/s]; an event belongs to frame ⌈t·fps⌉.
         tau: threshold on the squared distance d² of (x/W, y/H).
+        within_us: windows of time, at least 1 µs: ``Score.within`` will have the scores of each.
 
     Raises:
         InputError: an event outside the image, or a size, rate or τ that is not positive.
@@ -84,32 +108,47 @@ def score(
     sampling = Sampling(width, height, fps)
     if not 0 < tau < float("inf"):
         raise InputError(f"tau must be a positive number, got {tau}")
+    for window in within_us:
+        if window < 1:
+            raise InputError(f"`within_us` must be at least 1 µs, got {window}")
     sampling.check(events, "the event set")
     sampling.check(reference, "the reference")
     there = squared_distances(events, reference, sampling)
     back = squared_distances(reference, events, sampling)
-    dt_there = time_errors_us(events, reference, sampling)
-    dt_back = time_errors_us(reference, events, sampling)
     both_empty = not len(events) and not len(reference)
     precision, recall = share(there < tau, both_empty), share(back < tau, both_empty)
-    strict_precision, strict_recall = share(np.isfinite(dt_there), both_empty), share(np.isfinite(dt_back), both_empty)
-    matched = dt_there[np.isfinite(dt_there)]
+    late = one_to_one(events, reference, sampling, None)
+    strict = _agreement(len(late), len(events), len(reference))
+    apart = np.abs(late)
+    within = {
+        window: _agreement(len(one_to_one(events, reference, sampling, window)), len(events), len(reference))
+        for window in within_us
+    }
     return Score(
         f1=harmonic(precision, recall),
         precision=precision,
         recall=recall,
-        strict_f1=harmonic(strict_precision, strict_recall),
-        strict_precision=strict_precision,
-        strict_recall=strict_recall,
+        strict_f1=strict.f1,
+        strict_precision=strict.precision,
+        strict_recall=strict.recall,
         chamfer=0.0 if both_empty else (_mean_square(there) + _mean_square(back)) / 2,
-        dt_median_us=float(np.median(matched)) if len(matched) else None,
-        dt_p95_us=float(np.percentile(matched, 95)) if len(matched) else None,
+        dt_median_us=float(np.median(apart)) if len(apart) else None,
+        dt_p95_us=float(np.percentile(apart, 95)) if len(apart) else None,
+        dt_bias_us=float(late.mean()) if len(late) else None,
+        within=within,
         events=len(events),
         reference_events=len(reference),
         unmatched_events=int(np.isinf(there).sum()),
         unmatched_reference=int(np.isinf(back).sum()),
         tau=tau,
     )
+
+
+def _agreement(pairs: int, events: int, reference: int) -> Agreement:
+    """Return the scores of so many one-to-one matches of so many events."""
+    both_empty = not events and not reference
+    precision, recall = (pairs / count if count else float(both_empty) for count in (events, reference))
+    return Agreement(precision, recall, harmonic(precision, recall))
 
 
 def share(matched: npt.NDArray[np.bool_], both_empty: bool = False) -> float:

@@ -98,3 +98,17 @@ def test_detected_frames_tell_all_that_is_needed(clsim, tmp_path: Path) -> None:
         assert detected.status == 0, detected.stderr
     outcome = clsim("score", tmp_path / "a.txt", tmp_path / "b.txt", "--json")
     assert json.loads(outcome.stdout)["f1"] == 1
+
+
+def test_windows_of_time_are_scored_and_printed(clsim, tmp_path: Path) -> None:
+    """Two events 0.4 ms apart."""
+    found = record(tmp_path / "found.txt", [11_400], **size(8, 4), fps=50.0)
+    truth = record(tmp_path / "truth.txt", [11_000], **size(8, 4), fps=50.0)
+    told = json.loads(clsim("score", found, truth, "--within", "1ms,300us", "--json").stdout)
+    assert {window: each["f1"] for window, each in told["within"].items()} == {"300": 0, "1000": 1}
+    assert (told["dt_median_us"], told["dt_bias_us"]) == (400, 400)
+    lines = clsim("score", found, truth).stdout.splitlines()
+    assert "F1 within 0.3 ms     0" in lines and "F1 within 10 ms      1" in lines
+    for wrong in ("", "1ms,", "0.4us", "x"):
+        outcome = clsim("score", found, truth, "--within", wrong)
+        assert outcome.status == 2 and "--within must be" in outcome.stderr
