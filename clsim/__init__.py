@@ -14,11 +14,12 @@ from clsim.version import VERSION
 
 if TYPE_CHECKING:
     from clsim.events.open import open_events as open
+    from clsim.events.write import EventWriter as write  # noqa: N813 - called like a function
     from clsim.live.stream import stream
 
 __version__ = VERSION
 
-__all__ = ["Error", "InputError", "__version__", "open", "stream"]
+__all__ = ["Error", "InputError", "__version__", "open", "stream", "write"]
 
 
 def __getattr__(name: str) -> Any:
@@ -31,4 +32,8 @@ def __getattr__(name: str) -> Any:
         from clsim.events.open import open_events
 
         return open_events
+    if name == "write":
+        from clsim.events.write import EventWriter
+
+        return EventWriter
     raise AttributeError(f"module 'clsim' has no attribute {name!r}")

@@ -14,7 +14,7 @@ from rich.text import Text
 from clsim.cli.spelling import as_options
 from clsim.cli.summary import print_losses, print_summary
 from clsim.cli.words import count_text, percent_text, real_time_share
-from clsim.events import SinkError
+from clsim.events import Exposed, SinkError
 
 if TYPE_CHECKING:
     from clsim.live.pipeline import Output
@@ -114,9 +114,8 @@ def _print_start(console: Console, session: Session) -> None:
         console.print(f"clsim: {as_options(sentence)}", style=style, highlight=False, soft_wrap=True)
 
     for output in session.pipeline.outputs:
-        warning = getattr(output.sink, "warning", None)
-        if warning:
-            say(warning, "yellow")
+        if isinstance(output.sink, Exposed) and output.sink.warning:
+            say(output.sink.warning, "yellow")
         if output.name.startswith("tcp://"):
             say(f"events at {_served_at(output)}")
     for note in session.notes:

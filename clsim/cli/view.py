@@ -104,13 +104,13 @@ def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int
 
 
 def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int, int], speed: float) -> None:
-    from clsim.live.view.pump import Pump, paced
+    from clsim.live.view.pump import Pump, as_they_come, paced
     from clsim.live.view.terminal import TerminalScreen, TerminalView
 
     title = name if is_address(name) else Path(name).name
     view = TerminalView(*size)
     screen = TerminalScreen(view, sys.stdout)
-    pump = Pump(source if is_address(name) else paced(source, speed), view)
+    pump = Pump(as_they_come(source) if is_address(name) else paced(source, speed), view)
     try:
         while not pump.wait(screen.period_s):
             screen.paint(f"{title}  t {pump.now_us * 1e-6:.3f} s  {pump.events:,} events", pump.now_us)
@@ -120,9 +120,9 @@ def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int,
 
 
 def _pump(source: EventSource | SocketSource, sink: Sink) -> None:
-    from clsim.live.view.pump import Pump
+    from clsim.live.view.pump import Pump, as_they_come
 
-    pump = Pump(source, sink)
+    pump = Pump(as_they_come(source), sink)
     try:
         while not pump.wait(0.2):
             pass

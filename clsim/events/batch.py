@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, TypeAlias
+from collections.abc import Iterable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,11 @@ def empty_batch(count: int = 0) -> EventBatch:
     return np.empty(count, dtype=EVENT_DTYPE)
 
 
+def gather(batches: Iterable[EventBatch]) -> EventBatch:
+    """Return all batches as one array, which is empty where there are none."""
+    return np.concatenate([empty_batch(), *batches])
+
+
 class SinkError(Error):
     """A sink that was opened well can no longer be written: full disk, closed pipe, vanished folder.
 
@@ -32,8 +38,11 @@ class SinkError(Error):
 class Sink(Protocol):
     """Where batches go: a file, a socket, a view."""
 
-    def write(self, batch: EventBatch) -> None:
-        """Take one frame's events (possibly none). The batch may be reused by the caller afterwards.
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Take the events (possibly none) until ``end_us`` [µs]: silence carries time too.
+
+        No event is later than ``end_us``, and none that follows in another call is earlier. The array may be reused by
+        the caller afterwards.
 
         Raises SinkError when the medium fails, and clsim.errors.InputError for events it cannot hold.
         """
@@ -42,3 +51,29 @@ class Sink(Protocol):
     def close(self) -> None:
         """Finish and release; whatever was written is readable afterwards. Safe to call twice."""
         ...
+
+
+@runtime_checkable
+class Hurried(Protocol):
+    """A sink that waits for its readers when it closes, unless it is told not to."""
+
+    def hurry(self) -> None:
+        """Begin to close, with little patience; ``close`` follows."""
+        ...
+
+
+@runtime_checkable
+class Reporting(Protocol):
+    """A sink that has figures for the summary of a run."""
+
+    def report(self) -> dict[str, float]:
+        """Return them by name, such as ``clients`` and ``dropped_events``."""
+        ...
+
+
+@runtime_checkable
+class Exposed(Protocol):
+    """A sink that may be open to others than the user."""
+
+    warning: str | None
+    """A sentence that says so; None if it is not."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from clsim.events.batch import Sink
+from clsim.events.batch import Hurried, Sink
 
 CLOSE_TIMEOUT_S = 30.0
 """At most, however busy its readers are."""
@@ -14,7 +14,6 @@ HURRY_S = 0.3
 
 def close_at_once(sink: Sink) -> None:
     """Close a sink without patience for its readers."""
-    hurry = getattr(sink, "hurry", None)
-    if hurry is not None:
-        hurry()
+    if isinstance(sink, Hurried):
+        sink.hurry()
     sink.close()

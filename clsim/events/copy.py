@@ -50,9 +50,10 @@ def convert_events(
         events = 0
         try:
             while batch is not None:
-                sink.write(batch)
+                end_us = int(batch["t"][-1])
+                sink.write(batch, end_us)
                 events += len(batch)
-                progress(events, int(batch["t"][-1]))
+                progress(events, end_us)
                 batch = next(batches, None)
             sink.close()
         except BaseException as error:

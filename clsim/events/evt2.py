@@ -42,7 +42,12 @@ class Evt2Sink(FileSink):
         self._file.write(words.data)
 
     def _finish(self) -> None:
-        self._file.close()
+        try:
+            end = self._end_us >> 6
+            if self._high < end < 1 << 28 and not self._failed:  # the recording lasted longer than its events
+                self._file.write(np.array([_TIME_HIGH | end], "<u4").data)
+        finally:
+            self._file.close()
 
 
 def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Evt2Sink:

@@ -60,7 +60,13 @@ class Evt3Sink(FileSink):
         self._file.write(words.data)
 
     def _finish(self) -> None:
-        self._file.close()
+        try:
+            end, last = self._end_us >> 12, self._time_us >> 12
+            if last < end < 1 << 28 and not self._failed:  # the recording lasted longer than its events
+                laps = (end >> 12) - (max(last, 0) >> 12)
+                self._file.write(np.append(np.tile(_LAP, laps), TIME_HIGH | end & 0xFFF).astype("<u2").data)
+        finally:
+            self._file.close()
 
 
 def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Evt3Sink:

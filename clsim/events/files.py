@@ -14,7 +14,7 @@ from clsim.events.batch import Sink
 from clsim.events.filesink import STDOUT, FlushPolicy
 from clsim.events.filesource import EventSource, naming_damage
 
-_KEEPS = "a kill loses at most the last flush (50 ms or 65536 events)"
+_KEEPS = "a kill loses at most the last flush (10 ms of events or 65536 of them)"
 _ALL_OR_NOTHING = "appears under its name only when complete: a kill loses everything"
 
 
@@ -72,13 +72,15 @@ def open_sink(
     target = Path(path)
     chosen = _by_name(format) if format else _by_name("text") if target == STDOUT else format_of(target)
     opener = chosen.load().open_sink
+    if flush is None:  # who reads along waits for it
+        flush = FlushPolicy(interval_us=0) if target == STDOUT else FlushPolicy()
     known = list(inspect.signature(opener).parameters)[4:]
     for option in options:
         if option not in known:
             raise InputError(
                 f"{target}: {chosen.name} has no option {option}; expected one of: {', '.join(known) or 'none'}"
             )
-    sink: Sink = opener(target, width, height, flush or FlushPolicy(), **options)
+    sink: Sink = opener(target, width, height, flush, **options)
     return sink
 
 

@@ -8,7 +8,6 @@ import errno
 import os
 import platform
 import re
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,13 +23,14 @@ STDOUT = Path("-")
 
 @dataclass(frozen=True)
 class FlushPolicy:
-    """When gathered events go to the file: after so many of them, or at the first write this long after the last flush.
+    """When gathered events go to the file: after so many of them, or so much time of theirs after the last flush.
 
-    A killed process loses what was gathered since its last flush, never more.
+    A killed process loses what was gathered since its last flush, never more. The wall clock has no say, so that the
+    same events give the same bytes.
     """
 
     events: int = 65536
-    interval_s: float = 0.05
+    interval_us: float = 10_000
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,8 @@ class FileSink(abc.ABC):
         self._flush = flush
         self._pending = empty_batch(flush.events)
         self._count = 0
-        self._flushed_s = -float("inf")
+        self._end_us = 0
+        self._flushed_us = 0
         self._first_us: int | None = None
         self._last_us = 0
         self._failed = False
@@ -77,21 +78,24 @@ class FileSink(abc.ABC):
     def _finish(self) -> None:
         """Complete the file after the last event and release it; called once."""
 
-    def write(self, batch: EventBatch) -> None:
-        """Take a batch; see Sink.write."""
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Take the events until ``end_us``; see Sink.write."""
         if self._closed or self._failed:
             raise SinkError(f"{self.path}: cannot be written any more; it was closed or writing failed before")
-        if len(batch):
-            self._check(batch)
+        if len(events):
+            self._check(events)
+        if end_us < self._last_us:
+            raise InputError(f"{self.path}: `end_us` is {end_us}, before the event at {self._last_us} µs")
+        self._end_us = max(self._end_us, end_us)
         done = 0
-        while done < len(batch):
-            taken = min(len(batch) - done, len(self._pending) - self._count)
-            self._pending[self._count : self._count + taken] = batch[done : done + taken]
+        while done < len(events):
+            taken = min(len(events) - done, len(self._pending) - self._count)
+            self._pending[self._count : self._count + taken] = events[done : done + taken]
             self._count += taken
             done += taken
             if self._count == len(self._pending):
                 self.flush()
-        if self._count and time.monotonic() - self._flushed_s >= self._flush.interval_s:
+        if self._end_us - self._flushed_us >= self._flush.interval_us:
             self.flush()
 
     def flush(self) -> None:
@@ -99,7 +103,7 @@ class FileSink(abc.ABC):
 
         Raises SinkError when the medium fails; the gathered events are then lost, those flushed before stay readable.
         """
-        self._flushed_s = time.monotonic()
+        self._flushed_us = self._end_us
         count, self._count = self._count, 0
         if count:
             try:

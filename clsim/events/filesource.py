@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.events.batch import EventBatch
+from clsim.events.batch import EventBatch, gather
 
 CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
@@ -45,6 +45,11 @@ class EventSource:
             if len(batch):
                 self._check(batch)
                 return batch
+
+    def read(self) -> EventBatch:
+        """Return all events that are left as one array, empty where there are none, and close."""
+        with self:
+            return gather(self)
 
     def close(self) -> None:
         """Release the file before its end."""

@@ -26,11 +26,6 @@ class FrameRecorder:
         self._tone_map = ToneMap(follow=0.0)
         self._waiting: tuple[int, npt.NDArray[np.uint8]] | None = None
 
-    @property
-    def exposure(self) -> float | None:
-        """Factor from radiance to the linear value that sRGB encodes; None before the first frame that is not black."""
-        return self._tone_map.exposure
-
     def wants_frame(self) -> bool:
         """Ask for every frame."""
         return True
@@ -41,9 +36,14 @@ class FrameRecorder:
         blue_green_red = np.moveaxis(frame.planes[first : first + 3][::-1], 0, 2)
         self._waiting = frame.time_us, self._tone_map(blue_green_red)
 
-    def write(self, batch: EventBatch) -> None:
+    def report(self) -> dict[str, float]:
+        """Return the number of frames and, once one was not black, the factor from radiance to what sRGB encodes."""
+        exposure = self._tone_map.exposure
+        return {"recorded_frames": self.recorded_frames} | ({} if exposure is None else {"exposure": exposure})
+
+    def write(self, events: EventBatch, end_us: int) -> None:
         """Write the events of a frame, then the frame; see Sink.write."""
-        self._sink.write(batch)
+        self._sink.write(events, end_us)
         if self._waiting is not None:
             self._sink.write_image(*self._waiting)
             self._waiting = None

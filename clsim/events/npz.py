@@ -57,7 +57,9 @@ class NpzSink(FileSink):
 
 
 def _store_array(archive: zipfile.ZipFile, name: str, array: npt.NDArray[Any]) -> None:
-    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+    entry = zipfile.ZipInfo(f"{name}.npy")  # without the time of day: the same events give the same bytes
+    entry.compress_type = zipfile.ZIP_DEFLATED
+    with archive.open(entry, "w", force_zip64=True) as member:
         head = {"descr": np.lib.format.dtype_to_descr(array.dtype), "fortran_order": False, "shape": array.shape}
         np.lib.format.write_array_header_1_0(member, head)
         for start in range(0, array.size, CHUNK_EVENTS):

@@ -17,7 +17,8 @@ from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_bin
 
 LIMITS = Limits("Parquet", size=2**16)
 
-_ROW_GROUP = FlushPolicy(events=1 << 19, interval_s=math.inf)
+# A row group is only ever full.
+_ROW_GROUP = FlushPolicy(events=1 << 19, interval_us=math.inf)
 
 
 class ParquetSink(FileSink):
@@ -27,7 +28,6 @@ class ParquetSink(FileSink):
         """Create the temporary file; raises InputError when it cannot be, or when pyarrow is missing."""
         super().__init__(path, width, height, LIMITS, _ROW_GROUP)
         arrow = _pyarrow(path)
-        self._flushed_s = math.inf  # a row group is only ever full
         self._part = PartFile(path)
         self._schema = arrow.schema(
             [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())],

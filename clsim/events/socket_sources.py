@@ -18,7 +18,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.address import Address, cause, parse_address, resolve, unusable
-from clsim.events.batch import EventBatch
+from clsim.events.batch import EventBatch, gather
 from clsim.events.dv_stream import MAX_HEADER_BYTES, MAX_PACKET_BYTES, PACKET_HEAD, parse_header, parse_packet
 from clsim.events.udp_layouts import LAYOUTS, Unwrapper
 
@@ -47,6 +47,11 @@ class SocketSource(abc.ABC):
     @abc.abstractmethod
     def __next__(self) -> EventBatch:
         """Wait for the next batch that has events; raises InputError if what comes cannot be read."""
+
+    def read(self) -> EventBatch:
+        """Wait for the end and return all events as one array, empty where there were none."""
+        with self:
+            return gather(self)
 
     def close(self) -> None:
         """Hang up; may be called by another thread to end the iteration, and twice."""

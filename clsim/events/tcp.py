@@ -106,25 +106,29 @@ class StreamServer:
         with self._changed:
             return sum(client.queued_bytes for client in self._clients)
 
+    def report(self) -> dict[str, float]:
+        """Return how many clients are connected, and how many events they were too slow for."""
+        return {"clients": self.clients, "dropped_events": self.dropped_events}
+
     def wait_for_clients(self, count: int = 1, timeout_s: float | None = None) -> bool:
         """Wait until ``count`` clients are connected; events written earlier are not sent to them."""
         with self._changed:
             return self._changed.wait_for(lambda: len(self._clients) >= count, timeout_s)
 
-    def write(self, batch: EventBatch) -> None:
-        """Send the batch to every client; never waits for one.
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Send the events to every client; never waits for one. DV's protocol has no word for silence.
 
         Raises:
             InputError: an event lies outside the sensor.
         """
         if self._closing_at_s is not None:
             raise ValueError("write after close")
-        if not self._clients or not len(batch):
+        if not self._clients or not len(events):
             return
-        for packet, events in self._encoder.packets(batch):
+        for packet, count in self._encoder.packets(events):
             with self._changed:
                 for client in tuple(self._clients):
-                    self._enqueue(client, packet, events)
+                    self._enqueue(client, packet, count)
                     if client.watched == selectors.EVENT_READ:  # nothing waited before: spare the thread's detour
                         self._send(client)
 

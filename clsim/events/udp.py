@@ -68,24 +68,28 @@ class UdpSink:
         self._thread = threading.Thread(target=self._run, name="clsim-udp", daemon=True)
         self._thread.start()
 
-    def write(self, batch: EventBatch) -> None:
-        """Queue the batch; never waits.
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Queue the events; never waits. Datagrams have no word for silence.
 
         Raises:
             InputError: a time is negative, or an event lies outside the sensor.
         """
         if self._closing_at_s is not None:
             raise ValueError("write after close")
-        if len(batch):
-            self._check(batch)
-        for start in range(0, len(batch), _EVENTS_PER_CHUNK):
-            data = self._layout.pack(batch[start : start + _EVENTS_PER_CHUNK])
+        if len(events):
+            self._check(events)
+        for start in range(0, len(events), _EVENTS_PER_CHUNK):
+            data = self._layout.pack(events[start : start + _EVENTS_PER_CHUNK])
             with self._changed:
                 self._queue.append(data)
                 self._queued_bytes += len(data)
                 while self._queued_bytes > QUEUE_BYTES:
                     self._take(drop=True)
                 self._changed.notify()
+
+    def report(self) -> dict[str, float]:
+        """Return how many events there was no room for."""
+        return {"dropped_events": self.dropped_events}
 
     @property
     def queued_bytes(self) -> int:

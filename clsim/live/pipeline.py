@@ -276,7 +276,7 @@ class Pipeline:
                                 watcher.show_frame(frame, None if tell_level is None else tell_level())
                     finally:
                         self._ring.release()
-                self._write(batch)
+                self._write(batch, time_us)
                 self._count(batch, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
                     self._governed.frame_done(self._meter.lap(), self._clock.lag_s)
@@ -292,14 +292,14 @@ class Pipeline:
             found = True
         return found
 
-    def _write(self, batch: EventBatch) -> None:
+    def _write(self, batch: EventBatch, end_us: int) -> None:
         with self._sink_lock:
             if self._sinks_closed:
                 return
             for output in self.outputs:
                 if output.error is None:
                     try:
-                        output.sink.write(batch)
+                        output.sink.write(batch, end_us)
                     except (SinkError, OSError) as error:
                         output.fail(error)
             if self.outputs and all(output.error for output in self.outputs):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import REGRESSING, DetectorConfig
-from clsim.events import Sink
+from clsim.events import Reporting, Sink
 from clsim.events.address import is_address
 from clsim.events.frame_recorder import FrameRecorder
 from clsim.events.outputs import FileOptions, check_output, open_output
@@ -300,10 +300,8 @@ def about_camera(camera: Camera, schedule: Schedule) -> dict[str, Any]:
 
 def _output_summary(output: Output) -> dict[str, Any]:
     info: dict[str, Any] = {"name": output.name}
-    for counter in ("clients", "dropped_events", "recorded_frames", "exposure"):
-        value = getattr(output.sink, counter, None)
-        if value is not None:
-            info[counter] = value
+    if isinstance(output.sink, Reporting):
+        info |= output.sink.report()
     if output.error is not None:
         info["error"] = output.error
     return info

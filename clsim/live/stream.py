@@ -31,13 +31,13 @@ def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
     session.start()
     try:
         while True:
-            batch = queue.get(timeout_s=0.05)
-            if batch is not None:
-                yield batch
+            taken = queue.get(timeout_s=0.05)
+            if taken is not None:
+                yield taken[0]
             elif session.pipeline.wait(0.0):
                 break
-        while (batch := queue.get(timeout_s=0.0)) is not None:
-            yield batch
+        while (taken := queue.get(timeout_s=0.0)) is not None:
+            yield taken[0]
         session.write_sidecars(complete=True)
         failures = [output.error for output in session.pipeline.outputs if output.error is not None]
         if failures:

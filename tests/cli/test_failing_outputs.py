@@ -15,6 +15,7 @@ from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
 from clsim.frames import BASE_PLANES, Frame
 from clsim.frames.exr import ExrWriter
+from tests.events.event_data import end_of
 
 LIVE = ("live", "cornell", "--resolution", "32x24", "--fps", "30", "--loop", "--duration", "100s")
 
@@ -53,7 +54,7 @@ def test_conversion_whose_reader_leaves_ends_quietly(tmp_path: Path) -> None:
     events = np.zeros(100_000, EVENT_DTYPE)
     events["t"] = np.arange(len(events))
     with contextlib.closing(open_sink(tmp_path / "many.csv", 4, 4)) as sink:
-        sink.write(events)
+        sink.write(events, end_of(events))
     assert read_a_line("convert", tmp_path / "many.csv", "-") == (141, "")
 
 
@@ -65,7 +66,7 @@ def test_the_last_events_may_be_those_that_nobody_reads(tmp_path: Path) -> None:
     from clsim.live.session import open_live
 
     class Unread:
-        def write(self, batch: object) -> None:
+        def write(self, batch: object, end_us: int) -> None:
             pass
 
         def close(self) -> None:

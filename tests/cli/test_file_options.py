@@ -60,7 +60,10 @@ def test_the_format_may_be_named(clsim: Callable[..., object], tmp_path: Path) -
 
 def test_a_conversion_to_seconds(clsim: Callable[..., object], tmp_path: Path) -> None:
     sink = open_sink(tmp_path / "a.aedat4", 4, 3)
-    sink.write(np.array([(1_000_000_000_123_456, 3, 2, True)], EVENT_DTYPE))
+    sink.write(
+        np.array([(1_000_000_000_123_456, 3, 2, True)], EVENT_DTYPE),
+        1_000_000_000_123_456,
+    )
     sink.close()
     assert clsim("convert", tmp_path / "a.aedat4", tmp_path / "a.txt", "--text-time", "s").status == 0
     assert (tmp_path / "a.txt").read_text() == "1000000000.123456 3 2 1\n"

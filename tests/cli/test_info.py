@@ -7,6 +7,7 @@ from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
 from clsim.frames.exr import ExrWriter
 from tests.detect.reference_scenes import random_frames
+from tests.events.event_data import end_of
 
 
 def told(clsim, what):
@@ -66,7 +67,7 @@ def test_event_files(clsim, tmp_path, ending):
     events = np.array([(1000, 3, 4, True), (1500, 9, 0, False), (3000, 0, 7, True)], dtype=EVENT_DTYPE)
     path = tmp_path / f"e.{ending}"
     sink = open_sink(path, 20, 10)
-    sink.write(events)
+    sink.write(events, end_of(events))
     sink.close()
     facts = told(clsim, path)["events"]
     assert (facts["format"] in (ending, "text")) and facts["events"] == 3

@@ -10,6 +10,7 @@ from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
 from clsim.frames import BASE_PLANES, Frame
 from clsim.frames.exr import ExrWriter
+from tests.events.event_data import end_of
 
 
 def record(path: Path, times_us: list[int], **about: object) -> Path:
@@ -18,7 +19,7 @@ def record(path: Path, times_us: list[int], **about: object) -> Path:
     events["t"], events["on"] = times_us, True
     events["x"] = 1
     sink = open_sink(path, 8, 4)
-    sink.write(events)
+    sink.write(events, end_of(events))
     sink.close()
     if about:
         Path(f"{path}.json").write_text(json.dumps(about))

@@ -19,6 +19,7 @@ import clsim as library
 from clsim.cli import watch
 from clsim.errors import InputError
 from clsim.events.files import open_sink
+from tests.events.event_data import end_of
 from tests.live.view_events import random_events
 
 EVENTS = random_events(2000, 20, 10)
@@ -28,7 +29,7 @@ EVENTS = random_events(2000, 20, 10)
 def recording(tmp_path: Path) -> Path:
     path = tmp_path / "events.aedat4"
     sink = open_sink(path, 20, 10)
-    sink.write(EVENTS)
+    sink.write(EVENTS, end_of(EVENTS))
     sink.close()
     return path
 

@@ -32,10 +32,17 @@ def events(count: int, start_us: int = 12_345_678, span_us: int = 60_000_000, se
 def write(path: Path, batches: Iterable[EventBatch], **options: Any) -> Path:
     """Write batches to a file."""
     sink = open_sink(path, WIDTH, HEIGHT, **options)
+    end_us = 0
     for batch in batches:
-        sink.write(batch)
+        end_us = max(end_us, end_of(batch))
+        sink.write(batch, end_us)
     sink.close()
     return path
+
+
+def end_of(batch: EventBatch) -> int:
+    """Return the time of the last event [µs], 0 without one."""
+    return int(batch["t"][-1]) if len(batch) else 0
 
 
 def read(path: Path) -> EventBatch:

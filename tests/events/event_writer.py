@@ -1,4 +1,4 @@
-"""A process that writes numbered events until it is killed: ``event_writer.py FILE COUNTER BATCH INTERVAL_S``.
+"""A process that writes numbered events until it is killed: ``event_writer.py FILE COUNTER BATCH INTERVAL_US``.
 
 Event i has t = 2·i + i mod 2, and pixel and polarity that follow from i, so that a reader knows what event i must be.
 After every write the number of events written so far is stored in the file COUNTER.
@@ -8,6 +8,7 @@ import os
 import sys
 
 import numpy as np
+from event_data import end_of
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
@@ -24,11 +25,12 @@ def numbered(start: int, stop: int) -> EventBatch:
 
 
 if __name__ == "__main__":
-    path, counter, size, interval_s = sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
+    path, counter, size, interval_us = sys.argv[1], sys.argv[2], int(sys.argv[3]), float(sys.argv[4])
     descriptor = os.open(counter, os.O_WRONLY | os.O_CREAT)
-    sink = open_sink(path, 346, 260, flush=FlushPolicy(interval_s=interval_s))
+    sink = open_sink(path, 346, 260, flush=FlushPolicy(interval_us=interval_us))
     done = 0
     while True:
-        sink.write(numbered(done, done + size))
+        batch = numbered(done, done + size)
+        sink.write(batch, end_of(batch))
         done += size
         os.pwrite(descriptor, done.to_bytes(8, "little"), 0)

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from event_data import end_of
 
 import clsim
 from clsim.errors import InputError
@@ -23,7 +24,7 @@ EVENTS.sort(order=["t", "y", "x"])
 
 def record(path: Path) -> Path:
     sink = open_sink(path, WIDTH, HEIGHT)
-    sink.write(EVENTS)
+    sink.write(EVENTS, end_of(EVENTS))
     sink.close()
     return path
 
@@ -98,7 +99,7 @@ def test_a_source_that_is_damaged_later_leaves_nothing_behind(tmp_path: Path) ->
 
 def test_a_target_that_fails_later_leaves_nothing_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class FullDisk:
-        def write(self, batch: EventBatch) -> None:
+        def write(self, batch: EventBatch, end_us: int) -> None:
             raise SinkError("b.txt: no space left")
 
         def close(self) -> None:
@@ -123,7 +124,7 @@ def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupte
     def serve() -> None:
         server.wait_for_clients(1, 10)
         for start in range(0, len(EVENTS), 500):
-            server.write(EVENTS[start : start + 500])
+            server.write(EVENTS[start : start + 500], end_of(EVENTS[start : start + 500]))
         if not interrupted:
             time.sleep(0.05)
             server.close()

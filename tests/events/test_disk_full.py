@@ -9,7 +9,7 @@ import textwrap
 
 import numpy as np
 import pytest
-from event_data import ENDINGS, HEIGHT, KILL_SAFE, WIDTH, events, read
+from event_data import ENDINGS, HEIGHT, KILL_SAFE, WIDTH, end_of, events, read
 from event_writer import numbered
 
 from clsim.errors import InputError
@@ -26,14 +26,14 @@ WRITER = textwrap.dedent(
     from clsim.events.files import open_sink
     from clsim.events.filesink import FlushPolicy
 
-    first, second = (open_sink(path, 346, 260, flush=FlushPolicy(interval_s=0)) for path in sys.argv[1:3])
+    first, second = (open_sink(path, 346, 260, flush=FlushPolicy(interval_us=0)) for path in sys.argv[1:3])
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
     failed = False
     for start in range(0, 1_200_000, 4000):
-        second.write(numbered(start // 1000, start // 1000 + 4))
+        second.write(numbered(start // 1000, start // 1000 + 4), 2 * (start // 1000) + 8)
         if not failed:
             try:
-                first.write(numbered(start, start + 4000))
+                first.write(numbered(start, start + 4000), 2 * start + 8000)
             except SinkError as error:
                 failed = True
                 print(error)
@@ -76,9 +76,9 @@ def test_a_disk_full_from_the_start_is_refused_at_open(format):
 def test_a_disk_that_fills_later_names_the_file_and_the_cause():
     sink = open_sink("/dev/full", WIDTH, HEIGHT, format="text")
     with pytest.raises(SinkError, match=r"^/dev/full: writing failed \(No space left on device\)$"):
-        sink.write(events(10))
+        sink.write(events(10), end_of(events(10)))
     with pytest.raises(SinkError, match="writing failed before"):
-        sink.write(events(10))
+        sink.write(events(10), end_of(events(10)))
     sink.close()
 
 
@@ -87,7 +87,7 @@ def test_a_closed_pipe_is_a_sink_error():
     sink = open_sink(f"/dev/fd/{writer}", WIDTH, HEIGHT, format="aedat4")
     os.close(reader)
     with pytest.raises(SinkError, match="Broken pipe"):
-        sink.write(events(10))
+        sink.write(events(10), end_of(events(10)))
     sink.close()
     os.close(writer)
 
@@ -97,7 +97,7 @@ def test_a_pipe_carries_aedat4(tmp_path):
     sink = open_sink(f"/dev/fd/{writer}", WIDTH, HEIGHT, format="aedat4")
     os.close(writer)
     batch = events(500)
-    sink.write(batch)
+    sink.write(batch, end_of(batch))
     sink.close()
     with os.fdopen(reader, "rb") as pipe:
         (tmp_path / "a.aedat4").write_bytes(pipe.read())
@@ -108,12 +108,12 @@ def test_a_pipe_carries_aedat4(tmp_path):
 def test_a_folder_that_vanishes_is_a_sink_error(tmp_path, ending):
     folder = tmp_path / "folder"
     folder.mkdir()
-    sink = open_sink(folder / f"a{ending}", WIDTH, HEIGHT, flush=FlushPolicy(interval_s=0))
+    sink = open_sink(folder / f"a{ending}", WIDTH, HEIGHT, flush=FlushPolicy(interval_us=0))
     for each in folder.iterdir():
         each.unlink()
     folder.rmdir()
     with pytest.raises(SinkError, match=r"a\..*: writing failed \(.*(deleted|No such file)"):
-        sink.write(events(10))
+        sink.write(events(10), end_of(events(10)))
         sink.close()
     sink.close()
 
@@ -121,7 +121,7 @@ def test_a_folder_that_vanishes_is_a_sink_error(tmp_path, ending):
 def test_standard_output_may_be_a_file_without_a_name():
     code = (
         "from clsim.events.files import open_sink; from event_writer import numbered\n"
-        "sink = open_sink('-', 346, 260); sink.write(numbered(0, 2)); sink.close()"
+        "sink = open_sink('-', 346, 260); sink.write(numbered(0, 2), 10); sink.close()"
     )
     with tempfile.TemporaryFile() as file:
         folder = os.path.dirname(__file__)

@@ -76,10 +76,10 @@ def test_frames_are_srgb_of_one_exposure_in_dvs_order(tmp_path: Path) -> None:
         planes = np.ones((4, HEIGHT, WIDTH), np.float32)
         planes[1:] = np.array([red, green, blue])[:, None, None]
         recorder.show_frame(Frame(planes, ("Depth", "R", "G", "B"), time_us), None)
-        recorder.write(np.empty(0, EVENT_DTYPE))
+        recorder.write(np.empty(0, EVENT_DTYPE), time_us)
     recorder.close()
     _, frames = recording(path)
-    assert recorder.exposure == pytest.approx(0.4)  # the brightest channel, 2.0, becomes 0.8
+    assert recorder.report()["exposure"] == pytest.approx(0.4)  # the brightest channel, 2.0, becomes 0.8
 
     def srgb(linear: float) -> int:
         return round(255 * (1.055 * linear ** (1 / 2.4) - 0.055))
@@ -105,7 +105,7 @@ WRITER = textwrap.dedent(
         batch = np.zeros(200, EVENT_DTYPE)
         batch["t"] = np.arange(200 * k, 200 * k + 200)
         batch["x"] = batch["t"] % {WIDTH}
-        sink.write(batch)
+        sink.write(batch, 200 * (k + 1))
         sink.write_image(200 * (k + 1), np.full(({HEIGHT}, {WIDTH}, 3), k % 256, np.uint8))
         print(k + 1, flush=True)
         time.sleep(0.001)

@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from event_data import end_of
 
 from clsim.events import EVENT_DTYPE, hdf5
 from clsim.events.filesink import FlushPolicy
@@ -34,7 +35,7 @@ def test_every_prefix_of_the_writes_is_a_file_of_whole_rows(tmp_path: Path, monk
         batch = np.zeros(20_000, EVENT_DTYPE)
         batch["t"] = np.arange(k, k + 20_000)
         batch["x"] = batch["t"] % 640
-        sink.write(batch)
+        sink.write(batch, end_of(batch))
         flushed = k + 20_000
     sink.close()
     assert rows[-1] == 200_000 and len(set(rows)) > 9

@@ -14,18 +14,18 @@ import event_writer
 import h5py
 import numpy as np
 import pytest
-from event_data import KILL_SAFE, read
+from event_data import KILL_SAFE, end_of, read
 from event_writer import numbered
 
 from clsim.events.files import FORMATS, open_sink
 from clsim.events.filesink import FlushPolicy
 
 
-def kill_a_writer(folder: Path, ending: str, batch: int, interval_s: float, delay_s: float) -> tuple[Path, int]:
+def kill_a_writer(folder: Path, ending: str, batch: int, interval_us: float, delay_s: float) -> tuple[Path, int]:
     """Return the file a killed process left and how many events it had written, counted without the last write."""
     path, counter = folder / f"a{ending}", folder / f"counter{ending}"
     counter.write_bytes(bytes(8))
-    arguments = [sys.executable, event_writer.__file__, path, counter, str(batch), str(interval_s)]
+    arguments = [sys.executable, event_writer.__file__, path, counter, str(batch), str(interval_us)]
     with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
         while not int.from_bytes(counter.read_bytes(), "little"):
             assert process.poll() is None, process.stderr and process.stderr.read()
@@ -49,8 +49,8 @@ def kill_many(folder: Path, ending: str, kills: int) -> None:
     def once(attempt: int, delay_s: float) -> None:
         place = folder / str(attempt)
         place.mkdir()
-        batch, interval_s = ((2000, 0.05), (500, 0.0))[attempt % 2]
-        path, written = kill_a_writer(place, ending, batch, interval_s, delay_s)
+        batch, interval_us = ((2000, FlushPolicy().interval_us), (500, 0.0))[attempt % 2]
+        path, written = kill_a_writer(place, ending, batch, interval_us, delay_s)
         check(path, written, may_lose=FlushPolicy().events if attempt % 2 == 0 else 0)
         path.unlink()
 
@@ -118,7 +118,7 @@ def test_the_next_writer_of_a_name_removes_what_killed_ones_left(tmp_path, endin
     folder = tmp_path / f".a{ending}.{host}.99999999.part"
     folder.mkdir()
     sink = open_sink(path, 346, 260)
-    sink.write(numbered(0, 10))
+    sink.write(numbered(0, 10), end_of(numbered(0, 10)))
     sink.close()
     assert np.array_equal(read(path), numbered(0, 10))
     assert not any(entry.exists() for entry in left)

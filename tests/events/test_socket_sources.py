@@ -15,6 +15,7 @@ from pathlib import Path
 import lz4.frame
 import numpy as np
 import pytest
+from event_data import end_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from socket_help import HEIGHT, WIDTH, make_events
@@ -80,7 +81,7 @@ def test_round_trip_with_our_server(tmp_path: Path, kind: str) -> None:
         assert (source.width, source.height) == (WIDTH, HEIGHT)
         assert sink.wait_for_clients(timeout_s=10)
         for batch in batches:
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
         closer = threading.Thread(target=sink.close)
         closer.start()
         got = np.concatenate(list(source))

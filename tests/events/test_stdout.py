@@ -23,7 +23,8 @@ from clsim.events.sockets import open_socket_sink
 try:
     sink = open_socket_sink(sys.argv[1], WIDTH, HEIGHT)
     for _ in range(int(sys.argv[3])):
-        sink.write(make_events(int(sys.argv[2])))
+        batch = make_events(int(sys.argv[2]))
+        sink.write(batch, int(batch["t"][-1]))
     sink.close()
 except (InputError, SinkError) as error:
     sys.stderr.write(f"{{type(error).__name__}}: {{error}}")

@@ -13,6 +13,7 @@ import aedat
 import dv_processing as dv
 import numpy as np
 import pytest
+from event_data import end_of
 from socket_help import HEIGHT, WIDTH, make_events, receive_until_end, wait_until
 
 from clsim.errors import InputError
@@ -48,7 +49,7 @@ def read_with_dv(sink: TcpSink, batches: list[EventBatch], folder: Path) -> np.l
         try:
             assert sink.wait_for_clients(timeout_s=60)
             for batch in batches:
-                sink.write(batch)
+                sink.write(batch, end_of(batch))
             assert reader.wait(60) == 0
         finally:
             reader.kill()
@@ -80,7 +81,7 @@ def test_capture_is_an_aedat4_file(tmp_path: Path, compression: str) -> None:
     sink = TcpSink(f"tcp://127.0.0.1:0?compression={compression}", WIDTH, HEIGHT)
     with socket.create_connection(("127.0.0.1", sink.port), timeout=10) as client:
         assert sink.wait_for_clients(timeout_s=10)
-        sink.write(events)
+        sink.write(events, end_of(events))
         sink.close()
         capture = receive_until_end(client)
     path = tmp_path / "capture.aedat4"
@@ -103,10 +104,10 @@ def test_capture_is_an_aedat4_file(tmp_path: Path, compression: str) -> None:
 def test_late_client_starts_with_the_header() -> None:
     header = DvEncoder(WIDTH, HEIGHT).header
     sink = TcpSink("tcp://127.0.0.1:0", WIDTH, HEIGHT)
-    sink.write(make_events(1000))  # nobody listens: gone
+    sink.write(make_events(1000), end_of(make_events(1000)))  # nobody listens: gone
     with socket.create_connection(("127.0.0.1", sink.port), timeout=10) as client:
         assert sink.wait_for_clients(timeout_s=10)
-        sink.write(make_events(1000, start_us=77_000_000))
+        sink.write(make_events(1000, start_us=77_000_000), end_of(make_events(1000, start_us=77_000_000)))
         sink.close()
         capture = receive_until_end(client)
     assert capture.startswith(header)
@@ -142,7 +143,7 @@ def test_coordinates_must_fit() -> None:
     with socket.create_connection(("127.0.0.1", sink.port), timeout=10):
         assert sink.wait_for_clients(timeout_s=10)
         with pytest.raises(InputError, match=f"x = {WIDTH}"):
-            sink.write(outside)
+            sink.write(outside, end_of(outside))
     sink.close()
 
 
@@ -187,7 +188,7 @@ def test_stuck_client_loses_the_oldest_and_nobody_else_notices() -> None:
         sent = 0
         while sink.dropped_packets < 20:  # first the system's own buffers fill, then the queue
             batch["t"] = sent
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
             sent += 1
             assert sent < 1000
             assert sink.queued_bytes <= 1 << 20
@@ -198,7 +199,7 @@ def test_stuck_client_loses_the_oldest_and_nobody_else_notices() -> None:
             receive_header(reader)
             for _ in range(50):
                 batch["t"] = sent
-                sink.write(batch)
+                sink.write(batch, end_of(batch))
                 assert receive_packet(reader) == sent
                 sent += 1
         dropped = sink.dropped_packets
@@ -227,11 +228,11 @@ def test_vanishing_clients_are_forgotten() -> None:
     rude.close()
     wait_until(lambda: sink.clients == 1)
     while sink.queued_bytes == 0:
-        sink.write(make_events(10_000))
+        sink.write(make_events(10_000), end_of(make_events(10_000)))
     stuck.close()
     wait_until(lambda: sink.clients == 0)
     assert sink.queued_bytes == 0
-    sink.write(make_events(10))
+    sink.write(make_events(10), end_of(make_events(10)))
     sink.close()
 
 
@@ -246,7 +247,7 @@ def test_talking_clients_are_heard_out_then_dropped() -> None:
             for _ in range(10_000):
                 flooder.sendall(bytes(range(256)) * 256)
         wait_until(lambda: sink.clients == 2)
-        sink.write(make_events(100))
+        sink.write(make_events(100), end_of(make_events(100)))
         for client in (browser, reader):
             receive_header(client)
             _, size = struct.unpack("<ii", receive_exactly(client, 8))
@@ -264,7 +265,7 @@ def test_close_delivers_what_waits(monkeypatch: pytest.MonkeyPatch) -> None:
         assert sink.wait_for_clients(1, timeout_s=10)
         written = 0
         while sink.queued_bytes == 0:
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
             written += 1
         closer = threading.Thread(target=sink.close)
         closer.start()
@@ -283,7 +284,7 @@ def test_close_does_not_wait_for_a_stuck_client() -> None:
     with connect_stuck(sink.port):
         assert sink.wait_for_clients(1, timeout_s=10)
         while sink.queued_bytes == 0:
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
         sink.close()
     assert sink.dropped_packets >= 1
     assert sink.dropped_events == sink.dropped_packets * len(batch)
@@ -299,7 +300,7 @@ def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) ->
     with connect_stuck(sink.port):
         assert sink.wait_for_clients(1, timeout_s=10)
         while sink.queued_bytes == 0:
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
         closer = threading.Thread(target=sink.close, daemon=True)
         if late:
             closer.start()

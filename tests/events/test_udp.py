@@ -13,6 +13,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from event_data import end_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from socket_help import AESTREAM, HEIGHT, WIDTH, free_port, is_bound, make_events, wait_until
@@ -39,9 +40,9 @@ def receiver() -> socket.socket:
 def send(port: int, layout: str, batch: EventBatch) -> None:
     sink = UdpSink(f"udp://127.0.0.1:{port}?format={layout}", WIDTH, HEIGHT)
     half = len(batch) // 2
-    sink.write(batch[:half])
-    sink.write(empty_batch())
-    sink.write(batch[half:])
+    sink.write(batch[:half], end_of(batch[:half]))
+    sink.write(empty_batch(), end_of(empty_batch()))
+    sink.write(batch[half:], end_of(batch[half:]))
     sink.close()
     assert (sink.dropped_packets, sink.dropped_events) == (0, 0)
     assert sink.warning is None
@@ -145,10 +146,10 @@ def test_full_queue_drops_the_oldest_and_counts(monkeypatch: pytest.MonkeyPatch,
     monkeypatch.setattr("clsim.events.udp.time", resting)  # the sender rests after its first burst
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     batches = [make_events(1950, start_us=i * 1_000_000) for i in range(10)]
-    sink.write(batches[0])
+    sink.write(batches[0], end_of(batches[0]))
     wait_until(lambda: sink.queued_bytes == 0)
     for batch in batches[1:]:
-        sink.write(batch)
+        sink.write(batch, end_of(batch))
     assert sink.dropped_events == 7 * 1950  # of the nine, two fit
     assert sink.dropped_packets == 7 * 20
     held.set()
@@ -161,7 +162,7 @@ def test_close_sends_a_long_queue(receiver: socket.socket) -> None:
     """What a short run leaves in the queue takes longer to send than the run itself."""
     batch = make_events(1_000_000)
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
-    sink.write(batch)
+    sink.write(batch, end_of(batch))
     assert sink.queued_bytes > 5_000_000
     sink.close()
     assert (sink.dropped_packets, sink.dropped_events, sink.queued_bytes) == (0, 0, 0)
@@ -172,7 +173,7 @@ def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.sock
     monkeypatch.setattr(f"clsim.events.udp.{'HURRY_S' if in_a_hurry else 'CLOSE_TIMEOUT_S'}", 0.0)
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     for _ in range(5):
-        sink.write(make_events(50_000))
+        sink.write(make_events(50_000), end_of(make_events(50_000)))
     if in_a_hurry:
         sink.hurry()
     sink.close()
@@ -194,7 +195,7 @@ def test_wrong_events_refused(receiver: socket.socket) -> None:
         batch = empty_batch(1)
         batch[0] = event
         with pytest.raises(InputError, match=complaint):
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
     sink.close()
 
 

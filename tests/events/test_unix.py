@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from event_data import end_of
 from socket_help import HEIGHT, WIDTH, make_events
 
 from clsim.errors import InputError
@@ -41,7 +42,7 @@ def test_network_reader_gets_every_event(tmp_path: Path) -> None:
     with subprocess.Popen(command) as reader:
         try:
             assert sink.wait_for_clients(timeout_s=60)
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
             assert reader.wait(60) == 0
         finally:
             reader.kill()

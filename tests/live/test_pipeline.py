@@ -67,7 +67,7 @@ class ListSink:
         self.fail_after = fail_after
         self.closed = 0
 
-    def write(self, batch: EventBatch) -> None:
+    def write(self, batch: EventBatch, end_us: int) -> None:
         if self.fail_after is not None and len(self.batches) >= self.fail_after:
             raise SinkError("disk.txt: no space left")
         self.batches.append(batch.copy())

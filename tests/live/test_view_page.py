@@ -23,6 +23,7 @@ from clsim.frames import Frame
 from clsim.live.view import hub as hub_module
 from clsim.live.view.hub import Hub, Watcher
 from clsim.live.view.packets import PACKET_EVENTS, event_packets
+from tests.events.event_data import end_of
 from tests.live.view_events import random_events
 
 aiohttp = pytest.importorskip("aiohttp", reason="the page is an extra")
@@ -151,7 +152,7 @@ def test_a_browser_gets_every_event_in_order(sink: ViewSink) -> None:
 
     def act() -> None:
         for start in range(0, len(events), 1000):
-            sink.write(events[start : start + 1000])
+            sink.write(events[start : start + 1000], end_of(events[start : start + 1000]))
 
     def got(messages: list[Any]) -> int:
         return sum(len(decode(m)[3]) for m in messages if isinstance(m, bytes))
@@ -196,7 +197,7 @@ def test_a_stuck_browser_costs_bounded_memory_and_no_time(sink: ViewSink, monkey
         (watcher,) = sink._server.hub.watchers
         written = 0
         while written < 3_000_000:
-            sink.write(batch)
+            sink.write(batch, end_of(batch))
             written += len(batch)
             assert watcher.waiting_events <= 50_000
             assert sink._server.hub._pending_events <= 50_000
@@ -205,7 +206,9 @@ def test_a_stuck_browser_costs_bounded_memory_and_no_time(sink: ViewSink, monkey
         # Who does read still gets the newest events.
         newest = random_events(1000, WIDTH, HEIGHT, begin_us=2_000_000, end_us=3_000_000)
         messages = watch(
-            sink.url, lambda m: any(isinstance(x, bytes) and len(decode(x)[3]) for x in m), lambda: sink.write(newest)
+            sink.url,
+            lambda m: any(isinstance(x, bytes) and len(decode(x)[3]) for x in m),
+            lambda: sink.write(newest, end_of(newest)),
         )
         assert np.array_equal(decode(messages[-1])[3], newest)
     wait_until(lambda: sink.clients == 0)
@@ -213,7 +216,7 @@ def test_a_stuck_browser_costs_bounded_memory_and_no_time(sink: ViewSink, monkey
 
 
 def test_nothing_is_kept_while_nobody_watches(sink: ViewSink) -> None:
-    sink.write(random_events(1000, WIDTH, HEIGHT))
+    sink.write(random_events(1000, WIDTH, HEIGHT), end_of(random_events(1000, WIDTH, HEIGHT)))
     assert sink._server.hub._pending_events == 0 and not sink.wants_frame()
 
 

@@ -19,6 +19,7 @@ from clsim.live.view.hub import Hub
 from clsim.live.view.playback import Playback
 from clsim.live.view.player import OVERVIEW_BINS, Overview, Player
 from clsim.live.view.pump import Pump, paced
+from tests.events.event_data import end_of
 
 WIDTH, HEIGHT = 20, 10
 EVENTS = random_events(5000, WIDTH, HEIGHT, begin_us=3_000_000, end_us=5_000_000)
@@ -49,7 +50,7 @@ def recording(tmp_path: Path) -> Path:
     path = tmp_path / "events.aedat4"
     sink = open_sink(path, WIDTH, HEIGHT)
     for start in range(0, len(EVENTS), 300):
-        sink.write(EVENTS[start : start + 300])
+        sink.write(EVENTS[start : start + 300], end_of(EVENTS[start : start + 300]))
     sink.close()
     return path
 
@@ -179,7 +180,7 @@ class ListSink:
         self.batches: list[EventBatch] = []
         self.closed = 0
 
-    def write(self, batch: EventBatch) -> None:
+    def write(self, batch: EventBatch, end_us: int) -> None:
         self.batches.append(batch.copy())
 
     def close(self) -> None:
@@ -199,8 +200,8 @@ def test_pacing_loses_and_reorders_nothing_and_takes_its_time() -> None:
 
 
 def test_a_pump_raises_what_the_source_raises_and_closes_the_sink() -> None:
-    def broken() -> Iterator[EventBatch]:
-        yield EVENTS[:10]
+    def broken() -> Iterator[tuple[EventBatch, int]]:
+        yield EVENTS[:10], end_of(EVENTS[:10])
         raise InputError("events.txt: line 11 is torn")
 
     sink = ListSink()

@@ -11,6 +11,7 @@ from tests.live.view_events import random_events
 pytest.importorskip("rerun", reason="rerun is an extra")
 
 from clsim.live.view.rerun import RerunSink
+from tests.events.event_data import end_of
 
 
 class Listener:
@@ -33,7 +34,7 @@ def test_rerun_takes_events_rates_cloud_and_frames(tmp_path: Path) -> None:
     sink = RerunSink("a test", 32, 24, save_to=str(path))
     heard = sink._recording = Listener(sink._recording)
     for start in range(0, len(events), 100):
-        sink.write(events[start : start + 100])
+        sink.write(events[start : start + 100], end_of(events[start : start + 100]))
     frame = Frame(np.ones((3, 24, 32), np.float32), ("R", "G", "B"), time_us=5)
     assert sink.wants_frame()
     sink.show_frame(frame, np.zeros((24, 32), np.float32))

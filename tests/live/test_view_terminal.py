@@ -9,6 +9,7 @@ import pytest
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.live.view import terminal
 from clsim.live.view.terminal import TerminalScreen, TerminalView, suits_terminal
+from tests.events.event_data import end_of
 
 FULL_COLOUR = {"COLORTERM": "truecolor"}
 
@@ -54,7 +55,7 @@ def test_events_appear_where_they_are_and_in_their_colour() -> None:
     view = TerminalView(8, 6, FULL_COLOUR)
     events = [(0, 0, True), (7, 0, False), (3, 2, True), (3, 3, False), (7, 5, True)]
     for x, y, on in events:
-        view.write(many(x, y, on))
+        view.write(many(x, y, on), end_of(many(x, y, on)))
     seen = pixels(view.picture(8, 3))
     on_colour, off_colour = (";".join(["2", *map(str, terminal._TABLE[level])]) for level in (4, -4))
     expected = [[""] * 8 for _ in range(6)]
@@ -75,7 +76,7 @@ def test_pictures_fit_and_keep_their_proportions(columns: int, rows: int) -> Non
 
 def test_old_events_fade_and_vanish() -> None:
     view = TerminalView(2, 2, FULL_COLOUR)
-    view.write(many(0, 0, True, t=1000, count=2))
+    view.write(many(0, 0, True, t=1000, count=2), end_of(many(0, 0, True, t=1000, count=2)))
     strong = pixels(view.picture(2, 1, now_us=1000))[0][0]
     weak = pixels(view.picture(2, 1, now_us=1000 + int(terminal.DECAY_US)))[0][0]
     gone = pixels(view.picture(2, 1, now_us=1000 + 5 * int(terminal.DECAY_US)))[0][0]
@@ -84,8 +85,8 @@ def test_old_events_fade_and_vanish() -> None:
 
 def test_terminals_with_256_colours_get_those() -> None:
     view = TerminalView(2, 2, {})
-    view.write(many(0, 0, True))
-    view.write(many(1, 1, False))
+    view.write(many(0, 0, True), end_of(many(0, 0, True)))
+    view.write(many(1, 1, False), end_of(many(1, 1, False)))
     seen = pixels(view.picture(2, 1))
     assert re.fullmatch(r"5;\d+", seen[0][0]) and re.fullmatch(r"5;\d+", seen[1][1]) and seen[0][0] != seen[1][1]
     assert all(16 <= int(code[2:]) <= 231 for code in (seen[0][0], seen[1][1]))

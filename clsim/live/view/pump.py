@@ -16,8 +16,8 @@ _PERIOD_S = 1 / 60
 class Pump:
     """Writes all batches of a source to a sink, then closes the sink; ``wait`` raises what went wrong."""
 
-    def __init__(self, batches: Iterable[EventBatch], sink: Sink) -> None:
-        """Start at once."""
+    def __init__(self, batches: Iterable[tuple[EventBatch, int]], sink: Sink) -> None:
+        """Start at once; each batch comes with the time [µs] until which it is complete."""
         self.now_us = 0
         self.events = 0
         self._stopping = threading.Event()
@@ -39,22 +39,27 @@ class Pump:
         self._stopping.set()
         self._thread.join(timeout_s)
 
-    def _run(self, batches: Iterable[EventBatch], sink: Sink) -> None:
+    def _run(self, batches: Iterable[tuple[EventBatch, int]], sink: Sink) -> None:
         try:
-            for batch in batches:
+            for events, end_us in batches:
                 if self._stopping.is_set():
                     return
-                sink.write(batch)
-                if len(batch):
-                    self.now_us = int(batch["t"][-1])
-                    self.events += len(batch)
+                sink.write(events, end_us)
+                self.now_us = end_us
+                self.events += len(events)
         except BaseException as error:
             self._error = error
         finally:
             sink.close()
 
 
-def paced(batches: Iterable[EventBatch], speed: float = 1.0) -> Iterator[EventBatch]:
+def as_they_come(batches: Iterable[EventBatch]) -> Iterator[tuple[EventBatch, int]]:
+    """Yield batches, none of them empty, with the times [µs] of their last events."""
+    for batch in batches:
+        yield batch, int(batch["t"][-1])
+
+
+def paced(batches: Iterable[EventBatch], speed: float = 1.0) -> Iterator[tuple[EventBatch, int]]:
     """Yield the same events in small batches, each when its time has come; ``speed`` 0.1 is ten times slower."""
     start_s, begin_us = time.monotonic(), None
     for batch in batches:
@@ -64,7 +69,7 @@ def paced(batches: Iterable[EventBatch], speed: float = 1.0) -> Iterator[EventBa
         while len(rest):
             due_us = (begin_us or 0) + (time.monotonic() - start_s) * 1e6 * speed
             cut = int(np.searchsorted(rest["t"], due_us, side="right"))
-            yield rest[:cut]
+            yield rest[:cut], int(due_us if cut < len(rest) else rest["t"][-1])
             rest = rest[cut:]
             if len(rest):
                 time.sleep(_PERIOD_S)

@@ -43,14 +43,15 @@ class RerunSink:
             self._recording.spawn()
         self._recording.log("/", rerun.TextDocument(title), static=True)
 
-    def write(self, batch: EventBatch) -> None:
-        """Take a batch; see Sink.write."""
-        if not len(batch):
-            return
-        self._window.push(batch.copy())
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Take the events until ``end_us``; see Sink.write."""
+        if len(events):
+            self._window.push(events.copy())
         if self._end_us is None:
-            self._end_us = int(batch["t"][0]) + PICTURE_US
-        while batch["t"][-1] >= self._end_us:
+            if not len(events):
+                return
+            self._end_us = int(events["t"][0]) + PICTURE_US
+        while end_us >= self._end_us:
             self._log(self._window.select(self._end_us - PICTURE_US, self._end_us), self._end_us)
             self._end_us += PICTURE_US
 

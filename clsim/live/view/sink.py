@@ -57,11 +57,14 @@ class ViewSink:
         """Events that browsers were too slow for."""
         return self._server.hub.dropped_events
 
-    def write(self, batch: EventBatch) -> None:
-        """Take a batch; see Sink.write."""
-        if len(batch):
-            self._now_us = max(self._now_us, int(batch["t"][-1]))
-        self._server.hub.offer(batch, self._now_us)
+    def report(self) -> dict[str, float]:
+        """Return how many browsers watch, and how many events they were too slow for."""
+        return {"clients": self.clients, "dropped_events": self.dropped_events}
+
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Take the events until ``end_us``, the page's clock; see Sink.write."""
+        self._now_us = max(self._now_us, end_us)
+        self._server.hub.offer(events, self._now_us)
 
     def wants_frame(self) -> bool:
         """Tell whether somebody watches frames and the last one is long enough ago."""

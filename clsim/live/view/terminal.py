@@ -36,13 +36,12 @@ class TerminalView:
         full_colour = environment.get("COLORTERM") in ("truecolor", "24bit")
         self._codes = {level: _code(colour, full_colour) for level, colour in _TABLE.items()}
 
-    def write(self, batch: EventBatch) -> None:
-        """Add a batch; see Sink.write."""
-        if not len(batch):
-            return
+    def write(self, events: EventBatch, end_us: int) -> None:
+        """Add the events until ``end_us``; see Sink.write."""
         with self._lock:
-            self._fade(int(batch["t"][-1]))
-            self._sums += signed_image(batch, self.width, self.height, end_us=self._now_us, decay_us=DECAY_US)
+            self._fade(end_us)
+            if len(events):
+                self._sums += signed_image(events, self.width, self.height, end_us=self._now_us, decay_us=DECAY_US)
 
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
