@@ -118,7 +118,7 @@ def attach(
 
     ``listener`` is what ``reserve`` returned.
     """
-    from clsim.live.pipeline import Output
+    from clsim.live.delivery import Output
 
     size = session.width, session.height
     if view == "terminal":

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.events.aedat4_frames import Aedat4FramesSink
 from clsim.frames import Frame
-from clsim.frames.frame import FloatArray
 from clsim.frames.planes import RADIANCE
 from clsim.frames.tonemap import ToneMap
 
@@ -19,35 +17,30 @@ class FrameRecorder:
     The exposure is that of the first frame that is not black, so that brightness can be compared between frames.
     """
 
+    planes = RADIANCE
+
     def __init__(self, sink: Aedat4FramesSink) -> None:
         """Record to ``sink``, which is closed with the recorder."""
         self.recorded_frames = 0
         self._sink = sink
         self._tone_map = ToneMap(follow=0.0)
-        self._waiting: tuple[int, npt.NDArray[np.uint8]] | None = None
-
-    def wants_frame(self) -> bool:
-        """Ask for every frame."""
-        return True
-
-    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
-        """Keep the frame until its events are written."""
-        first = frame.names.index(RADIANCE[0])
-        blue_green_red = np.moveaxis(frame.planes[first : first + 3][::-1], 0, 2)
-        self._waiting = frame.time_us, self._tone_map(blue_green_red)
 
     def report(self) -> dict[str, float]:
         """Return the number of frames and, once one was not black, the factor from radiance to what sRGB encodes."""
         exposure = self._tone_map.exposure
         return {"recorded_frames": self.recorded_frames} | ({} if exposure is None else {"exposure": exposure})
 
+    def record(self, frame: Frame, events: EventBatch) -> None:
+        """Write the events of a step, then the frame that it led to."""
+        self.write(events, frame.time_us)
+        first = frame.names.index(RADIANCE[0])
+        blue_green_red = np.moveaxis(frame.planes[first : first + 3][::-1], 0, 2)
+        self._sink.write_image(frame.time_us, self._tone_map(blue_green_red))
+        self.recorded_frames += 1
+
     def write(self, events: EventBatch, end_us: int) -> None:
-        """Write the events of a frame, then the frame; see Sink.write."""
+        """Write events alone; see Sink.write."""
         self._sink.write(events, end_us)
-        if self._waiting is not None:
-            self._sink.write_image(*self._waiting)
-            self._waiting = None
-            self.recorded_frames += 1
 
     def close(self) -> None:
         """Complete the file; see Sink.close."""

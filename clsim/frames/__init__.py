@@ -20,7 +20,7 @@ from clsim.frames.planes import (
     plane_of,
     rendered_planes,
 )
-from clsim.frames.protocols import FrameSource
+from clsim.frames.protocols import Cancellable, CountsRays, FrameSource, Renoising
 from clsim.frames.ring import FrameRing, Policy, RingClosed
 
 __all__ = [
@@ -37,6 +37,8 @@ __all__ = [
     "RADIANCE",
     "SAMPLES",
     "VARIANCE_PLANES",
+    "Cancellable",
+    "CountsRays",
     "FloatArray",
     "Frame",
     "FrameRing",
@@ -46,6 +48,7 @@ __all__ = [
     "Plane",
     "PlaneSet",
     "Policy",
+    "Renoising",
     "RingClosed",
     "frame_time_us",
     "page_aligned",

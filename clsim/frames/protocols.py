@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from clsim.frames.frame import Frame
 
@@ -24,3 +24,28 @@ class FrameSource(Protocol):
     def close(self) -> None:
         """Release what the source holds; safe to call twice."""
         ...
+
+
+@runtime_checkable
+class Cancellable(Protocol):
+    """A source whose ``fill`` can be cut short."""
+
+    def cancel(self) -> None:
+        """Make a running ``fill``, and every later one, raise an error soon; safe from any thread."""
+        ...
+
+
+@runtime_checkable
+class CountsRays(Protocol):
+    """A source that tells what it has traced so far."""
+
+    paths: int
+    first_hit_rays: int
+
+
+@runtime_checkable
+class Renoising(Protocol):
+    """A source that can show a frame again with other noise."""
+
+    noise_offset: int
+    """Added to a frame's index where each frame has random numbers of its own; holds from the next frame on."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 
 from clsim.live.schedule import Schedule
 
@@ -17,8 +18,9 @@ class FrameClock:
         skipped: frames left out because others were due.
     """
 
-    def __init__(self, schedule: Schedule, *, may_skip: bool) -> None:
-        """Prepare; the clock stands still until `start`."""
+    def __init__(self, schedule: Schedule, *, may_skip: bool, clock: Callable[[], float] = time.perf_counter) -> None:
+        """Prepare; the clock stands still until `start`. ``clock`` returns seconds."""
+        self._now_s = clock
         self.lag_s = 0.0
         self.late_frames = self.skipped = 0
         self._schedule, self._may_skip = schedule, may_skip
@@ -26,14 +28,14 @@ class FrameClock:
 
     def start(self, index: int) -> None:
         """Let the clock run from now, when frame ``index`` is due."""
-        self._started_s = time.perf_counter() - self._schedule.time_us(index) * 1e-6
+        self._started_s = self._now_s() - self._schedule.time_us(index) * 1e-6
 
     def wait_for(self, index: int, stopping: threading.Event) -> int:
         """Wait until frame ``index`` is due; if it is long past and frames may be lost, return the one due now."""
         if self._started_s is None:
             self.start(index)
         assert self._started_s is not None, "the clock runs"
-        elapsed_s = time.perf_counter() - self._started_s
+        elapsed_s = self._now_s() - self._started_s
         due_now = int(elapsed_s * self._schedule.fps)
         if due_now > index and self._may_skip:
             if self._schedule.total is not None:

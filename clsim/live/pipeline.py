@@ -6,24 +6,37 @@ handles signals in the main thread alone and a compiler would block it. The main
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Literal, Protocol, cast
+from typing import Literal, Protocol, cast, runtime_checkable
 
-from clsim.events import EventBatch, Sink, SinkError
-from clsim.events.closing import close_at_once
-from clsim.frames import Frame, FrameRing, FrameSource, InterestBoard, InterestMap, Policy, RingClosed
+from clsim.events import EventBatch
+from clsim.events.closing import HURRY_S
+from clsim.frames import (
+    Cancellable,
+    CountsRays,
+    Frame,
+    FrameRing,
+    FrameSource,
+    InterestBoard,
+    InterestMap,
+    Policy,
+    Renoising,
+    RingClosed,
+)
 from clsim.frames.frame import FloatArray
 from clsim.live.clock import FrameClock
+from clsim.live.delivery import Delivery, Output
 from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
 from clsim.live.load import BusyMeter
-from clsim.live.schedule import Schedule
+from clsim.live.schedule import Continuity, Schedule
 
 Pace = Literal["max", "real"]
+_CLOSING_S = HURRY_S + 0.1
+"""Time for outputs to close in once somebody pressed Ctrl-C."""
 
 
 class DetectorStats(Protocol):
@@ -70,6 +83,15 @@ class InterestedDetector(Protocol):
         ...
 
 
+@runtime_checkable
+class TellsLevel(Protocol):
+    """A detector that tells the brightness that it sees."""
+
+    def level(self) -> FloatArray:
+        """Return the brightness of each pixel at the last frame [log units], ``[H, W]``."""
+        ...
+
+
 class FrameWatcher(Protocol):
     """Somebody who looks at a frame now and then."""
 
@@ -80,25 +102,6 @@ class FrameWatcher(Protocol):
     def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
         """Show a copy of the frame and, if the detector tells, of its brightness ``[H, W]``, denoised [log units]."""
         ...
-
-
-@dataclass
-class Output:
-    """A sink, the name the user knows it by, and where its sidecar goes if it has one."""
-
-    name: str
-    sink: Sink
-    error: str | None = None
-    reader_left: bool = False
-    """Whether the error is that nobody reads any longer, as with ``| head``."""
-    sidecar: Path | None = None
-    closed: bool = False
-
-    def fail(self, error: Exception) -> None:
-        """Keep the first error, in words."""
-        if self.error is None:
-            self.error = str(error)
-            self.reader_left = isinstance(error.__cause__ or error, BrokenPipeError)
 
 
 @dataclass
@@ -134,7 +137,7 @@ class Pipeline:
     Args:
         make_source: builds the frame source, in the producer's thread.
         make_detector: builds the detector, in the consumer's thread.
-        outputs: where events go; one that fails is closed and named, the others go on.
+        outputs: where events go; one that fails is named in the end, the others go on.
         schedule: which frames to show.
         shape: plane names, height and width of the frames.
         ring: policy of the ring.
@@ -164,24 +167,27 @@ class Pipeline:
         names, height, width = shape
         self.progress = Progress()
         self.watchers: list[FrameWatcher] = []
-        self.outputs = list(outputs)
+        self._delivery = Delivery(outputs)
         self._make_source, self._make_detector = make_source, make_detector
         self._schedule = schedule
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
         self._board, self._governed = board, governed
         self._meter = BusyMeter(share_cores=share_cores)
-        self._source: FrameSource | None = None
+        self._source: object = None
         self._stopping = threading.Event()
         self._consumed = threading.Semaphore(0)
-        self._restarts: deque[int] = deque()
+        self._continuity = Continuity(schedule)
         self._error: BaseException | None = None
-        self._sinks_closed = False
-        self._sink_lock = threading.Lock()
         self._threads = [
             threading.Thread(target=self._guard, args=(self._produce,), name="clsim-render", daemon=True),
             threading.Thread(target=self._guard, args=(self._consume,), name="clsim-detect", daemon=True),
         ]
+
+    @property
+    def outputs(self) -> list[Output]:
+        """Where events go; more may be added before the start."""
+        return self._delivery.outputs
 
     def start(self) -> None:
         """Start both threads."""
@@ -195,24 +201,32 @@ class Pipeline:
             thread.join(None if deadline is None else max(0.0, deadline - time.monotonic()))
             if thread.is_alive():
                 return False
-        self._close_outputs()
+        self._delivery.close()
         if self._error is not None:
             raise self._error
         return True
 
-    def stop(self, timeout_s: float = 0.7) -> bool:
-        """End now: running tiles finish, sinks are closed. False if a thread was still busy (compiling, say)."""
-        self._stopping.set()
-        self._abandon()
-        cancel = getattr(self._source, "cancel", None)
-        if cancel is not None:
-            cancel()
+    def stop(self, timeout_s: float = 0.8) -> bool:
+        """End now: running tiles finish, sinks are closed. False if a thread or a sink is still busy after the timeout.
+
+        Ctrl-C does not cut this short, or files would be left unfinished.
+        """
+        ended: list[bool] = []
+        ender = threading.Thread(target=lambda: ended.append(self._end(timeout_s)), name="clsim-stop")
+        ender.start()
+        while ender.is_alive():
+            with contextlib.suppress(KeyboardInterrupt):
+                ender.join()
+        return ended == [True]
+
+    def _end(self, timeout_s: float) -> bool:
         deadline = time.monotonic() + timeout_s
+        self._give_up()
         for thread in self._threads:
             if thread.ident is not None:
-                thread.join(max(0.0, deadline - time.monotonic()))
-        self._close_outputs(at_once=True)
-        return not any(thread.is_alive() for thread in self._threads)
+                thread.join(max(0.0, deadline - _CLOSING_S - time.monotonic()))
+        closed = self._delivery.close_at_once(max(_CLOSING_S, deadline - time.monotonic()))
+        return closed and not any(thread.is_alive() for thread in self._threads)
 
     def _guard(self, run: Callable[[], None]) -> None:
         try:
@@ -222,32 +236,40 @@ class Pipeline:
         except BaseException as error:
             if not self._stopping.is_set():
                 self._error = self._error or error
-            self._abandon()
+            self._give_up()
 
-    def _abandon(self) -> None:
-        """Let neither thread wait for the other any longer."""
+    def _give_up(self) -> None:
+        """Let neither thread go on, or wait for the other or for the clock."""
+        self._stopping.set()
         self._ring.abandon()
         if self._board is not None:
             self._board.close()
         self._consumed.release()
+        if isinstance(self._source, Cancellable):
+            self._source.cancel()
 
     def _produce(self) -> None:
         source = self._source = self._make_source()
+        renoising = source if isinstance(source, Renoising) else None
+        schedule, clock = self._schedule, self._clock
         try:
             index = 0
-            while not self._stopping.is_set() and (self._schedule.total is None or index < self._schedule.total):
-                if self._clock is not None and index >= WARM_UP_FRAMES:
-                    index = self._clock.wait_for(index, self._stopping)
+            while not self._stopping.is_set() and (schedule.total is None or index < schedule.total):
+                if clock is not None and index >= WARM_UP_FRAMES:
+                    index = clock.wait_for(index, self._stopping)
                 frame = self._ring.acquire()
                 if self._governed is not None and self._governed.apply(cast(Steerable, source)):
-                    self._restarts.append(index)
+                    self._continuity.restart_at(index)
+                shown = schedule.source_index(index)
+                if renoising is not None:
+                    renoising.noise_offset = index - shown
                 with self._meter.busy("source"):
-                    source.fill(self._schedule.source_index(index), frame)
+                    source.fill(shown, frame)
                 frame.index = index
-                if not self._schedule.recorded_times:
-                    frame.time_us = self._schedule.time_us(index)
+                if not schedule.recorded_times:
+                    frame.time_us = schedule.time_us(index)
                 self._ring.publish()
-                if self._clock is not None and index < WARM_UP_FRAMES:
+                if clock is not None and index < WARM_UP_FRAMES:
                     self._consumed.acquire()
                 index += 1
             self._ring.close()
@@ -257,53 +279,34 @@ class Pipeline:
     def _consume(self) -> None:
         detector = self._make_detector()
         try:
-            previous = 0
             while True:
                 frame = self._ring.take()
                 assert frame is not None, "take() without a timeout returns a frame or raises"
+                time_us = frame.time_us
                 with self._meter.busy("detector"):
                     try:
-                        if self._schedule.crosses_seam(previous, frame.index) or self._restarts_by(frame.index):
-                            detector.reset()
-                        previous = frame.index
-                        batch = detector.step(frame)
-                        if self._board is not None:
-                            self._board.publish(cast(InterestedDetector, detector).interest())
-                        time_us = frame.time_us
-                        for watcher in self.watchers:
-                            if watcher.wants_frame():
-                                tell_level = getattr(detector, "level", None)
-                                watcher.show_frame(frame, None if tell_level is None else tell_level())
+                        events = self._detect(detector, frame)
+                        self._delivery.record(frame, events)
                     finally:
                         self._ring.release()
-                self._write(batch, time_us)
-                self._count(batch, time_us, detector.stats)
+                self._delivery.write(events, time_us)
+                self._count(events, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
                     self._governed.frame_done(self._meter.lap(), self._clock.lag_s)
                 self._consumed.release()
         finally:
             detector.close()
 
-    def _restarts_by(self, index: int) -> bool:
-        """Tell whether the picture has changed by itself since the frame before ``index``, if some were dropped too."""
-        found = False
-        while self._restarts and self._restarts[0] <= index:
-            self._restarts.popleft()
-            found = True
-        return found
-
-    def _write(self, batch: EventBatch, end_us: int) -> None:
-        with self._sink_lock:
-            if self._sinks_closed:
-                return
-            for output in self.outputs:
-                if output.error is None:
-                    try:
-                        output.sink.write(batch, end_us)
-                    except (SinkError, OSError) as error:
-                        output.fail(error)
-            if self.outputs and all(output.error for output in self.outputs):
-                raise SinkError("every output has failed: " + "; ".join(o.error or "" for o in self.outputs))
+    def _detect(self, detector: Detector, frame: Frame) -> EventBatch:
+        if self._continuity.breaks(frame.index):
+            detector.reset()
+        events = detector.step(frame)
+        if self._board is not None:
+            self._board.publish(cast(InterestedDetector, detector).interest())
+        for watcher in self.watchers:
+            if watcher.wants_frame():
+                watcher.show_frame(frame, detector.level() if isinstance(detector, TellsLevel) else None)
+        return events
 
     def _count(self, batch: EventBatch, time_us: int, stats: DetectorStats) -> None:
         progress = self.progress
@@ -319,25 +322,9 @@ class Pipeline:
         progress.most_crossings = stats.most_crossings
         progress.capped_events = stats.capped
         progress.fill = self._ring.fill
-        progress.paths = getattr(self._source, "paths", None)
-        progress.first_hit_rays = getattr(self._source, "first_hit_rays", None)
+        if isinstance(self._source, CountsRays):
+            progress.paths, progress.first_hit_rays = self._source.paths, self._source.first_hit_rays
         progress.dropped_frames = self._ring.dropped
         if self._clock is not None:
             progress.dropped_frames += self._clock.skipped
             progress.late_frames = self._clock.late_frames
-
-    def _close_outputs(self, *, at_once: bool = False) -> None:
-        """Close what is open still (an earlier call may have been interrupted): files first, for sockets may wait."""
-        with self._sink_lock:
-            self._sinks_closed = True
-            for output in reversed(self.outputs):
-                if output.closed:
-                    continue
-                try:
-                    if at_once:
-                        close_at_once(output.sink)
-                    else:
-                        output.sink.close()
-                except (SinkError, OSError) as error:
-                    output.fail(error)
-                output.closed = True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from clsim.errors import InputError
@@ -41,6 +42,29 @@ class Schedule:
     def crosses_seam(self, previous: int, index: int) -> bool:
         """Tell whether a jump of the motion lies between two frames of the run."""
         return self.loop and not self.periodic and previous // self.pass_frames != index // self.pass_frames
+
+
+class Continuity:
+    """Knows which frames do not continue the one before them, though others may have been dropped between them."""
+
+    def __init__(self, schedule: Schedule) -> None:
+        """Prepare for the frames of ``schedule``."""
+        self._schedule = schedule
+        self._previous = 0
+        self._restarts: deque[int] = deque()
+
+    def restart_at(self, index: int) -> None:
+        """Take notice that from frame ``index`` on even a still picture is another; for the producer's thread."""
+        self._restarts.append(index)
+
+    def breaks(self, index: int) -> bool:
+        """Tell whether references must be set anew at frame ``index``; for the consumer's thread, once a frame."""
+        found = self._schedule.crosses_seam(self._previous, index)
+        self._previous = index
+        while self._restarts and self._restarts[0] <= index:
+            self._restarts.popleft()
+            found = True
+        return found
 
 
 def plan(

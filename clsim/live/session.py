@@ -13,14 +13,14 @@ import numpy as np
 from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.events import Reporting, Sink
 from clsim.events.address import is_address
-from clsim.events.frame_recorder import FrameRecorder
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.frames import VARIANCE_PLANES, InterestBoard, rendered_planes
+from clsim.live.delivery import Output
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
-from clsim.live.pipeline import Output, Pipeline
+from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
 from clsim.scene import Camera, World, load_world
 from clsim.version import VERSION
@@ -155,7 +155,6 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         governed=governed,
         share_cores=options.render_device == "cpu",
     )
-    pipeline.watchers += [output.sink for output in outputs if isinstance(output.sink, FrameRecorder)]
     window = None if config.method == "esim" else config.side
     about = _about(options.as_dict() | {"window": window}, config, schedule) | about_camera(camera, schedule)
     return Session(

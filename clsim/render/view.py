@@ -44,6 +44,7 @@ class View:
         names: their planes.
         fps: frames per simulated second.
         frame_count: frames until the motion ends, or as many as were asked for.
+        noise_offset: added to a frame's index where each has its own noise, so that a loop need not repeat it.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class View:
         self.names: tuple[str, ...] = planes.names
         self.fps = options.fps or data.world.fps
         self.frame_count: int | None = options.frames or max(1, round(data.world.duration_s * self.fps)) + 1
+        self.noise_offset = 0
         self._data = data
         self._options = options
         self._device = data.device
@@ -125,7 +127,7 @@ class View:
         time_s = time_us * 1e-6
         self._data.move(time_s)
         self._settings.stream = stream_state(
-            self._options.seed, index if self._options.noise == "independent" else None
+            self._options.seed, index + self.noise_offset if self._options.noise == "independent" else None
         )
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}

@@ -46,12 +46,15 @@ def files(tmp_path: Path) -> Path:
             ["live", "still", "--quality", "exact", "--sampling", "adaptive"],
             "--sampling adaptive needs --first-hit-rays of at least 1, which --quality exact has not: give it too",
         ),
-        (["live", "still", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
+        (["live", "still", "--quality", "draft", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
         (
             ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
             "--probe-spp must be at most --spp 32, got 99",
         ),
-        (["live", "still", "--probe-every", "2"], "--probe-every 2 needs --first-hit-rays of at least 1, got 0"),
+        (
+            ["live", "still", "--method", "esim", "--probe-every", "2"],
+            "--probe-every 2 needs --first-hit-rays of at least 1, got 0",
+        ),
         (["live", "still", "--quality", "balanced", "--noise", "independent"], "adaptive needs --noise common"),
         (["live", "still", "--window", "12"], "--window must be an odd number from 3 to 21, got 12"),
         (["live", "still", "--history", "9"], "--history must be from 1 to 5 frames, got 9"),

@@ -75,8 +75,7 @@ def test_frames_are_srgb_of_one_exposure_in_dvs_order(tmp_path: Path) -> None:
     for time_us, red, green, blue in ((0, 0.0, 0.0, 0.0), (10, 2.0, 1.0, 0.5), (20, 1.0, 0.5, 0.25)):
         planes = np.ones((4, HEIGHT, WIDTH), np.float32)
         planes[1:] = np.array([red, green, blue])[:, None, None]
-        recorder.show_frame(Frame(planes, ("Depth", "R", "G", "B"), time_us), None)
-        recorder.write(np.empty(0, EVENT_DTYPE), time_us)
+        recorder.record(Frame(planes, ("Depth", "R", "G", "B"), time_us), np.empty(0, EVENT_DTYPE))
     recorder.close()
     _, frames = recording(path)
     assert recorder.report()["exposure"] == pytest.approx(0.4)  # the brightest channel, 2.0, becomes 0.8

@@ -1,13 +1,17 @@
+import signal
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch, SinkError
 from clsim.frames import Frame
-from clsim.live.pipeline import Output, Pipeline
-from clsim.live.schedule import Schedule, plan
+from clsim.live.clock import FrameClock
+from clsim.live.delivery import Output
+from clsim.live.pipeline import Pipeline
+from clsim.live.schedule import Continuity, Schedule, plan
 
 NAMES = ("R", "G", "B")
 
@@ -62,14 +66,15 @@ class OneEventDetector:
 
 
 class ListSink:
-    def __init__(self, fail_after: int | None = None) -> None:
+    def __init__(self, fail_after: int | None = None, error: Exception | None = None) -> None:
         self.batches: list[EventBatch] = []
         self.fail_after = fail_after
+        self.error = error or SinkError("disk.txt: no space left")
         self.closed = 0
 
     def write(self, batch: EventBatch, end_us: int) -> None:
         if self.fail_after is not None and len(self.batches) >= self.fail_after:
-            raise SinkError("disk.txt: no space left")
+            raise self.error
         self.batches.append(batch.copy())
 
     def close(self) -> None:
@@ -118,14 +123,182 @@ def test_a_periodic_loop_is_not_reset() -> None:
     assert detector.resets == []
 
 
-def test_a_failing_sink_does_not_stop_the_others() -> None:
-    good, bad = ListSink(), ListSink(fail_after=3)
-    pipeline, _, _ = run(plan(1.0, 10.0), sinks=(bad, good))
+@pytest.mark.parametrize(
+    ("error", "told"),
+    [
+        (SinkError("disk.txt: no space left"), "disk.txt: no space left"),
+        (InputError("a.dat: event time 4294967296 µs is too late"), "a.dat: event time 4294967296 µs is too late"),
+        (OSError("no such device"), "no such device"),
+        (ZeroDivisionError("oops"), "sink 1: ZeroDivisionError('oops')"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, Exception) else "",
+)
+def test_a_failing_sink_ends_alone(error: Exception, told: str) -> None:
+    """The one before it and the one after it get every batch, that of the failure too."""
+    before, bad, after = ListSink(), ListSink(3, error), ListSink()
+    pipeline, _, _ = run(plan(1.0, 10.0), sinks=(before, bad, after))
     pipeline.start()
     assert pipeline.wait(10)
-    assert len(good.batches) == 11 and len(bad.batches) == 3
-    assert pipeline.outputs[0].error == "disk.txt: no space left" and pipeline.outputs[1].error is None
-    assert good.closed == bad.closed == 1
+    assert len(before.batches) == len(after.batches) == 11 and len(bad.batches) == 3
+    assert [output.error for output in pipeline.outputs] == [None, told, None]
+    assert before.closed == bad.closed == after.closed == 1
+
+
+@pytest.mark.parametrize("error", [SinkError("x"), InputError("x"), ZeroDivisionError("x")])
+def test_a_sink_that_cannot_close_leaves_no_other_open(error: Exception) -> None:
+    class Torn(ListSink):
+        def close(self) -> None:
+            super().close()
+            raise error
+
+    first, torn, last = ListSink(), Torn(), ListSink()
+    pipeline, _, _ = run(plan(1.0, 10.0, frames=3), sinks=(first, torn, last))
+    pipeline.start()
+    assert pipeline.wait(10)
+    assert (first.closed, torn.closed, last.closed) == (1, 1, 1)
+    assert [output.error is None for output in pipeline.outputs] == [True, False, True]
+
+
+@pytest.mark.parametrize("stalls", ["write", "close"])
+def test_a_stalled_sink_does_not_hold_up_the_end(stalls: str) -> None:
+    """The others are closed all the same, with all they were given, and a second Ctrl-C changes nothing."""
+    released, stalled = threading.Event(), threading.Event()
+
+    class Stalled(ListSink):
+        def write(self, batch: EventBatch, end_us: int) -> None:
+            super().write(batch, end_us)
+            if stalls == "write" and len(self.batches) == 3:
+                stalled.set()
+                released.wait(20)
+
+        def close(self) -> None:
+            released.wait(20)
+
+    first, stuck, last = ListSink(), Stalled(), ListSink()
+    pipeline, _, _ = run(plan(1.0, 10.0, loop=True), CountingSource(seconds=0.001), (first, stuck, last))
+    pipeline.start()
+    try:
+        if stalls == "write":
+            assert stalled.wait(10)
+        else:
+            pipeline.wait(0.05)
+        begun = time.monotonic()
+        threading.Timer(0.2, signal.raise_signal, (signal.SIGINT,)).start()
+        assert not pipeline.stop()
+        assert time.monotonic() - begun < 1.0
+        assert (first.closed, last.closed) == (1, 1)
+        assert [output.closed for output in pipeline.outputs] == [True, False, True]
+        assert "takes no more events" in (pipeline.outputs[1].error or "")
+        assert pipeline.outputs[0].error is pipeline.outputs[2].error is None
+    finally:
+        released.set()
+
+
+def test_recorders_get_each_frame_with_the_events_of_its_step() -> None:
+    class Recorder(ListSink):
+        planes = ("R",)
+
+        def __init__(self, fail_after: int | None = None) -> None:
+            super().__init__(fail_after)
+            self.seen: list[tuple[int, float, int]] = []
+
+        def record(self, frame: Frame, events: EventBatch) -> None:
+            super().write(events, frame.time_us)
+            self.seen.append((frame.time_us, float(frame.plane("R")[0, 0]), int(events["x"][0])))
+
+        def write(self, batch: EventBatch, end_us: int) -> None:
+            raise AssertionError("a recorder's events come with their frame")
+
+    plain, recorder, failing = ListSink(), Recorder(), Recorder(fail_after=2)
+    pipeline, _, _ = run(plan(1.0, 10.0, frames=4), sinks=(failing, plain, recorder))
+    pipeline.start()
+    assert pipeline.wait(10)
+    assert recorder.seen == [(100_000 * k, k, k) for k in range(4)]
+    assert len(plain.batches) == 4 and len(failing.seen) == 2
+    assert [output.error is None for output in pipeline.outputs] == [False, True, True]
+
+
+def test_a_broken_detector_stops_a_source_that_waits_for_the_clock() -> None:
+    class Broken(OneEventDetector):
+        def step(self, frame: Frame) -> EventBatch:
+            if frame.index == 4:
+                raise FloatingPointError("the detector broke")
+            return super().step(frame)
+
+    source = CountingSource()
+    pipeline = Pipeline(lambda: source, Broken, [], plan(1e6, 0.05), (NAMES, 3, 4), pace="real")
+    pipeline.start()
+    begun = time.monotonic()
+    with pytest.raises(FloatingPointError, match="the detector broke"):
+        pipeline.wait(10)
+    assert time.monotonic() - begun < 5 and source.closed and source.cancelled
+
+
+def test_noise_goes_on_where_the_motion_starts_anew() -> None:
+    class Noisy(CountingSource):
+        noise_offset = 0
+
+        def fill(self, index: int, out: Frame) -> None:
+            super().fill(index, out)
+            numbers.append(index + self.noise_offset)
+
+    numbers: list[int] = []
+    pipeline, source, _ = run(plan(0.3, 10.0, frames=8, loop=True), Noisy())
+    pipeline.start()
+    assert pipeline.wait(10)
+    assert source.filled == [0, 1, 2, 0, 1, 2, 0, 1] and numbers == list(range(8))
+
+
+def test_a_seam_counts_though_its_frames_were_dropped() -> None:
+    jumps = Continuity(Schedule(10.0, 5, None, loop=True))
+    assert [jumps.breaks(index) for index in (0, 3, 4, 7, 8, 9, 16)] == [False, False, False, True, False, False, True]
+    assert not any(map(Continuity(Schedule(10.0, 5, None, loop=True, periodic=True)).breaks, (0, 3, 7, 16)))
+
+
+def test_a_restart_counts_though_its_frame_was_dropped() -> None:
+    continuity = Continuity(Schedule(10.0, 5, 100))
+    continuity.restart_at(6)
+    continuity.restart_at(7)
+    continuity.restart_at(20)
+    assert [continuity.breaks(index) for index in (4, 5, 9, 10, 20, 21)] == [False, False, True, False, True, False]
+
+
+def test_the_clock_tells_how_late_a_frame_is_begun() -> None:
+    now_s = [100.0]
+    clock = FrameClock(Schedule(10.0, 100, None), may_skip=False, clock=lambda: now_s[0])
+    stopping = threading.Event()
+    stopping.set()  # nothing is to wait in real time
+    assert clock.wait_for(4, stopping) == 4 and clock.lag_s < 1e-9
+    now_s[0] += 0.06  # 40 ms before the next is due
+    assert clock.wait_for(5, stopping) == 5 and clock.lag_s < 1e-9
+    now_s[0] += 0.09  # 50 ms after frame 5 was due, and before frame 6
+    assert clock.wait_for(5, stopping) == 5
+    assert (clock.lag_s, clock.late_frames) == (pytest.approx(0.05), 0)
+    now_s[0] += 0.30
+    assert clock.wait_for(6, stopping) == 6
+    assert (clock.lag_s, clock.late_frames) == (pytest.approx(0.25), 1)
+
+
+def test_a_clock_that_may_skip_shows_what_is_due_and_never_beyond_the_end() -> None:
+    now_s = [0.0]
+    clock = FrameClock(Schedule(10.0, 100, 20), may_skip=True, clock=lambda: now_s[0])
+    stopping = threading.Event()
+    stopping.set()
+    assert clock.wait_for(0, stopping) == 0
+    now_s[0] = 0.75
+    assert clock.wait_for(1, stopping) == 7 and (clock.skipped, clock.late_frames) == (6, 0)
+    assert clock.lag_s == pytest.approx(0.05)
+    now_s[0] = 60.0
+    assert clock.wait_for(8, stopping) == 19 and clock.skipped == 6 + 11
+
+
+def test_the_clock_waits_for_a_frame_that_is_not_due() -> None:
+    clock = FrameClock(Schedule(20.0, 100, None), may_skip=False)
+    stopping = threading.Event()
+    clock.wait_for(3, stopping)
+    begun = time.perf_counter()
+    clock.wait_for(5, stopping)
+    assert 0.05 < time.perf_counter() - begun < 5
 
 
 def test_when_every_sink_has_failed_the_run_ends() -> None:
