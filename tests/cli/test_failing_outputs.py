@@ -107,7 +107,7 @@ def test_a_conversion_that_fills_the_disk_says_so(clsim: Callable[..., object], 
     events = np.zeros(100_000, EVENT_DTYPE)
     events["t"] = np.arange(len(events))
     with contextlib.closing(open_sink(tmp_path / "many.csv", 4, 4)) as sink:
-        sink.write(events)
+        sink.write(events, len(events))
     (tmp_path / "full.txt").symlink_to("/dev/full")
     outcome = clsim("convert", tmp_path / "many.csv", tmp_path / "full.txt")
     sentence = f"clsim: {tmp_path}/full.txt: writing failed (No space left on device)"
