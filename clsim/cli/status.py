@@ -17,7 +17,7 @@ from clsim.cli.words import count_text, percent_text, real_time_share
 from clsim.events import Exposed, SinkError
 
 if TYPE_CHECKING:
-    from clsim.live.pipeline import Output
+    from clsim.live.delivery import Output
     from clsim.live.session import Session
     from clsim.live.view.terminal import TerminalScreen
 
