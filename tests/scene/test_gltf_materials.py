@@ -111,3 +111,47 @@ def test_flight_helmet_has_its_textures_once_each():
     kinds = {m.texture: True for m in world.materials} | {m.normal_texture: False for m in world.materials}
     assert all(world.textures[index].srgb == srgb for index, srgb in kinds.items())
     assert not world.warnings
+
+
+def test_one_image_as_colour_and_as_data_is_two_textures(tmp_path):
+    """Light is decoded from sRGB, roughness and normals are plain numbers, though all name the same texture."""
+    info = {"index": 0}
+    tree = gltf(
+        images=[{"uri": image_uri(np.full((2, 2, 4), 128))}],
+        textures=[{"source": 0}],
+        materials=[
+            {
+                "pbrMetallicRoughness": {"baseColorTexture": info, "metallicRoughnessTexture": info},
+                "normalTexture": info,
+                "emissiveTexture": info,
+                "emissiveFactor": [1, 1, 1],
+            }
+        ],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    m = world.materials[0]
+    assert m.texture == m.emission_texture != m.roughness_texture == m.normal_texture
+    assert [world.textures[k].srgb for k in (m.texture, m.roughness_texture)] == [True, False]
+
+
+def test_uneven_texture_transforms_scale_then_turn_then_shift(tmp_path):
+    """KHR_texture_transform, step by step, on coordinates whose v points down as in the file."""
+    angle, scale, offset = 0.7, (2.0, 0.5), (0.1, -0.3)
+    info = {
+        "index": 0,
+        "extensions": {"KHR_texture_transform": {"offset": offset, "rotation": angle, "scale": scale}},
+    }
+    tree = gltf(
+        images=[{"uri": image_uri(np.zeros((2, 2, 4)))}],
+        textures=[{"source": 0}],
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": info}}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    texture = load_gltf(write_gltf(tmp_path, tree)).textures[0]
+    for u, v in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (0.3, 0.8)):
+        x, y = u * scale[0], v * scale[1]
+        # A counter-clockwise turn as seen on the image, whose v points down.
+        x, y = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
+        expected = x + offset[0], 1 - (y + offset[1])
+        np.testing.assert_allclose(np.array(texture.uv_matrix) @ (u, 1 - v, 1), expected, atol=1e-12)

@@ -363,3 +363,46 @@ def test_lamps_without_a_bsdf_are_black_and_other_shapes_grey(tmp_path):
     light = '<emitter type="area"><rgb name="radiance" value="1, 2, 3"/></emitter>'
     world = load(tmp_path, f'<shape type="disk">{light}</shape><shape type="cube"/>')
     assert [m.color for m in world.materials] == [(0, 0, 0), (0.5, 0.5, 0.5)]
+
+
+def camera(tmp_path, properties):
+    film = '<film type="hdrfilm"><integer name="width" value="200"/><integer name="height" value="100"/></film>'
+    sensor = f'<sensor type="perspective">{properties}{film}</sensor>'
+    path = scene(tmp_path, sensor + '<emitter type="constant"/><shape type="cube"/>')
+    return load_mitsuba(path).camera
+
+
+@pytest.mark.parametrize(
+    ("axis", "side"), [("x", 200), ("y", 100), ("larger", 200), ("smaller", 100), ("diagonal", np.hypot(200, 100))]
+)
+def test_the_field_of_view_spans_the_side_that_the_file_names(tmp_path, axis, side):
+    """Of pixels 1 wide at distance d: tan(fov / 2) = side / 2 / d, and likewise for the width."""
+    found = camera(tmp_path, f'<float name="fov" value="40"/><string name="fov_axis" value="{axis}"/>')
+    distance = side / 2 / np.tan(np.radians(20))
+    assert np.tan(np.radians(found.fov_deg / 2)) == pytest.approx(100 / distance)
+
+
+def test_a_focal_length_belongs_to_the_diagonal_of_full_frame_film(tmp_path):
+    found = camera(tmp_path, '<string name="focal_length" value="43.2666mm"/>')
+    distance = np.hypot(200, 100)  # 43.2666 mm is that diagonal
+    assert np.tan(np.radians(found.fov_deg / 2)) == pytest.approx(100 / distance, rel=1e-5)
+
+
+def test_the_principal_point_is_the_film_shift_turned_round(tmp_path):
+    """Mitsuba counts x in widths and y in heights, clsim both in widths."""
+    found = camera(
+        tmp_path,
+        '<float name="fov" value="40"/><float name="principal_point_offset_x" value="0.1"/>'
+        '<float name="principal_point_offset_y" value="-0.2"/>',
+    )
+    assert found.lens.principal_point == pytest.approx((-0.1, 0.1))
+
+
+def test_one_image_as_colour_and_as_normals_is_two_textures(tmp_path):
+    PIL.Image.fromarray(np.full((2, 2, 3), 128, np.uint8)).save(tmp_path / "a.png")
+    image = '<texture type="bitmap" name="{}"><string name="filename" value="a.png"/>{}</texture>'
+    diffuse = '<bsdf type="diffuse">' + image.format("reflectance", "") + "</bsdf>"
+    bsdf = '<bsdf type="normalmap">' + image.format("normalmap", '<boolean name="raw" value="true"/>') + diffuse
+    found, world = material(tmp_path, bsdf + "</bsdf>")
+    assert found.texture != found.normal_texture
+    assert [world.textures[k].srgb for k in (found.texture, found.normal_texture)] == [True, False]
