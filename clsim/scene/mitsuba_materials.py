@@ -11,7 +11,8 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene.geometry import flipped_v
 from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
-from clsim.scene.mitsuba_xml import Color, Plugin, file_of
+from clsim.scene.mitsuba_values import Color, file_of
+from clsim.scene.mitsuba_xml import Plugin
 from clsim.scene.motion import Matrix
 from clsim.scene.spectra import GLASSES, METALS
 from clsim.scene.world import CheckerTexture, ImageTexture, Material, Texture, Vec3, Wrap

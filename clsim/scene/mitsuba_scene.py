@@ -17,7 +17,8 @@ from clsim.scene.geometry import is_similarity, placed_rigidly
 from clsim.scene.images import PixelBudget, read_linear
 from clsim.scene.mitsuba_materials import MaterialReader
 from clsim.scene.mitsuba_shapes import read_shape
-from clsim.scene.mitsuba_xml import Animation, Color, Plugin, file_of, read_scene
+from clsim.scene.mitsuba_values import Color, file_of
+from clsim.scene.mitsuba_xml import Animation, Plugin, read_scene
 from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose, look_at
 from clsim.scene.rigid import quaternion_of, without_scale
 from clsim.scene.world import (

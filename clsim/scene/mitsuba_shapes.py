@@ -12,7 +12,8 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.geometry import smooth_normals, transformed
-from clsim.scene.mitsuba_xml import Plugin, file_of
+from clsim.scene.mitsuba_values import file_of
+from clsim.scene.mitsuba_xml import Plugin
 from clsim.scene.motion import Matrix, look_at
 from clsim.scene.trimesh_scene import load_triangles
 from clsim.scene.world import Mesh

@@ -6,7 +6,7 @@ A document type, and with it every entity, is refused; size, depth and the numbe
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,9 @@ from xml.parsers import expat
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.files import named_file
-from clsim.scene.images import decode_srgb
+from clsim.scene.mitsuba_values import Element, Setting, file_of, numbers, value_of
 from clsim.scene.motion import Matrix, look_at
 from clsim.scene.rigid import rotation_about
-from clsim.scene.spectra import blackbody_rgb, rgb_of_spectrum
-from clsim.scene.world import Vec3
 
 MAX_BYTES = 64 << 20
 MAX_DEPTH = 64
@@ -28,23 +25,6 @@ MAX_ELEMENTS = 1_000_000
 MAX_INCLUDES = 100
 MAX_TEXT = 1 << 16
 PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector")
-
-
-@dataclass
-class Element:
-    """An XML element and where it stands."""
-
-    tag: str
-    attributes: dict[str, str]
-    place: str
-    children: list[Element] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class Color:
-    """A colour, as opposed to three numbers."""
-
-    rgb: Vec3
 
 
 @dataclass(frozen=True)
@@ -113,8 +93,8 @@ def read_scene(path: Path) -> tuple[Plugin, bool]:
     match = re.match(r"\d+", root.attributes.get("version", ""))
     if match is None:
         raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")
-    reader = _Reader(path.parent)
-    return reader.plugin(root, path.parent, {}), int(match[0]) < 2
+    legacy = int(match[0]) < 2
+    return _Reader(path.parent, legacy).plugin(root, path.parent, {}), legacy
 
 
 def _parse(path: Path) -> Element:
@@ -160,8 +140,8 @@ def _parse(path: Path) -> Element:
 class _Reader:
     """Turns elements into plugins: parameters filled in, files included, references resolved."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, legacy: bool) -> None:
+        self.root, self.legacy = root, legacy
         self.named: dict[str, Plugin] = {}
         self.includes = 0
 
@@ -197,7 +177,8 @@ class _Reader:
             elif child.tag == "alias":
                 self.named[attributes.get("as", "")] = self._reference(child, attributes, "")
             elif child.tag in PROPERTIES:
-                plugin.values[name] = _value(child, attributes)
+                setting = Setting(folder, self.legacy, plugin.kind in ("emitter", "luminaire"))
+                plugin.values[name] = value_of(child, attributes, setting)
             elif child.tag == "transform":
                 plugin.values[name] = _transform(child, defaults)
             elif child.tag == "animation":
@@ -227,14 +208,6 @@ class _Reader:
             plugin.children.append(self.plugin(included, folder, defaults))
 
 
-def file_of(place: str, name: str, folder: Path) -> Path:
-    """Return the path of a file that a scene names; raises InputError if there is none."""
-    try:
-        return named_file(name, folder)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
-
-
 def _filled(element: Element, defaults: dict[str, str]) -> dict[str, str]:
     """Return the attributes with their $parameters filled in."""
     filled = {}
@@ -255,59 +228,6 @@ def _snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-def _numbers(place: str, text: str, counts: tuple[int, ...]) -> list[float]:
-    try:
-        numbers = [float(word) for word in re.split(r"[\s,]+", text.strip())]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in counts or not all(np.isfinite(numbers)):
-        raise InputError(f"{place}: got {text[:60]!r}, expected {' or '.join(map(str, counts))} numbers")
-    return numbers
-
-
-def _value(element: Element, attributes: dict[str, str]) -> Any:
-    place, tag, text = element.place, element.tag, attributes.get("value", "")
-    if tag == "string":
-        return text
-    if tag == "boolean":
-        if text.lower() not in ("true", "false"):
-            raise InputError(f"{place}: got {text!r}, expected true or false")
-        return text.lower() == "true"
-    if tag in ("float", "integer"):
-        return _numbers(place, text, (1,))[0]
-    if tag in ("point", "vector"):
-        if "value" in attributes:
-            return np.array(_numbers(place, text, (3,)))
-        return np.array([_numbers(place, attributes.get(axis, "0"), (1,))[0] for axis in "xyz"])
-    if tag == "blackbody":
-        temperature = _numbers(place, attributes.get("temperature", text).rstrip("kK"), (1,))[0]
-        scale = _numbers(place, attributes.get("scale", "1"), (1,))[0]
-        if not 100 <= temperature <= 100_000:
-            raise InputError(f"{place}: temperature is {temperature:g} K, expected 100 to 100000")
-        r, g, b = blackbody_rgb(temperature)
-        return Color((r * scale, g * scale, b * scale))
-    return Color(_color(place, tag, text))
-
-
-def _color(place: str, tag: str, text: str) -> Vec3:
-    if text.startswith("#"):
-        if not re.fullmatch(r"#[0-9a-fA-F]{6}", text):
-            raise InputError(f"{place}: got {text[:60]!r}, expected # and six hexadecimal digits")
-        r, g, b = decode_srgb([int(text[k : k + 2], 16) / 255.0 for k in (1, 3, 5)]).tolist()
-        return r, g, b
-    if tag == "spectrum" and ":" in text:
-        pairs = [pair.split(":") for pair in re.split(r"[\s,]+", text.strip())]
-        if any(len(pair) != 2 for pair in pairs):
-            raise InputError(f"{place}: got {text[:60]!r}, expected wavelength:value pairs")
-        wavelengths = [_numbers(place, pair[0], (1,))[0] for pair in pairs]
-        return rgb_of_spectrum(wavelengths, [_numbers(place, pair[1], (1,))[0] for pair in pairs])
-    numbers = _numbers(place, text, (1, 3))
-    if tag == "srgb":
-        numbers = decode_srgb(numbers).tolist()
-    r, g, b = numbers if len(numbers) == 3 else numbers * 3
-    return r, g, b
-
-
 def _transform(element: Element, defaults: dict[str, str]) -> Matrix:
     """Return the product of a transform's steps, the last one applied last."""
     matrix = np.eye(4)
@@ -323,27 +243,27 @@ def _step(element: Element, attributes: dict[str, str]) -> Matrix:
 
     def vector(missing: float) -> list[float]:
         if "value" in attributes:
-            numbers = _numbers(place, attributes["value"], (1, 3))
-            return numbers if len(numbers) == 3 else numbers * 3
-        return [_numbers(place, attributes.get(axis, str(missing)), (1,))[0] for axis in "xyz"]
+            found = numbers(place, attributes["value"], (1, 3))
+            return found if len(found) == 3 else found * 3
+        return [numbers(place, attributes.get(axis, str(missing)), (1,))[0] for axis in "xyz"]
 
     if element.tag == "matrix":
-        numbers = np.array(_numbers(place, attributes.get("value", ""), (9, 16)))
-        size = 4 if len(numbers) == 16 else 3
-        matrix[:size, :size] = numbers.reshape(size, size)
+        entries = np.array(numbers(place, attributes.get("value", ""), (9, 16)))
+        size = 4 if len(entries) == 16 else 3
+        matrix[:size, :size] = entries.reshape(size, size)
     elif element.tag == "translate":
         matrix[:3, 3] = vector(0.0)
     elif element.tag == "scale":
         matrix[:3, :3] = np.diag(vector(1.0))
     elif element.tag == "rotate":
         axis = np.array(vector(0.0))
-        angle = np.radians(_numbers(place, attributes.get("angle", ""), (1,))[0])
+        angle = np.radians(numbers(place, attributes.get("angle", ""), (1,))[0])
         if not np.linalg.norm(axis) > 0:
             raise InputError(f"{place}: rotates about no axis")
         matrix[:3, :3] = rotation_about(axis, float(angle))
     elif element.tag in ("lookat", "look_at", "lookAt"):
-        origin, target = (_numbers(place, attributes.get(key, ""), (3,)) for key in ("origin", "target"))
-        up = _numbers(place, attributes.get("up", "0, 1, 0"), (3,))
+        origin, target = (numbers(place, attributes.get(key, ""), (3,)) for key in ("origin", "target"))
+        up = numbers(place, attributes.get("up", "0, 1, 0"), (3,))
         if np.allclose(origin, target):
             raise InputError(f"{place}: looks at its own origin")
         # Mitsuba looks along +z with x to the left
@@ -356,7 +276,7 @@ def _step(element: Element, attributes: dict[str, str]) -> Matrix:
 def _animation(element: Element, defaults: dict[str, str]) -> Animation:
     keys: list[tuple[float, Matrix]] = []
     for child in element.children:
-        time = _numbers(child.place, _filled(child, defaults).get("time", ""), (1,))[0]
+        time = numbers(child.place, _filled(child, defaults).get("time", ""), (1,))[0]
         keys.append((time, _transform(child, defaults)))
     times = tuple(time for time, _ in keys)
     if not keys or times[0] < 0 or any(b <= a for a, b in pairwise(times)):

@@ -23,7 +23,7 @@ InMirror = Callable[[Matrix], PunctualLight]
 def light_color(materials: MaterialReader, parameters: Parameters, name: str) -> Vec3:
     """Return what a light sends out, its scale included."""
     scale = parameters.number("scale", 1.0)
-    r, g, b = (max(channel * scale, 0.0) for channel in materials.color(parameters, name, 1.0))
+    r, g, b = (max(channel * scale, 0.0) for channel in materials.color(parameters, name, 1.0, emits=True))
     return r, g, b
 
 

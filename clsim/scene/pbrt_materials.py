@@ -13,7 +13,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.scene.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
 from clsim.scene.pbrt_tokens import Parameters, file_of
-from clsim.scene.spectra import METALS, blackbody_rgb, rgb_of_spectrum
+from clsim.scene.spectra import METALS, blackbody_rgb, rgb_of_light, rgb_of_reflectance
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
 
 WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "black": "clamp", "octahedralsphere": "clamp"}
@@ -100,8 +100,9 @@ class MaterialReader:
             raise InputError(f"{parameter.place}: there is no texture {wanted!r} before this")
         return self._named[wanted]
 
-    def color(self, parameters: Parameters, name: str, default: float) -> Vec3:
-        """Return a colour parameter: rgb, a spectrum or a number."""
+    def color(self, parameters: Parameters, name: str, default: float, *, emits: bool = False) -> Vec3:
+        """Return a colour parameter: rgb, a spectrum or a number; spectra of lights are taken as they are."""
+        convert = rgb_of_light if emits else rgb_of_reflectance
         parameter = parameters.found.get(name)
         if parameter is None:
             return default, default, default
@@ -111,15 +112,15 @@ class MaterialReader:
                 raise InputError(f"{parameter.place}: {name} is {numbers[0]:g} K, expected 100 to 100000")
             return blackbody_rgb(numbers[0])
         if parameter.words:
-            return self._named_spectrum(parameter.place, parameter.words[0])
+            return self._named_spectrum(parameter.place, parameter.words[0], convert)
         if parameter.type == "spectrum" and len(numbers) >= 2 and len(numbers) % 2 == 0:
-            return rgb_of_spectrum(numbers[::2], numbers[1::2])
+            return convert(numbers[::2], numbers[1::2])
         if len(numbers) not in (1, 3):
             raise InputError(f"{parameter.place}: {name} has {len(numbers)} numbers, expected a colour")
         r, g, b = numbers if len(numbers) == 3 else numbers * 3
         return r, g, b
 
-    def _named_spectrum(self, place: str, name: str) -> Vec3:
+    def _named_spectrum(self, place: str, name: str, convert: Callable[[Any, Any], Vec3]) -> Vec3:
         parts = name.split("-")
         if len(parts) == 3 and parts[0] == "metal" and parts[1] in METALS and parts[2] in ("eta", "k"):
             return METALS[parts[1]][0 if parts[2] == "eta" else 1]
@@ -135,7 +136,7 @@ class MaterialReader:
                 raise InputError(f"{path}: is no table of wavelengths and values ({error})") from None
             if table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
                 raise InputError(f"{path}: is no table of wavelengths and values")
-            return rgb_of_spectrum(table[:, 0], table[:, 1])
+            return convert(table[:, 0], table[:, 1])
         self._warn(f"the spectrum {name} is not known; 1 stands in")
         return WHITE
 

@@ -79,20 +79,55 @@ def matching_functions(wavelengths_nm: npt.ArrayLike) -> F64:
     return np.stack([x, y, z], axis=-1)
 
 
-def rgb_of_spectrum(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike) -> Vec3:
-    """Return the colour of a spectrum given at wavelengths, such that a constant 1 has luminance 1; never negative."""
-    grid = np.arange(360.0, 831.0, 1.0)
-    sampled = np.interp(grid, np.asarray(wavelengths_nm, np.float64), np.asarray(values, np.float64))
-    curves = matching_functions(grid)
-    xyz = (curves * sampled[:, None]).sum(axis=0) / curves[:, 1].sum()
-    r, g, b = np.maximum(XYZ_TO_RGB @ xyz, 0.0).tolist()
+GRID = np.arange(360.0, 831.0, 1.0)
+"""The wavelengths [nm] over which spectra are summed."""
+_D65 = """
+46.6383 52.0891 49.9755 54.6482 82.7549 91.4860 93.4318 86.6823 104.865 117.008 117.812 114.861
+115.923 108.811 109.354 107.802 104.790 107.689 104.405 104.046 100.000 96.3342 95.7880 88.6856
+90.0062 89.5991 87.6987 83.2886 83.6992 80.0268 80.2146 82.2778 78.2842 69.7213 71.6091 74.3490
+61.6040 69.8856 75.0870 63.5927 46.4182 66.8054 63.3828 64.3040 59.4519 51.9590 57.4406 60.3125
+"""
+D65 = np.interp(GRID, np.arange(360.0, 831.0, 10.0), [float(word) for word in _D65.split()])
+"""Daylight, the white of Rec. 709 (CIE standard illuminant D65)."""
+
+
+def rgb_of_light(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike) -> Vec3:
+    """Return the colour of light whose spectrum is given at wavelengths; never negative.
+
+    A constant 1 has luminance 1 and is redder than Rec. 709's white. Beyond the wavelengths it is dark.
+    """
+    return _rgb(wavelengths_nm, values, np.ones_like(GRID))
+
+
+def rgb_of_reflectance(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike) -> Vec3:
+    """Return the colour of a reflectance given at wavelengths, seen by daylight; never negative, and 1 is white."""
+    white = _rgb(GRID, np.ones_like(GRID), D65)
+    r, g, b = (x / y for x, y in zip(_rgb(wavelengths_nm, values, D65), white, strict=True))
     return r, g, b
 
 
+def _rgb(wavelengths_nm: npt.ArrayLike, values: npt.ArrayLike, light: F64) -> Vec3:
+    """Return the colour of a spectrum times a light, of luminance 1 where the spectrum is 1."""
+    sampled = np.interp(
+        GRID, np.asarray(wavelengths_nm, np.float64), np.asarray(values, np.float64), left=0.0, right=0.0
+    )
+    curves = matching_functions(GRID) * light[:, None]
+    r, g, b = np.maximum(XYZ_TO_RGB @ ((curves * sampled[:, None]).sum(axis=0) / curves[:, 1].sum()), 0.0).tolist()
+    return r, g, b
+
+
+EQUAL_ENERGY = rgb_of_light(GRID, np.ones_like(GRID))
+"""The colour of light that is as strong at all wavelengths."""
+
+
 def blackbody_rgb(temperature_k: float) -> Vec3:
-    """Return the colour of a black body (Planck's law) of luminance 1."""
-    grid = np.arange(360.0, 831.0, 5.0)
-    radiance = grid**-5 / np.expm1(np.minimum(1.438776877e7 / (grid * temperature_k), 700.0))
-    r, g, b = rgb_of_spectrum(grid, radiance / radiance.max())
+    """Return the colour of a black body of luminance 1."""
+    r, g, b = blackbody_radiance(temperature_k)
     luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b
     return r / luminance, g / luminance, b / luminance
+
+
+def blackbody_radiance(temperature_k: float) -> Vec3:
+    """Return a black body's radiance [W·sr⁻¹·m⁻²·nm⁻¹] by Planck's law."""
+    first, second = 1.191042972e20, 1.438776877e7  # 2hc² and hc/k, for wavelengths in nm and radiance per nm
+    return rgb_of_light(GRID, first / GRID**5 / np.expm1(np.minimum(second / (GRID * temperature_k), 700.0)))

@@ -128,7 +128,7 @@ def test_materials(tmp_path):
     srgb, _ = material(tmp_path, '<bsdf type="diffuse"><rgb name="reflectance" value="#ff8000"/></bsdf>')
     assert srgb.color == pytest.approx((1, float(decode_srgb(128 / 255)), 0))
     flat, _ = material(tmp_path, '<bsdf type="diffuse"><spectrum name="reflectance" value="400:0.5, 700:0.5"/></bsdf>')
-    assert flat.color[1] == pytest.approx(0.5, rel=0.1)
+    assert flat.color == pytest.approx((0.5, 0.5, 0.5), rel=0.01)
     _, world = material(tmp_path, '<bsdf type="hk"/>')
     assert any("hk" in warning for warning in world.warnings)
     _, world = material(tmp_path, '<bsdf type="roughplastic"/>')
@@ -406,3 +406,60 @@ def test_one_image_as_colour_and_as_normals_is_two_textures(tmp_path):
     found, world = material(tmp_path, bsdf + "</bsdf>")
     assert found.texture != found.normal_texture
     assert [world.textures[k].srgb for k in (found.texture, found.normal_texture)] == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("spectrum", "light", "reflectance"),
+    [  # what Mitsuba 3.9 makes of them in its rgb variants
+        ('value="0.5"', (0.6024, 0.4741, 0.4545), (0.5, 0.5, 0.5)),
+        ('value="400:0.5, 700:0.5"', (0.5998, 0.4748, 0.4517), (0.4977, 0.4999, 0.4975)),
+        ('value="500:0.2, 600:0.7"', (0.2717, 0.4174, 0.0), (0.2393, 0.4269, 0.0)),
+        (
+            'value="400:0.2, 500:0.4, 550:0.6, 600:0.1, 700:0.9"',
+            (0.2675, 0.4578, 0.2614),
+            (0.1986, 0.4844, 0.2917),
+        ),
+        ('type="d65"', (1, 1, 1), (1, 1, 1)),
+        ('filename="a.spd"', (0.5998, 0.4748, 0.4517), (0.4977, 0.4999, 0.4975)),
+    ],
+)
+def test_spectra_of_light_keep_their_tint_and_reflectances_are_white_by_daylight(
+    tmp_path, spectrum, light, reflectance
+):
+    (tmp_path / "a.spd").write_text("# nm, share\n400 0.5\n700 0.5\n")
+    lamp = f'<shape type="disk"><emitter type="area"><spectrum name="radiance" {spectrum}/></emitter></shape>'
+    (emitter,) = load(tmp_path, lamp).materials
+    assert emitter.emission == pytest.approx(light, rel=0.025, abs=1e-4)
+    bsdf = f'<bsdf type="diffuse"><spectrum name="reflectance" {spectrum}/></bsdf>'
+    assert material(tmp_path, bsdf)[0].color == pytest.approx(reflectance, rel=0.025, abs=1e-4)
+
+
+def test_constant_spectra_of_old_files_are_white(tmp_path):
+    lamp = '<shape type="disk"><emitter type="area"><spectrum name="radiance" value="9"/></emitter></shape>'
+    assert load(tmp_path, lamp, "0.6.0").materials[0].emission == (9, 9, 9)
+    pairs = lamp.replace('"9"', '"400:9, 700:9"')
+    assert load(tmp_path, pairs, "0.6.0").materials[0].emission[0] > 10
+
+
+def test_black_bodies_have_the_radiance_of_plancks_law(tmp_path):
+    """At 2856 K and 5000 K as Mitsuba 3.9's spectral variant renders them."""
+    for temperature, expected in ((2856, (499.9, 223.7, 63.0)), (5000, (15277, 12095, 9574))):
+        spectrum = f'<spectrum name="radiance" type="blackbody"><float name="temperature" value="{temperature}"/>'
+        lamp = f'<shape type="disk"><emitter type="area">{spectrum}</spectrum></emitter></shape>'
+        assert load(tmp_path, lamp).materials[0].emission == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("spectrum", "part"),
+    [
+        ('value="700:1, 400:1"', "increasing wavelengths"),
+        ('value="400:1:2"', "wavelength:value pairs"),
+        ('type="what"', "expected d65, uniform, blackbody"),
+        ('type="blackbody"', "expected 1 numbers"),
+        ('filename="none.spd"', "missing"),
+        ('filename="scene.xml"', "no table"),
+    ],
+)
+def test_wrong_spectra_get_one_sentence(tmp_path, spectrum, part):
+    bsdf = f'<bsdf type="diffuse"><spectrum name="reflectance" {spectrum}/></bsdf>'
+    assert part in complaint(scene(tmp_path, SENSOR + f'<shape type="cube">{bsdf}</shape>'))

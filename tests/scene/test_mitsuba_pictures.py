@@ -82,3 +82,16 @@ def test_emitters_without_a_bsdf_are_black(mi, tmp_path):
     dome = """<shape type="sphere"><float name="radius" value="9"/><boolean name="flip_normals" value="true"/>
         <emitter type="area"><rgb name="radiance" value="1, 1.5, 2"/></emitter></shape>"""
     assert_alike(mi, tmp_path, FLOOR + dome)
+
+
+@pytest.mark.parametrize("spectrum", ["400:0.5, 700:0.5", "400:0.2, 500:0.4, 550:0.6, 600:0.1, 700:0.9"])
+def test_reflectance_spectra(mi, tmp_path, spectrum):
+    """A wall that is given by wavelengths, under white light."""
+    bsdf = f'<bsdf type="diffuse"><spectrum name="reflectance" value="{spectrum}"/></bsdf>'
+    assert_alike(mi, tmp_path, f'<shape type="cube">{bsdf}</shape>' + SKY, mean=0.02)
+
+
+@pytest.mark.parametrize("spectrum", ['value="9"', 'type="d65"', 'value="400:1, 500:2, 600:0.5, 700:3"'])
+def test_radiance_spectra(mi, tmp_path, spectrum):
+    lamp = panel(DIFFUSE, f'<spectrum name="radiance" {spectrum}/>')
+    assert_alike(mi, tmp_path, FLOOR + lamp, mean=0.02)

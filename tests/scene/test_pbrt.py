@@ -342,3 +342,11 @@ def test_damaged_text_never_raises_anything_but_an_input_error(tmp_path, data):
         load_world(path)
     except InputError as error:
         assert "scene.pbrt" in str(error)
+
+
+def test_spectra_of_lights_keep_their_tint_and_reflectances_are_white_by_daylight(tmp_path):
+    flat = "[400 0.5 700 0.5]"
+    m, _ = material(tmp_path, f'"diffuse" "spectrum reflectance" {flat}')
+    assert m.color == pytest.approx((0.5, 0.5, 0.5), rel=0.01)
+    world = load_world(scene(tmp_path, f'LightSource "point" "spectrum I" {flat}\n{TRIANGLE}'))
+    assert world.punctual_lights[0].intensity == pytest.approx((0.6, 0.475, 0.452), rel=0.01)
