@@ -7,7 +7,6 @@ process also outlives a kill of ours: it completes the file with what it was giv
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import os
 import struct
 import subprocess
@@ -17,9 +16,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from clsim.errors import InputError
 from clsim.events.aedat4 import LIMITS
 from clsim.events.batch import EventBatch, SinkError
+from clsim.events.files import need_library
 from clsim.events.filesink import FileSink, FlushPolicy, check_exists, naming_failures, unwritable
 
 RECORD_HEAD = struct.Struct("<cqI")
@@ -35,8 +34,7 @@ class Aedat4FramesSink(FileSink):
     def __init__(self, path: Path, width: int, height: int, flush: FlushPolicy | None = None) -> None:
         """Create the file; raises InputError when it cannot be, or when dv-processing is missing."""
         super().__init__(path, width, height, LIMITS, flush or FlushPolicy())
-        if importlib.util.find_spec("dv_processing") is None:
-            raise InputError(f"{path}: `frames` needs dv-processing; install it with: pip install 'clsim[dv]'")
+        need_library(path, "`frames`", "dv_processing", "dv")
         try:
             self._descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         except OSError as error:

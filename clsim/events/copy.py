@@ -13,7 +13,7 @@ from clsim.events import SinkError
 from clsim.events.address import is_address
 from clsim.events.closing import close_at_once
 from clsim.events.open import open_events, sensor_size
-from clsim.events.outputs import FileOptions, open_output
+from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.version import VERSION
 
@@ -46,6 +46,7 @@ def convert_events(
         size = sensor_size(source_name, source, resolution)
         batches = iter(source)
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
+        check_output(target_name, *size, files)
         sink = open_output(target_name, *size, files)
         events = 0
         try:

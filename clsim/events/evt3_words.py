@@ -16,12 +16,12 @@ from clsim.events.filesource import open_binary
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2000, 0x3000, 0x4000, 0x5000
 TIME_LOW, TIME_HIGH = 0x6000, 0x8000
+_LAP_DROP = 1 << 11  # so far the upper time goes back where the clock begins anew; OpenEB's rule
 _BLOCK_WORDS = 1 << 16  # up to 12 events each
 
 
-def decode_file(path: Path, start: int) -> Iterator[EventBatch]:
+def decode_file(path: Path, start: int, decoder: Evt3Decoder) -> Iterator[EventBatch]:
     """Yield the events of an EVT3 file whose first word is at byte ``start``; a torn last word is left out."""
-    decoder = Evt3Decoder()
     with open_binary(path) as file:
         file.seek(start)
         while data := file.read(2 * _BLOCK_WORDS):
@@ -29,12 +29,19 @@ def decode_file(path: Path, start: int) -> Iterator[EventBatch]:
 
 
 class Evt3Decoder:
-    """Turns words into events; time, row and vector base live on from one block of words to the next."""
+    """Turns words into events; time, row and vector base live on from one block of words to the next.
 
-    def __init__(self) -> None:
+    Cameras send events outside the sensor and upper times that go back a little. Those events, and events earlier than
+    a block before theirs, are left out and counted in ``dropped_events``.
+    """
+
+    def __init__(self, width: int | None, height: int | None) -> None:
         """Start before the first word; events ahead of the first time word are left out."""
+        self.dropped_events = 0
+        self._width, self._height = width or 1 << 16, height or 1 << 16
+        self._last_us = 0
         self._laps = -1
-        self._high = 0x1000  # above all: the first time word begins lap 0
+        self._high = 2 * _LAP_DROP + 0x1000  # above all: the first time word begins lap 0
         self._low = 0
         self._row = 0
         self._base = 0
@@ -47,11 +54,13 @@ class Evt3Decoder:
         is_high, is_base = kind == TIME_HIGH, kind == BASE_X
 
         highs = np.concatenate(([self._high], value[is_high]))
-        laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) < 0)
+        laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) <= -_LAP_DROP)
         clock = laps << 12 | highs
         at_high = np.cumsum(is_high)
-        # An upper time word sets the lower bits to 0; a lower one, if they are not, follows.
-        lows = _held(np.where(is_high, 0, value), is_high | (kind == TIME_LOW), self._low)
+        # A new upper time sets the lower bits to 0; a lower one, if they are not, follows.
+        is_new = is_high.copy()
+        is_new[is_high] = np.diff(highs) != 0
+        lows = _held(np.where(is_new, 0, value), is_new | (kind == TIME_LOW), self._low)
         rows = _held(value & 0x7FF, kind == ADDR_Y, self._row)
 
         # A vector word describes the next 12 or 8 pixels of the row, from the base on.
@@ -79,6 +88,18 @@ class Evt3Decoder:
             self._laps, self._high = int(laps[-1]), int(highs[-1])
             self._low, self._row, self._base_on = int(lows[-1]), int(rows[-1]), int(base_on[-1])
             self._base = int(bases[-1] + step[-1])
+        return self._clean(events)
+
+    def _clean(self, events: EventBatch) -> EventBatch:
+        """Return the events inside the sensor in the order of their times."""
+        fits = (events["x"] < self._width) & (events["y"] < self._height) & (events["t"] >= self._last_us)
+        if not fits.all():
+            self.dropped_events += len(events) - int(np.count_nonzero(fits))
+            events = events[fits]
+        if len(events):
+            if (events["t"][1:] < events["t"][:-1]).any():
+                events = events[np.argsort(events["t"], kind="stable")]
+            self._last_us = int(events["t"][-1])
         return events
 
 

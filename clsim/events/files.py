@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib
+import importlib.util
 import inspect
 import os
 from dataclasses import dataclass
@@ -26,9 +26,16 @@ class FileFormat:
     endings: tuple[str, ...]
     module: str
     promise: str
+    library: str | None = None
+    """What it needs beyond clsim's own requirements; the extra of that name brings it."""
+
+    def check_library(self, path: Path) -> None:
+        """Raise InputError if the library it needs is missing."""
+        if self.library is not None:
+            need_library(path, self.name.capitalize(), self.library, self.name)
 
     def load(self) -> Any:
-        """Import the module; it has ``open_sink(path, width, height, flush, **options)`` and ``open_source(path)``."""
+        """Import the module: LIMITS, ``open_sink(path, width, height, flush, **options)`` and ``open_source(path)``."""
         return importlib.import_module(f"clsim.events.{self.module}")
 
 
@@ -40,7 +47,7 @@ FORMATS = (
     FileFormat("dat", (".dat",), "dat", _KEEPS),
     FileFormat("es", (".es",), "es", _KEEPS),
     FileFormat("hdf5", (".h5", ".hdf5"), "hdf5", _KEEPS),
-    FileFormat("parquet", (".parquet",), "parquet", _ALL_OR_NOTHING),
+    FileFormat("parquet", (".parquet",), "parquet", _ALL_OR_NOTHING, library="pyarrow"),
     FileFormat("npz", (".npz",), "npz", _ALL_OR_NOTHING),
 )
 """Every format, in the order help texts list them."""
@@ -70,7 +77,8 @@ def open_sink(
     written, all before any event is asked for.
     """
     target = Path(path)
-    chosen = _by_name(format) if format else _by_name("text") if target == STDOUT else format_of(target)
+    chosen = format_named(format) if format else format_named("text") if target == STDOUT else format_of(target)
+    chosen.check_library(target)
     opener = chosen.load().open_sink
     if flush is None:  # who reads along waits for it
         flush = FlushPolicy(interval_us=0) if target == STDOUT else FlushPolicy()
@@ -90,7 +98,8 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> E
     Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
     """
     target = Path(path)
-    chosen = _by_name(format) if format else format_of(target)
+    chosen = format_named(format) if format else format_of(target)
+    chosen.check_library(target)
     with naming_damage(target):
         source: EventSource = chosen.load().open_source(target)
     return source
@@ -105,7 +114,15 @@ def format_of(path: Path) -> FileFormat:
     raise InputError(f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {endings}')
 
 
-def _by_name(name: str) -> FileFormat:
+def need_library(path: Path, user: str, library: str, extra: str) -> None:
+    """Raise InputError if ``library``, which ``user`` needs and an extra of clsim brings, is missing."""
+    if importlib.util.find_spec(library) is None:
+        name = library.replace("_", "-")
+        raise InputError(f"{path}: {user} needs {name}; install it with: pip install 'clsim[{extra}]'")
+
+
+def format_named(name: str) -> FileFormat:
+    """Return the format of FORMATS that has this name; InputError for an unknown one."""
     for candidate in FORMATS:
         if candidate.name == name:
             return candidate

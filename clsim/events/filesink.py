@@ -47,15 +47,19 @@ class Limits:
     span_us: int = 2**63
     """Time from the first event to the last."""
 
+    def check_size(self, path: Path, width: int, height: int) -> None:
+        """Raise InputError for a sensor that the format cannot hold."""
+        for name, size in (("width", width), ("height", height)):
+            if not 1 <= size <= self.size:
+                raise InputError(f"{path}: {name} {size} does not fit {self.format}, which holds 1 to {self.size}")
+
 
 class FileSink(abc.ABC):
     """Checks, gathers and flushes; a format says how events are stored and how the file is finished."""
 
     def __init__(self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy) -> None:
         """Check that the format can hold the sensor; opens nothing."""
-        for name, size in (("width", width), ("height", height)):
-            if not 1 <= size <= limits.size:
-                raise InputError(f"{path}: {name} {size} does not fit {limits.format}, which holds 1 to {limits.size}")
+        limits.check_size(path, width, height)
         self.path = path
         self.width = width
         self.height = height
@@ -186,7 +190,10 @@ class ByteFile:
             raise unwritable(path, error) from None
 
     def write(self, data: bytes | memoryview) -> None:
-        """Append everything, or nothing and raise OSError; a file that was deleted meanwhile counts as an error."""
+        """Append everything, or nothing and raise OSError; a file that was deleted meanwhile counts as an error.
+
+        Standard output keeps what was written of a torn record: with ``>>`` it may hold what is not ours.
+        """
         if self.path != STDOUT:  # which may well be a file without a name
             check_exists(self._descriptor)
         view = memoryview(data).cast("B")
@@ -197,10 +204,11 @@ class ByteFile:
                 self.size += written
                 view = view[written:]
         except OSError:
-            with contextlib.suppress(OSError):  # a torn record would spoil the file for strict readers
-                os.ftruncate(self._descriptor, start)
-                os.lseek(self._descriptor, start, os.SEEK_SET)
-                self.size = start
+            if self.path != STDOUT:
+                with contextlib.suppress(OSError):  # a torn record would spoil the file for strict readers
+                    os.ftruncate(self._descriptor, start)
+                    os.lseek(self._descriptor, start, os.SEEK_SET)
+                    self.size = start
             raise
 
     def write_at(self, offset: int, data: bytes) -> None:

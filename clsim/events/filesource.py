@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
@@ -24,14 +24,27 @@ class EventSource:
     left out, and everything before it is delivered.
     """
 
-    def __init__(self, path: Path, width: int | None, height: int | None, batches: Iterator[EventBatch]) -> None:
-        """Take the batches a format's reader yields; they are checked when they pass."""
+    def __init__(
+        self,
+        path: Path,
+        width: int | None,
+        height: int | None,
+        batches: Iterator[EventBatch],
+        dropped_events: Callable[[], int] = lambda: 0,
+    ) -> None:
+        """Take the batches a format's reader yields, which are checked when they pass, and what it left out so far."""
         self.path = path
         self.width = width
         self.height = height
         self._batches = batches
         self._last_us = 0
         self._count = 0
+        self._dropped_events = dropped_events
+
+    @property
+    def dropped_events(self) -> int:
+        """Number of events left out so far because they lie outside the sensor, or come too late."""
+        return self._dropped_events()
 
     def __iter__(self) -> EventSource:
         """Return itself: a source is read once."""

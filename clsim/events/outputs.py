@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.events import Sink
-from clsim.events.address import is_address, parse_address
-from clsim.events.files import FORMATS, format_of, open_sink
+from clsim.events.address import is_address, is_standard_output, parse_address
+from clsim.events.files import FORMATS, format_named, format_of, need_library, open_sink
 
 TextTime = Literal["us", "s"]
 
@@ -50,12 +50,45 @@ class FileOptions:
         return format_of(Path(name)).name
 
 
-def check_output(name: str, options: FileOptions) -> None:
-    """Raise InputError where a file could not be opened for events, without touching it."""
-    options.format_of(name)
+def open_outputs(names: Sequence[str], width: int, height: int, options: FileOptions) -> dict[str, Sink]:
+    """Open all outputs of a run, by name; raises InputError, before any file is touched, if one of them cannot be.
+
+    Opening a file replaces what was there, so the files come last: nothing may be lost because another output is wrong.
+    """
+    ordered = sorted(names, key=lambda name: not is_address(name))
+    places: dict[str, str] = {}
+    for name in ordered:
+        check_output(name, width, height, options)
+        place = "-" if is_standard_output(name) else name if is_address(name) else os.path.realpath(name)
+        if place in places:
+            raise InputError(f"{name}: is the same output as {places[place]}; expected each of them once")
+        places[place] = name
+    new_files = [Path(name) for name in names if not is_address(name) and not Path(name).exists()]
+    sinks: dict[str, Sink] = {}
+    try:
+        for name in ordered:
+            sinks[name] = open_output(name, width, height, options)
+    except BaseException:
+        for sink in sinks.values():
+            sink.close()
+        for path in new_files:
+            path.unlink(missing_ok=True)
+        raise
+    return sinks
+
+
+def check_output(name: str, width: int, height: int, options: FileOptions) -> None:
+    """Raise InputError where a file could not be opened for events of such a sensor, without touching it."""
+    kind = options.format_of(name)
     if is_address(name):
         return
     path = Path(name)
+    if kind is not None:
+        chosen = format_named(kind)
+        chosen.load().LIMITS.check_size(path, width, height)
+        chosen.check_library(path)
+        if kind == "aedat4" and options.frames:
+            need_library(path, "`frames`", "dv_processing", "dv")
     if path.is_dir():
         raise InputError(f"{name} is a folder, expected a file for events")
     if not path.parent.is_dir():

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from clsim.errors import InputError
 from clsim.events.batch import EventBatch
 from clsim.events.columns import from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
@@ -25,9 +24,9 @@ class ParquetSink(FileSink):
     """Writes row groups under a temporary name; the file has its name when it is complete."""
 
     def __init__(self, path: Path, width: int, height: int) -> None:
-        """Create the temporary file; raises InputError when it cannot be, or when pyarrow is missing."""
+        """Create the temporary file; raises InputError when it cannot be."""
         super().__init__(path, width, height, LIMITS, _ROW_GROUP)
-        arrow = _pyarrow(path)
+        arrow = _pyarrow()
         self._part = PartFile(path)
         self._schema = arrow.schema(
             [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())],
@@ -57,7 +56,7 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Parque
 def open_source(path: Path) -> EventSource:
     """Open a Parquet file with columns t, x, y and p."""
     open_binary(path).close()
-    arrow = _pyarrow(path)
+    arrow = _pyarrow()
     file = arrow.parquet.ParquetFile(path)
     missing = {"t", "x", "y", "p"} - set(file.schema_arrow.names)
     if missing:
@@ -74,10 +73,7 @@ def _read(file: Any) -> Iterator[EventBatch]:
             yield from_columns(t, x, y, p)
 
 
-def _pyarrow(path: Path) -> Any:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError:
-        raise InputError(f"{path}: Parquet needs pyarrow; install it with: pip install 'clsim[parquet]'") from None
+def _pyarrow() -> Any:
+    import pyarrow.parquet
+
     return pyarrow

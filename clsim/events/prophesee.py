@@ -12,7 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
-from clsim.events.evt3_words import decode_file
+from clsim.events.evt3_words import Evt3Decoder, decode_file
 from clsim.events.filesource import EventSource, damaged, open_binary
 
 # faery falls back to this size where the header has none; no sensor has it, so it means "unknown".
@@ -46,14 +46,16 @@ def open_raw_source(path: Path) -> EventSource:
         header = _read_raw_header(path, file)
         start = file.tell()
     if header.version.startswith("3"):
-        return EventSource(path, header.width, header.height, decode_file(path, start))
+        decoder = Evt3Decoder(header.width, header.height)
+        batches = decode_file(path, start, decoder)
+        return EventSource(path, header.width, header.height, batches, lambda: decoder.dropped_events)
 
     if header.version not in ("2", "2.0"):
         raise InputError(f"{path}: is EVT{header.version}; expected EVT2 or EVT3")
     import faery
 
-    decoder = faery.evt.Decoder(path, _NO_SIZE, "evt2")
-    return EventSource(path, header.width, header.height, faery_batches(decoder, lambda packet: packet.get("events")))
+    words = faery.evt.Decoder(path, _NO_SIZE, "evt2")
+    return EventSource(path, header.width, header.height, faery_batches(words, lambda packet: packet.get("events")))
 
 
 @dataclass(frozen=True)

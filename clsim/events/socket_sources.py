@@ -1,4 +1,4 @@
-"""Streams as sources: a client of DV's protocol over TCP and UNIX sockets, and a receiver of UDP datagrams.
+"""Streams as sources: what they share, and a client of DV's protocol over TCP and UNIX sockets.
 
 What arrives is not trusted: sizes are bounded before memory is spent on them, and what cannot be read ends in one
 InputError.
@@ -8,25 +8,18 @@ from __future__ import annotations
 
 import abc
 import contextlib
-import re
 import socket
 import struct
 import time
 from types import TracebackType
 
-import numpy as np
-
 from clsim.errors import InputError
-from clsim.events.address import Address, cause, parse_address, resolve, unusable
+from clsim.events.address import Address, cause, parse_address
 from clsim.events.batch import EventBatch, gather
 from clsim.events.dv_stream import MAX_HEADER_BYTES, MAX_PACKET_BYTES, PACKET_HEAD, parse_header, parse_packet
-from clsim.events.udp_layouts import LAYOUTS, Unwrapper
 
 TIMEOUT_S = 5.0
 _READ_BYTES = 1 << 20
-_UDP_BUFFER_BYTES = 4 << 20
-_UDP_BATCH_DATAGRAMS = 512
-_UDP_POLL_S = 0.2
 
 
 class SocketSource(abc.ABC):
@@ -82,6 +75,8 @@ def open_socket_source(url: str, *, timeout_s: float = TIMEOUT_S, idle_timeout_s
     """
     address = parse_address(url)
     if address.scheme == "udp":
+        from clsim.events.udp_source import UdpSource
+
         return UdpSource(address, idle_timeout_s)
     if address.scheme in ("tcp", "unix"):
         return DvSource(address, timeout_s, idle_timeout_s)
@@ -175,80 +170,3 @@ def _connect(address: Address, timeout_s: float) -> socket.socket:
         if connection is not None:
             connection.close()
         raise InputError(f"{address.text}: cannot be reached ({cause(error)}); expected a server there") from None
-
-
-class UdpSource(SocketSource):
-    """A receiver of datagrams; see open_socket_source.
-
-    Anybody may send to it, so what does not fit is left out and counted (``dropped_events``, ``malformed_packets``).
-    The SPIF layout has no times: its events get their time of arrival, from 0 on.
-    """
-
-    def __init__(self, address: Address, idle_timeout_s: float | None) -> None:
-        """Listen."""
-        address.allow(format=tuple(LAYOUTS), size=())
-        size = re.fullmatch(r"([1-9]\d{0,4})x([1-9]\d{0,4})", address.options.get("size", ""), re.ASCII)
-        if size is None:
-            raise InputError(
-                f"{address.text}: datagrams tell no sensor size; expected ?size=WIDTHxHEIGHT, as in 346x260"
-            )
-        self.width, self.height = int(size[1]), int(size[2])
-        self.dropped_events = 0
-        self.malformed_packets = 0
-        self._format = address.options.get("format", "t64")
-        self._layout = LAYOUTS[self._format]
-        self._unwrap = Unwrapper()
-        self._idle_timeout_s = idle_timeout_s
-        self._start_s = time.monotonic()
-        family, name = resolve(address)
-        super().__init__(socket.socket(family, socket.SOCK_DGRAM))
-        try:
-            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _UDP_BUFFER_BYTES)
-            self._socket.bind(name)
-        except OSError as error:
-            self.close()
-            raise unusable(address, error) from None
-        self.port: int = self._socket.getsockname()[1]
-
-    def __next__(self) -> EventBatch:
-        """Wait for events; datagrams that have come meanwhile share a batch."""
-        until_s = float("inf") if self._idle_timeout_s is None else time.monotonic() + self._idle_timeout_s
-        while not self._closed:
-            left_s = until_s - time.monotonic()
-            if left_s <= 0:
-                break
-            data = self._receive(min(left_s, _UDP_POLL_S))  # shutdown does not wake a waiting receiver everywhere
-            if data:
-                batch = self._clean(self._layout.unpack(data))
-                if len(batch):
-                    return batch
-        self.close()
-        raise StopIteration
-
-    def _receive(self, wait_s: float) -> bytes:
-        datagrams: list[bytes] = []
-        try:
-            self._socket.settimeout(wait_s)
-            for _ in range(_UDP_BATCH_DATAGRAMS):
-                datagram = self._socket.recv(1 << 16)
-                self._socket.settimeout(0)
-                if datagram and len(datagram) % self._layout.event_bytes == 0:
-                    datagrams.append(datagram)
-                else:
-                    self.malformed_packets += 1
-        except OSError:  # for now there is no more, or closed by another thread
-            pass
-        return b"".join(datagrams)
-
-    def _clean(self, batch: EventBatch) -> EventBatch:
-        if not self._layout.has_time:
-            batch["t"] = round((time.monotonic() - self._start_s) * 1e6)
-        elif self._format == "t32":
-            batch["t"] = self._unwrap(batch["t"])
-        inside = (batch["x"] < self.width) & (batch["y"] < self.height) & (batch["t"] >= 0)
-        if not inside.all():
-            self.dropped_events += len(batch) - int(inside.sum())
-            batch = batch[inside]
-        if (batch["t"][1:] < batch["t"][:-1]).any():
-            batch = batch[np.argsort(batch["t"], kind="stable")]
-        return batch

@@ -12,7 +12,7 @@ from collections import deque
 
 from clsim.errors import InputError
 from clsim.events.address import Address, exposure_warning, parse_address, resolve, unusable
-from clsim.events.batch import EventBatch
+from clsim.events.batch import EventBatch, SinkError
 from clsim.events.closing import CLOSE_TIMEOUT_S, HURRY_S, PATIENCE_S
 from clsim.events.dv_stream import Compression, DvEncoder
 
@@ -122,7 +122,7 @@ class StreamServer:
             InputError: an event lies outside the sensor.
         """
         if self._closing_at_s is not None:
-            raise ValueError("write after close")
+            raise SinkError("the stream cannot be written any more; it was closed before")
         if not self._clients or not len(events):
             return
         for packet, count in self._encoder.packets(events):

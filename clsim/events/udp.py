@@ -9,7 +9,7 @@ from collections import deque
 
 from clsim.errors import InputError
 from clsim.events.address import Address, exposure_warning, parse_address, resolve, unusable
-from clsim.events.batch import EventBatch
+from clsim.events.batch import EventBatch, SinkError
 from clsim.events.closing import CLOSE_TIMEOUT_S, HURRY_S
 from clsim.events.udp_layouts import LAYOUTS
 
@@ -75,7 +75,7 @@ class UdpSink:
             InputError: a time is negative, or an event lies outside the sensor.
         """
         if self._closing_at_s is not None:
-            raise ValueError("write after close")
+            raise SinkError(f"{self._text}: cannot be written any more; it was closed before")
         if len(events):
             self._check(events)
         for start in range(0, len(events), _EVENTS_PER_CHUNK):

@@ -27,7 +27,7 @@ class EventWriter:
         name = os.fspath(path)
         options = FileOptions(format=format)
         options.check([name])
-        check_output(name, options)
+        check_output(name, width, height, options)
         self._sink = open_output(name, width, height, options)
         self._name = name
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from clsim.detect.config import REGRESSING, DetectorConfig
 from clsim.events import Reporting, Sink
-from clsim.events.address import is_address
-from clsim.events.outputs import FileOptions, check_output, open_output
+from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.frames import VARIANCE_PLANES, InterestBoard, rendered_planes
 from clsim.live.delivery import Output
@@ -252,22 +250,14 @@ def _detector_maker(
 def _open_outputs(
     names: Sequence[str], options: FileOptions, extra_sinks: Sequence[Sink], width: int, height: int
 ) -> list[Output]:
-    outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
-    # Files last: opening one replaces what was there, and nothing may be lost because another output is wrong.
-    ordered = sorted(names, key=lambda name: not is_address(name))
-    for name in ordered:
-        check_output(name, options)
-    new_files = [Path(name) for name in names if not is_address(name) and not Path(name).exists()]
     try:
-        for name in ordered:
-            outputs.append(Output(name, open_output(name, width, height, options), sidecar=sidecar_path(name)))
+        sinks = open_outputs(names, width, height, options)
     except BaseException:
-        for output in outputs:
-            output.sink.close()
-        for path in new_files:
-            path.unlink(missing_ok=True)
+        for sink in extra_sinks:
+            sink.close()
         raise
-    return outputs
+    outputs = [Output(f"sink {i}", sink) for i, sink in enumerate(extra_sinks)]
+    return outputs + [Output(name, sink, sidecar=sidecar_path(name)) for name, sink in sinks.items()]
 
 
 def _about(options: dict[str, Any], config: DetectorConfig, schedule: Schedule) -> dict[str, Any]:

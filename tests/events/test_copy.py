@@ -71,7 +71,7 @@ def test_the_size_is_found_out_where_nothing_tells_it(tmp_path: Path) -> None:
         (None, "b.txt", "a.txt"),
         ("no events\n", "b.txt", "a.txt"),
         ("1 2 3 1\n", "b.what", "b.what.*ending"),
-        ("1 2 3 1\n", "no/b.txt", "no/b.txt.*cannot be written"),
+        ("1 2 3 1\n", "no/b.txt", "no/b.txt.*there is no folder"),
         ("1 2 3 1\n", "a.txt", "another name"),
         ("", "b.txt", "no events"),
     ],

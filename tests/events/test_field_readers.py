@@ -1,5 +1,6 @@
 """What we write is read by libraries that did not write it, event for event; what others write is read by us."""
 
+import itertools
 import struct
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import pyarrow.parquet
 import pytest
 from event_data import HEIGHT, WIDTH, events, read, split, write
 from expelliarmus import Wizard
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
@@ -46,9 +49,21 @@ def evlib_columns(path: Path):
     return t.to_numpy(), frame["x"].to_numpy(), frame["y"].to_numpy(), frame["polarity"].to_numpy()
 
 
+def check_data_table(path: Path) -> list:
+    """Return the data table, known to point at packets: dv-processing reads for ever where it does not."""
+    table = faery.aedat.Decoder(str(path)).file_data_definitions()
+    raw = path.read_bytes()
+    for each in table:
+        # The offset is the payload's: behind stream id and size, at an LZ4 frame.
+        assert struct.unpack_from("<ii", raw, each.byte_offset - 8) == (0, each.size)
+        assert raw[each.byte_offset :][:4] == b"\x04\x22\x4d\x18"
+    return table
+
+
 @pytest.mark.parametrize("batch", [EVENTS, EVENTS[:0]], ids=["events", "none"])
 def test_aedat4_is_read_by_four_libraries(tmp_path, batch):
     path = write(tmp_path / "a.aedat4", split(batch), flush=FlushPolicy(events=500))
+    check_data_table(path)
     found = dv_events(path)
     assert same(batch, found["timestamp"], found["x"], found["y"], found["polarity"])
 
@@ -68,15 +83,11 @@ def test_aedat4_is_read_by_four_libraries(tmp_path, batch):
 def test_aedat4_has_a_data_table_and_lz4(tmp_path):
     """AEStream reads no file without them."""
     path = write(tmp_path / "a.aedat4", [EVENTS], flush=FlushPolicy(events=1000))
-    table = faery.aedat.Decoder(str(path)).file_data_definitions()
+    table = check_data_table(path)
     assert [each.elements_count for each in table] == [1000] * 4
-    raw = path.read_bytes()
     for index, each in enumerate(table):
         part = EVENTS[1000 * index : 1000 * (index + 1)]
         assert (each.start_t, each.end_t) == (part["t"][0], part["t"][-1])
-        # The offset is the payload's: behind stream id and size, at an LZ4 frame.
-        assert struct.unpack_from("<ii", raw, each.byte_offset - 8) == (0, each.size)
-        assert raw[each.byte_offset :][:4] == b"\x04\x22\x4d\x18"
     assert dv.io.MonoCameraRecording(str(path)).getTimeRange() == (EVENTS["t"][0], EVENTS["t"][-1])
 
 
@@ -161,7 +172,7 @@ def test_evt3_with_vectors_is_decoded_as_evt3_does(tmp_path):
 
     words = np.frombuffer(path.read_bytes()[header + len(f"geometry {WIDTH}x{HEIGHT}\n") :], "<u2")
     for size in (1, 2, 3, 7):  # where blocks of words end must not matter
-        decoder = Evt3Decoder()
+        decoder = Evt3Decoder(WIDTH, HEIGHT)
         pieces = [decoder.decode(words[start : start + size]) for start in range(0, len(words), size)]
         assert np.array_equal(np.concatenate(pieces), ours)
 
@@ -178,6 +189,77 @@ def test_evt3_words_in_orders_a_camera_sends_them(tmp_path):
     found = evt3.decode_file(str(path))
     assert same(ours, found.timestamp, found.x, found.y, found.polarity)
     assert ours.tolist() == [(4101, 2, 4, False), (4102, 3, 4, False), (8192, 4, 4, False), (8201, 5, 4, True)]
+
+
+def evt3_file(path, words, width=WIDTH, height=HEIGHT):
+    header = f"% evt 3.0\n% format EVT3;height={height};width={width}\n% end\n"
+    path.write_bytes(header.encode() + np.array(words, "<u2").tobytes())
+    return path
+
+
+def openeb(words, width, height):
+    """Return what OpenEB's evt3_decoder.h makes of words of time, row and column, one by one."""
+    lap, high, low, row, events = 0, None, 0, 0, []
+    for word in words:
+        kind, value = int(word) >> 12, int(word) & 0xFFF
+        if kind == 0x8:
+            if high is None:
+                high = max(value - 1, 0)
+            lap += high >= (1 << 11) + value
+            low = low if high == value else 0
+            high = value
+        elif high is None:
+            continue  # it looks for the first upper time
+        elif kind == 0x6:
+            low = value
+        elif kind == 0x0:
+            row = value & 0x7FF
+        elif kind == 0x2 and row < height and value & 0x7FF < width:
+            events.append((lap << 24 | high << 12 | low, value & 0x7FF, row, bool(value >> 11)))
+    return events
+
+
+def test_evt3_is_decoded_by_the_rules_of_openeb(tmp_path):
+    """A step back of the upper time, the same one again, a lap, events outside the sensor."""
+    high, low, row, column = 0x8000, 0x6000, 0x0000, 0x2000
+    words = [high | 100, low | 7, row | 3, column | 1, high | 100, column | 2, high | 99, column | 3, high | 101]
+    words += [column | 4, row | HEIGHT, column | 5, row | 4, column | WIDTH, column | 6, high | 3000, low | 1]
+    words += [column | 7, high | 953, column | 8, high | 3100, column | 9]
+    words += [high | 1052, low | 2, column | 10, high | 1052, column | 11]
+    source = open_source(evt3_file(tmp_path / "a.raw", words))
+    found = source.read()
+    assert found.tolist() == sorted(openeb(words, WIDTH, HEIGHT)) and source.dropped_events == 2
+    assert found["t"][-1] == (1 << 24) + (1052 << 12) + 2  # one lap: 3000 to 953 is no drop of 2048
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.integers(0, 0xFFF).map(lambda value: 0x8000 | value),
+            st.sampled_from([0x8000, 0x8001, 0x8FFF]),
+            st.integers(0, 0xFFF).map(lambda value: 0x6000 | value),
+            st.integers(0, HEIGHT + 3),
+            st.integers(0, WIDTH + 3).map(lambda value: 0x2000 | value),
+        ),
+        max_size=60,
+    ),
+    st.integers(1, 60),
+)
+def test_any_evt3_words_are_decoded_by_the_rules_of_openeb(words, size):
+    decoder = Evt3Decoder(WIDTH, HEIGHT)
+    raw = np.array(words, "<u2")
+    pieces = [decoder.decode(raw[start : start + size]) for start in range(0, len(raw), size)]
+    found = [tuple(event) for piece in pieces for event in piece.tolist()]
+    # The first word's time before it: OpenEB ignores rows ahead of the first upper time, we keep the row.
+    start = next((index for index, word in enumerate(words) if word >> 12 == 0x8), len(words))
+    rows = [word for word in words[:start] if word < 0x800][-1:]
+    expected = openeb(words[start : start + 1] + rows + words[start + 1 :], WIDTH, HEIGHT)
+    inside = sum(word >> 12 == 2 for word in words[start:])
+    assert len(found) + decoder.dropped_events >= inside and set(found) <= set(expected)
+    assert found == sorted(found, key=lambda event: event[0])
+    if size >= len(words) or all(a[0] <= b[0] for a, b in itertools.pairwise(expected)):
+        assert sorted(found) == sorted(expected)
 
 
 def test_evt21_is_refused(tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import subprocess
@@ -20,9 +21,10 @@ from socket_help import AESTREAM, HEIGHT, WIDTH, free_port, is_bound, make_event
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.events.socket_sources import UdpSource, open_socket_source
+from clsim.events.socket_sources import open_socket_source
 from clsim.events.udp import UdpSink
 from clsim.events.udp_layouts import LAYOUTS, Unwrapper
+from clsim.events.udp_source import UdpSource
 
 FEW = 6000
 """Their datagrams fit into any receiver's default socket buffer, however late it reads."""
@@ -228,6 +230,57 @@ def test_close_by_another_thread_ends_the_iteration() -> None:
     source = open_socket_source("udp://127.0.0.1:0?size=4x3")
     threading.Timer(0.05, source.close).start()
     assert list(source) == []
+
+
+def received(datagrams: list[bytes], form: str, wait_s: float = 0.3) -> tuple[list[int], UdpSource]:
+    """Return the times of the events that a source gives for datagrams, each of which arrives alone."""
+    times: list[int] = []
+    with open_socket_source(f"udp://127.0.0.1:0?size={WIDTH}x{HEIGHT}&format={form}", idle_timeout_s=wait_s) as source:
+        assert isinstance(source, UdpSource)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            for number, datagram in enumerate(datagrams):
+                sender.sendto(datagram, ("127.0.0.1", source.port))
+                if number == 0 or number % 2:  # some come alone, some two at once
+                    with contextlib.suppress(StopIteration):
+                        times += next(source)["t"].tolist()
+        for batch in source:
+            times += batch["t"].tolist()
+        return times, source
+
+
+def t64(*times_us: int) -> bytes:
+    return b"".join(struct.pack("<QHHB", t, 1, 2, 1) for t in times_us)
+
+
+def test_a_datagram_that_was_overtaken_is_dropped_and_counted() -> None:
+    times, source = received([t64(10, 20), t64(30, 40), t64(25, 35, 41), t64(50)], "t64")
+    assert times == [10, 20, 30, 40, 41, 50] and source.dropped_events == 2
+
+
+def test_a_time_far_ahead_that_nobody_follows_blocks_nothing() -> None:
+    stray = 10**15
+    times, source = received([t64(10), t64(20), t64(30, stray), t64(40), t64(stray), t64(50), t64(60)], "t64")
+    assert times == [10, 20, 40, 50, 60] and source.dropped_events == 3
+
+
+def test_a_long_silence_is_no_stray() -> None:
+    late = 3_600_000_000
+    times, source = received([t64(10), t64(20), t64(late), t64(late + 5), t64(2 * late), t64(2 * late + 1)], "t64")
+    assert times == [10, 20, late, late + 5, 2 * late, 2 * late + 1] and source.dropped_events == 0
+    times, source = received([t64(10), t64(20), t64(late)], "t64")
+    assert times == [10, 20, late] and source.dropped_events == 0
+
+
+def test_a_datagram_that_is_late_around_the_wrap_keeps_its_lap() -> None:
+    """32-bit times 2³² − 10, then 5, then a straggler from before the wrap, then 20."""
+    wrap = 1 << 32
+    unwrap = Unwrapper()
+    found = [unwrap(np.array([t % wrap], np.int64))[0] for t in (wrap - 10, wrap + 5, wrap - 5, wrap + 20)]
+    assert found == [wrap - 10, wrap + 5, wrap - 5, wrap + 20]
+    datagrams = [struct.pack("<IHH", t % wrap, 1, 2 << 1) for t in (wrap - 10, wrap + 5, wrap - 5, wrap + 20)]
+    times, source = received(datagrams, "t32")
+    assert times in ([wrap - 10, wrap + 5, wrap + 20], [wrap - 10, wrap - 5, wrap + 5, wrap + 20])
+    assert len(times) + source.dropped_events == 4
 
 
 @settings(deadline=None)
