@@ -96,7 +96,7 @@ def _ray_rates(world: World, rounds: int) -> dict[str, dict[str, float]]:
     width, height = world.camera.width, world.camera.height
     n = width * height
     origins, directions, places, normals = (wp.zeros(n, dtype=wp.vec3, device=device) for _ in range(4))
-    camera = CameraData(world.camera, features, device).at(0.0)
+    camera = CameraData(world.camera, features, scenes["bvh8"].origin_m, device).at(0.0)
     wp.launch(aim, dim=n, inputs=[camera, width], outputs=[origins, directions], device=device)
     nearest, shadow, find = searches["bvh8"]
     geometry = scenes["bvh8"].scene.geometry

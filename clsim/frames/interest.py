@@ -5,7 +5,9 @@ from __future__ import annotations
 import threading
 from collections import deque
 from dataclasses import dataclass
+from typing import Literal
 
+from clsim.errors import Error, require_choice
 from clsim.frames.frame import FloatArray
 
 DELAY = 2
@@ -34,14 +36,19 @@ class InterestMap:
 
 
 class InterestBoard:
-    """Where a detector puts its maps and a renderer finds them; each in a thread of its own."""
+    """Where a detector puts its maps and a renderer finds them."""
 
-    def __init__(self, *, in_step: bool = True) -> None:
-        """Prepare an empty board; unless ``in_step``, `find` never waits and gives the newest map there is.
+    def __init__(self, missing: Literal["refuse", "wait", "newest"] = "refuse") -> None:
+        """Prepare an empty board.
 
-        Give ``in_step=False`` where frames are dropped between both sides, so that numbers do not tell which is meant.
+        Args:
+            missing: what `find` does while the map that it wants is not there: "refuse" raises an error, for renderer
+                and detector in one thread; "wait" waits for a detector in another thread; "newest" takes the newest
+                map there is, for where frames are dropped between both sides, so that numbers do not tell which is
+                meant.
         """
-        self._in_step = in_step
+        require_choice("missing", missing, ("refuse", "wait", "newest"))
+        self._missing = missing
         self._maps: deque[InterestMap] = deque(maxlen=DELAY + 1)
         self._changed = threading.Condition()
         self._closed = False
@@ -55,13 +62,16 @@ class InterestBoard:
     def find(self, frame_number: int) -> InterestMap | None:
         """Return the map with which the renderer's frame ``frame_number`` is made; None for the first ones.
 
-        Waits for the detector to get so far, or for `close`; then None.
+        Where the board waits, it is for the detector to get so far, or for `close`; then None.
+
+        Raises:
+            Error: the board refuses, and the map is not there.
         """
         wanted = frame_number - DELAY
         if wanted < 0:
             return None
         with self._changed:
-            if not self._in_step:
+            if self._missing == "newest":
                 return self._maps[-1] if self._maps else None
             while True:
                 for interest in self._maps:
@@ -69,6 +79,11 @@ class InterestBoard:
                         return interest
                 if self._closed:
                     return None
+                if self._missing == "refuse":
+                    raise Error(
+                        f"frame {frame_number} takes the interest map of frame {wanted}, expected it to be published "
+                        "before; a board with `missing` wait waits for another thread to do so"
+                    )
                 self._changed.wait()
 
     def close(self) -> None:

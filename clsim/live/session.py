@@ -138,7 +138,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     check_device(options.render_device)
     camera = world.camera
     planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0).names
-    board = InterestBoard(in_step=options.ring == "block") if adaptive else None
+    board = InterestBoard("wait" if options.ring == "block" else "newest") if adaptive else None
     make_detector = _detector_maker(config, camera.width, camera.height, planes, options.opencl)
     outputs = _open_outputs(options.outputs, options.files, extra_sinks, camera.width, camera.height)
     pipeline = Pipeline(

@@ -46,7 +46,7 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
         """Return the origin of a ray that goes on behind the surface."""
         point = surface_of(geometry, hit, time)
         behind = wp.where(wp.dot(point.normal, direction) < 0.0, -point.normal, point.normal)
-        return offset_origin(point.position, behind, geometry.scale_m)
+        return offset_origin(point.position, behind, point.reach_m)
 
     @wp.func
     def pierce(
@@ -80,11 +80,11 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
         left = float(1.0)
         start = origin
         passed = float(0.0)
-        for _ in range(_MOST_LAYERS):
+        for layer in range(_MOST_LAYERS + 1):
             hit = closest(geometry, start, direction, time)
             if passed + hit.t >= far:
                 break
-            if hit.triangle < 0:
+            if hit.triangle < 0 or layer == _MOST_LAYERS:
                 left = 0.0
                 break
             left = left * (1.0 - share(geometry, materials, hit, time))

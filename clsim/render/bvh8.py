@@ -11,11 +11,13 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.bvh8_build import fit, grow
+from clsim.render.bvh8_build import FARTHEST, fit, grow
 from clsim.render.bvh8_list import BLOCK_FLOATS
 from clsim.render.bvh8_traverse import CORNER_FLOATS, NODE_FLOATS
 
 _ALIGNMENT = 64
+_FAR_OFF = 4.0
+"""A list farther from the origin than so many times its size has coordinates from its middle."""
 
 
 class Bvh8:
@@ -59,8 +61,10 @@ class Bvh8:
             self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
             self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
-        self._header = np.zeros(4, np.uint64)
+        # Nodes, corners, extent, blocks, and three floats: from where the coordinates of a list's edges count.
+        self._header = np.zeros(6, np.uint64)
         self._header[[0, 1, 3]] = self._nodes.ctypes.data, self._corners.ctypes.data, blocks
+        self._blocks = blocks
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)
 
@@ -71,14 +75,26 @@ class Bvh8:
 
     def refit(self, vertices: Any) -> None:
         """Take new positions of the same vertices; the topology stays, so that large deformations make rays slow."""
+        middle = _middle(vertices.numpy()[self._indices.numpy()]) if self._blocks else np.zeros(3, np.float32)
+        self._header[4:6].view(np.float32)[:3] = middle
         wp.launch(
             fit,
             dim=1,
-            inputs=[vertices, self._indices, _wrap(self._order), len(self._nodes) // NODE_FLOATS],
+            inputs=[vertices, self._indices, _wrap(self._order), len(self._nodes) // NODE_FLOATS, wp.vec3(*middle)],
             outputs=[_wrap(a) for a in (self._nodes, self._corners, self._extent)],
             device="cpu",
         )
         self._header[2:3].view(np.float32)[0] = self._extent[0]
+
+
+def _middle(corners: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the middle of what is far from the origin beside its own size, else the origin."""
+    usable = corners[(np.abs(corners) <= FARTHEST).all(axis=1)].astype(np.float64)
+    if not len(usable):
+        return np.zeros(3, np.float32)
+    low, high = usable.min(axis=0), usable.max(axis=0)
+    far = np.abs(low + high).max() > 2 * _FAR_OFF * (high - low).max()
+    return ((low + high) / 2 if far else np.zeros(3)).astype(np.float32)
 
 
 def _aligned(floats: int) -> npt.NDArray[np.float32]:

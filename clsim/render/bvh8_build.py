@@ -46,6 +46,7 @@ def _fit(
     indices: wp.array(dtype=int),
     order: wp.array(dtype=int),
     count: int,
+    middle: wp.vec3,
     nodes: wp.array(dtype=float),
     corners: wp.array(dtype=float),
     out_extent: wp.array(dtype=float),
@@ -71,9 +72,13 @@ def fit(
     indices: wp.array(dtype=int),
     order: wp.array(dtype=int),
     nodes: int,
+    middle: wp.vec3,
     out_nodes: wp.array(dtype=float),
     out_corners: wp.array(dtype=float),
     out_extent: wp.array(dtype=float),
 ):
-    """Write boxes and corners for a known topology; ``out_extent`` is the largest coordinate, sign aside."""
-    _fit(vertices, indices, order, nodes, out_nodes, out_corners, out_extent)
+    """Write boxes and corners for a known topology; ``out_extent`` is the largest coordinate, sign aside.
+
+    Edges of a list have their coordinates from ``middle``.
+    """
+    _fit(vertices, indices, order, nodes, middle, out_nodes, out_corners, out_extent)

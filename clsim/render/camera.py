@@ -19,7 +19,15 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.features import Features
-from clsim.render.shutter import key_times, shutter_key, shutter_weight
+from clsim.render.shutter import (
+    key_steps,
+    key_times,
+    position_between,
+    quaternions,
+    rotation_between,
+    shutter_key,
+    shutter_weight,
+)
 from clsim.scene import Camera
 
 _ITERATIONS = wp.constant(12)
@@ -47,6 +55,7 @@ class CameraState:
     aperture_m: float
     focus_m: float
     positions: wp.array(dtype=wp.vec3)
+    steps: wp.array(dtype=wp.vec3)
     rotations: wp.array(dtype=wp.quat)
 
 
@@ -139,8 +148,10 @@ def make_camera(features: Features) -> Any:
             if wp.static(features.camera_blur):
                 key = shutter_key(time)
                 weight = shutter_weight(time)
-                position = wp.lerp(view.positions[key], view.positions[key + 1], weight)
-                rotation = wp.normalize(wp.lerp(view.rotations[key], view.rotations[key + 1], weight))
+                position = position_between(
+                    view.positions[key], view.positions[key + 1], view.steps[key], view.steps[key + 1], weight
+                )
+                rotation = rotation_between(view.rotations[key], view.rotations[key + 1], weight)
             ray.origin = position + wp.quat_rotate(rotation, start)
             ray.direction = wp.normalize(wp.quat_rotate(rotation, target))
         return ray
@@ -161,9 +172,10 @@ def plain(features: Features) -> bool:
 class CameraData:
     """A camera on a device."""
 
-    def __init__(self, camera: Camera, features: Features, device: Any) -> None:
-        """Take what does not change with time."""
+    def __init__(self, camera: Camera, features: Features, origin_m: npt.NDArray[np.float64], device: Any) -> None:
+        """Take what does not change with time; ``origin_m`` is the world's point at which the device's origin is."""
         self._camera = camera
+        self._origin_m = origin_m
         self._shutter_s = camera.shutter_s if features.camera_blur else 0.0
         fov, lens = math.radians(camera.fov_deg), camera.lens
         fisheye = lens.model == "fisheye"
@@ -181,18 +193,22 @@ class CameraData:
         self._view.aperture_m = lens.aperture_radius_m
         self._view.focus_m = lens.focus_distance_m
         self._view.positions = wp.zeros(keys, dtype=wp.vec3, device=device)
+        self._view.steps = wp.zeros(keys, dtype=wp.vec3, device=device)
         self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
 
     def at(self, time_s: float) -> Any:
         """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
-        poses = np.array([self._camera.motion.pose(float(t)) for t in key_times(time_s, self._shutter_s)])
+        motion, times_s = self._camera.motion, key_times(time_s, self._shutter_s)
+        poses = np.array([motion.pose(float(t)) for t in times_s])
         axes = poses[:, :3, :3] / np.linalg.norm(poses[:, :3, :3], axis=1, keepdims=True)
-        self._view.positions.assign(poses[:, :3, 3].astype(np.float32))
+        positions = poses[:, :3, 3] - self._origin_m
+        self._view.positions.assign(positions.astype(np.float32))
+        self._view.steps.assign(key_steps([motion], times_s, positions[:, None])[:, 0].astype(np.float32))
         self._view.rotations.assign(quaternions(axes).astype(np.float32))
-        middle = self._camera.motion.pose(time_s)
+        middle = motion.pose(time_s)
         right, up, back = (middle[:3, i] / np.linalg.norm(middle[:3, i]) for i in range(3))
         x, y = (c / self._focal_px for c in self._centre_px)
-        self._view.origin = wp.vec3(*middle[:3, 3])
+        self._view.origin = wp.vec3(*(middle[:3, 3] - self._origin_m))
         self._view.right = wp.vec3(*(right / self._focal_px))
         self._view.down = wp.vec3(*(-up / self._focal_px))
         self._view.corner = wp.vec3(*(-back - right * x + up * y))
@@ -207,23 +223,3 @@ def invertible(distortion: tuple[float, ...], fisheye: bool) -> float:
     roots = np.roots([*slope[::-1], 1.0])
     folds = [root.real for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
     return float(min([math.pi**2 if fisheye else 1e12, *folds]))
-
-
-def quaternions(rotations: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return the unit quaternions x, y, z, w of rotations ``[n, 3, 3]``, neighbours on the same side."""
-    m = rotations
-    xx, yy, zz = m[:, 0, 0], m[:, 1, 1], m[:, 2, 2]
-    # 4·q·qᵀ, of which every row is a multiple of q: the longest is the most exact (Shepperd, JGC 1(3), 1978).
-    products = np.empty((len(m), 4, 4))
-    for i, diagonal in enumerate((1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz)):
-        products[:, i, i] = diagonal
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        products[:, i, j] = products[:, j, i] = m[:, i, j] + m[:, j, i]
-        products[:, k, 3] = products[:, 3, k] = m[:, j, i] - m[:, i, j]
-    best = np.argmax(products[:, range(4), range(4)], axis=1)
-    q = products[np.arange(len(m)), best]
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    for n in range(1, len(q)):
-        if q[n] @ q[n - 1] < 0:
-            q[n] = -q[n]
-    return q

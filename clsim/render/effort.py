@@ -98,7 +98,7 @@ class Steerer:
     def prepare(self, index: int) -> tuple[Any, int]:
         """Choose the samples of the frame ``index``; return the kernel's ``steering`` and the full number of paths.
 
-        Waits for the interest map of two frames ago.
+        Takes the interest map of two frames ago, and waits for it where the board does.
         """
         effort = self.effort
         steering: Any = Steering()
@@ -127,6 +127,11 @@ class Steerer:
         self._before, self._index = effort, index
         self._number += 1
         return steering, effort.spp
+
+    def cancel(self) -> None:
+        """Let `prepare` wait for no map any longer; safe from any thread."""
+        if self._board is not None:
+            self._board.close()
 
     def count(self) -> None:
         """Add up what the frame took."""

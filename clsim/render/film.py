@@ -8,6 +8,7 @@ from typing import Any
 
 import warp as wp
 
+from clsim.frames import rendered_planes
 from clsim.render.sampling import luminance
 
 
@@ -56,10 +57,18 @@ _NAN_BITS = wp.constant(wp.uint32(0x7FC00000))
 
 
 @wp.func
-def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
+def store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
+    """Store a vector in three planes, one after the other."""
     out[plane, pixel] = value[0]
     out[plane + 1, pixel] = value[1]
     out[plane + 2, pixel] = value[2]
+
+
+@wp.func
+def _unknown(out_bits: wp.array2d(dtype=wp.uint32), plane: int, width: int, pixel: int):
+    """Store NaN by its bits: the kernel is compiled as if there were no NaN."""
+    for i in range(width):
+        out_bits[plane + i, pixel] = _NAN_BITS
 
 
 def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
@@ -68,6 +77,9 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
     Where samples are ``batched``, those within a batch depend on each other: each batch is added up by itself, and
     ``merge(moments, batch)`` adds its means as if they were samples, weighted by their numbers of samples.
     """
+    planes = rendered_planes(variances=variances)
+    first = {plane.name: planes.first(plane.name) for plane in planes.planes}
+    spread = {plane.name: planes.first_variance(plane.name) for plane in planes.with_variance}
 
     @wp.func
     def merge(moments: Moments, batch: Moments) -> Moments:
@@ -132,14 +144,14 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
 
     @wp.func
     def store(moments: Moments, pixel: int, out_planes: wp.array2d(dtype=float), out_bits: wp.array2d(dtype=wp.uint32)):
-        """Planes in the order of ``frames.BASE_PLANES``, then ``frames.VARIANCE_PLANES``."""
+        """Planes where the table of planes has them."""
         coverage = moments.hits / wp.max(moments.count, 1.0)
-        _store3(out_planes, 0, pixel, moments.radiance)
-        _store3(out_planes, 3, pixel, moments.albedo)
-        _store3(out_planes, 6, pixel, moments.normal)
-        out_planes[9, pixel] = moments.depth
-        out_planes[10, pixel] = coverage
-        out_planes[11, pixel] = moments.count
+        store3(out_planes, wp.static(first["Radiance"]), pixel, moments.radiance)
+        store3(out_planes, wp.static(first["Albedo"]), pixel, moments.albedo)
+        store3(out_planes, wp.static(first["Normal"]), pixel, moments.normal)
+        out_planes[wp.static(first["Depth"]), pixel] = moments.depth
+        out_planes[wp.static(first["Coverage"]), pixel] = coverage
+        out_planes[wp.static(first["Samples"]), pixel] = moments.count
         if wp.static(variances):
             parts = moments.count
             hit_parts = moments.hits
@@ -148,24 +160,23 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
                 parts = moments.batches
                 hit_parts = moments.hit_batches
                 coverage_m2 = moments.covered_m2
-            # NaN is written as bits: the kernel is compiled as if there were no NaN.
             if parts < 2.0:
-                for i in range(3):
-                    out_bits[12 + i, pixel] = _NAN_BITS
-                out_bits[22, pixel] = _NAN_BITS
-                out_bits[23, pixel] = _NAN_BITS
+                _unknown(out_bits, wp.static(spread["Radiance"]), 3, pixel)
+                _unknown(out_bits, wp.static(spread["Coverage"]), 1, pixel)
+                _unknown(out_bits, wp.static(spread["Luminance"]), 1, pixel)
             else:
                 scale = 1.0 / (moments.count * (parts - 1.0))
-                _store3(out_planes, 12, pixel, moments.radiance_m2 * scale)
-                out_planes[22, pixel] = coverage_m2 * scale
-                out_planes[23, pixel] = moments.luminance_m2 * scale
+                store3(out_planes, wp.static(spread["Radiance"]), pixel, moments.radiance_m2 * scale)
+                out_planes[wp.static(spread["Coverage"]), pixel] = coverage_m2 * scale
+                out_planes[wp.static(spread["Luminance"]), pixel] = moments.luminance_m2 * scale
             if hit_parts < 2.0:
-                for i in range(7):
-                    out_bits[15 + i, pixel] = _NAN_BITS
+                _unknown(out_bits, wp.static(spread["Albedo"]), 3, pixel)
+                _unknown(out_bits, wp.static(spread["Normal"]), 3, pixel)
+                _unknown(out_bits, wp.static(spread["Depth"]), 1, pixel)
             else:
                 scale = 1.0 / (moments.hits * (hit_parts - 1.0))
-                _store3(out_planes, 15, pixel, moments.albedo_m2 * scale)
-                _store3(out_planes, 18, pixel, moments.normal_m2 * scale)
-                out_planes[21, pixel] = moments.depth_m2 * scale
+                store3(out_planes, wp.static(spread["Albedo"]), pixel, moments.albedo_m2 * scale)
+                store3(out_planes, wp.static(spread["Normal"]), pixel, moments.normal_m2 * scale)
+                out_planes[wp.static(spread["Depth"]), pixel] = moments.depth_m2 * scale
 
     return add, merge, store

@@ -11,7 +11,7 @@ import warp as wp
 
 from clsim.render.bvh8_traverse import TreeHit, any_in_tree, closest_in_tree
 from clsim.render.features import Features
-from clsim.render.shutter import nearest_key, shutter_key, shutter_weight
+from clsim.render.shutter import nearest_key, position_between, rotation_between, shutter_key, shutter_weight
 
 Tree = Literal["bvh8", "warp"]
 """How a mesh is searched: by the 8-wide tree, which is faster but for CPUs alone, or by Warp's own."""
@@ -24,12 +24,22 @@ _OFFSET = wp.constant(4.0e-6)
 
 
 @wp.struct
+class Place:
+    """An instance at a key: a map that stretches, turns and moves; ``step`` is its way to the next key at its speed."""
+
+    rotation: wp.quat
+    stretch: wp.mat33
+    position: wp.vec3
+    step: wp.vec3
+
+
+@wp.struct
 class Geometry:
     """The triangles of all meshes one after the other, their instances and the analytic spheres.
 
-    Maps of instances, and spheres, one after the other for each key of the exposure; without motion blur there is one,
-    and only without it ``to_object``. Where deforming meshes blur, each has a mesh for each key, which differ in their
-    vertices alone, and ``instance_mesh`` goes on for each key.
+    Without motion blur instances have ``to_world`` and ``to_object``, with it ``places``, one after the other for each
+    key of the interval, and so have spheres, with ``sphere_steps``. Where deforming meshes blur, each has a mesh for
+    each key, which differ in their vertices alone, and ``instance_mesh`` goes on for each key.
     """
 
     mesh_handles: wp.array(dtype=wp.uint64)
@@ -44,10 +54,11 @@ class Geometry:
     instance_mesh: wp.array(dtype=int)
     to_world: wp.array(dtype=mat34)
     to_object: wp.array(dtype=mat34)
+    places: wp.array(dtype=Place)
     instance_count: int
     spheres: wp.array(dtype=wp.vec4)
+    sphere_steps: wp.array(dtype=wp.vec3)
     sphere_count: int
-    scale_m: float
 
 
 @wp.struct
@@ -74,6 +85,7 @@ class Surface:
     """A point on a triangle as shading needs it; the normals face the side that the ray came from.
 
     ``tangent`` and ``bitangent`` are the derivatives of the position by u and v, and 0 where uv have no area.
+    ``reach_m`` is the largest coordinate by which the position was found: its error is a few roundings of that.
     """
 
     position: wp.vec3
@@ -85,13 +97,36 @@ class Surface:
     material: int
     front: bool
     area: float
+    reach_m: float
 
 
 @wp.func
-def offset_origin(position: wp.vec3, normal: wp.vec3, scale_m: float) -> wp.vec3:
-    """Return a ray origin moved off the surface, by about sixty roundings of the coordinates involved."""
-    size = wp.max(wp.max(wp.abs(position[0]), wp.abs(position[1])), wp.max(wp.abs(position[2]), scale_m))
-    return position + normal * (_OFFSET * size)
+def largest(v: wp.vec3) -> float:
+    """Return the largest coordinate, sign aside."""
+    return wp.max(wp.abs(v[0]), wp.max(wp.abs(v[1]), wp.abs(v[2])))
+
+
+@wp.func
+def reach_of(p0: wp.vec3, p1: wp.vec3, p2: wp.vec3) -> float:
+    """Return the largest coordinate of a triangle.
+
+    What is rounded where a ray meets it or leaves it: a point on it is a blend of its corners, and a ray from there is
+    tested against differences to them. So a point is off the triangle's plane by a few of its roundings at most
+    (Pharr, Jakob, Humphreys, Physically Based Rendering, 4th ed., §6.8, bounds each step by such γ).
+    """
+    return wp.max(largest(p0), wp.max(largest(p1), largest(p2)))
+
+
+@wp.func
+def offset_origin(position: wp.vec3, normal: wp.vec3, reach_m: float) -> wp.vec3:
+    """Return a ray origin moved off the surface, by about sixty roundings of the largest coordinate involved."""
+    return position + normal * (_OFFSET * reach_m)
+
+
+@wp.func
+def xyz(v: wp.vec4) -> wp.vec3:
+    """Return the first three."""
+    return wp.vec3(v[0], v[1], v[2])
 
 
 @wp.func
@@ -141,8 +176,15 @@ def make_sphere_at(features: Features) -> Any:
         sphere = geometry.spheres[index]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * geometry.sphere_count + index
-            after = geometry.spheres[first + geometry.sphere_count]
-            sphere = wp.lerp(geometry.spheres[first], after, shutter_weight(time))
+            after = first + geometry.sphere_count
+            place = position_between(
+                xyz(geometry.spheres[first]),
+                xyz(geometry.spheres[after]),
+                geometry.sphere_steps[first],
+                geometry.sphere_steps[after],
+                shutter_weight(time),
+            )
+            sphere = wp.vec4(place[0], place[1], place[2], sphere[3])
         return sphere
 
     return sphere_at
@@ -157,11 +199,19 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
 
     @wp.func
     def to_world_at(geometry: Geometry, instance: int, time: float) -> mat34:
-        to_world = geometry.to_world[instance]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * geometry.instance_count + instance
-            after = geometry.to_world[first + geometry.instance_count]
-            to_world = wp.lerp(geometry.to_world[first], after, shutter_weight(time))
+            a = geometry.places[first]
+            b = geometry.places[first + geometry.instance_count]
+            weight = shutter_weight(time)
+            turn = rotation_between(a.rotation, b.rotation, weight)
+            m = wp.quat_to_matrix(turn) * wp.lerp(a.stretch, b.stretch, weight)
+            p = position_between(a.position, b.position, a.step, b.step, weight)
+            to_world = mat34(
+                m[0, 0], m[0, 1], m[0, 2], p[0], m[1, 0], m[1, 1], m[1, 2], p[1], m[2, 0], m[2, 1], m[2, 2], p[2]
+            )
+        else:
+            to_world = geometry.to_world[instance]
         return to_world
 
     @wp.func
@@ -367,6 +417,11 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
             p0 = transform_point(to_world, p0)
             p1 = transform_point(to_world, p1)
             p2 = transform_point(to_world, p2)
+        point.reach_m = reach_of(p0, p1, p2)
+        if wp.static(features.two_level):
+            # A corner is the sum of the instance's place and a vector that may be longer than it.
+            place = wp.vec3(to_world[0, 3], to_world[1, 3], to_world[2, 3])
+            point.reach_m = wp.max(point.reach_m, largest(place))
         point.area = 0.5 * wp.length(wp.cross(p1 - p0, p2 - p0))
         point.position = p0 * hit.weight0 + p1 * hit.weight1 + p2 * weight2
         point.shading_normal = point.normal

@@ -258,7 +258,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 throughput = throughput / survival
             last_position = point.position
             last_normal = point.shading_normal
-            origin = offset_origin(point.position, side(point.normal, direction), scene.geometry.scale_m)
+            origin = offset_origin(point.position, side(point.normal, direction), point.reach_m)
         return sample
 
     @wp.func

@@ -19,7 +19,7 @@ from clsim.render.environment import (
     sample_environment,
 )
 from clsim.render.features import Features
-from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin
+from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin, reach_of
 from clsim.render.lights_punctual import Punctual, make_punctual
 from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
@@ -137,6 +137,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
             point.position = lamp.corner + lamp.edge1 * weights[1] + lamp.edge2 * weights[2]
             point.normal = lamp.normal
             point.area = lamp.area
+            point.reach_m = reach_of(lamp.corner, lamp.corner + lamp.edge1, lamp.corner + lamp.edge2)
             point.material = lamp.material
             point.front = True
         else:
@@ -181,9 +182,10 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                         lamp.normal = -lamp.normal
                     sample.pdf = area_pdf(lights.probability[light], lamp, toward, wp.sqrt(distance2))
                     sample.radiance = emitted(materials, lamp)
-                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
-                    # The shadow ray ends as far before the lamp as it starts off the surface.
-                    shadow = offset_origin(lamp.position, lamp.normal, geometry.scale_m) - sample.origin
+                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
+                    # The shadow ray ends before the lamp, by roundings of the way there and of the lamp's own place.
+                    reach_m = wp.max(lamp.reach_m, wp.sqrt(distance2))
+                    shadow = offset_origin(lamp.position, lamp.normal, reach_m) - sample.origin
                     sample.distance = wp.length(shadow)
                     sample.direction = shadow / sample.distance
         if wp.static(features.sphere_lights):
@@ -199,7 +201,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                         sample.pdf = lights.probability[light] / (2.0 * wp.pi * size)
                         sample.radiance = lights.sphere_radiance[index]
                         sample.direction = toward
-                        sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
+                        sample.origin = offset_origin(point.position, leaving, point.reach_m)
                         t = hit_sphere(sphere, sample.origin, toward)
                         if t < 0.0:  # grazes the edge by rounding
                             t = wp.dot(centre - sample.origin, toward)
@@ -213,7 +215,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     sample.pdf = lights.probability[light]
                     sample.radiance = found.irradiance
                     sample.direction = found.direction
-                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
+                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
                     sample.distance = found.distance
         if wp.static(features.environment):
             if light == lights.first_environment:
@@ -227,7 +229,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     sample.pdf = drawn.pdf
                     sample.radiance = drawn.radiance
                     sample.direction = drawn.direction
-                    sample.origin = offset_origin(point.position, leaving, geometry.scale_m)
+                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
                     sample.distance = FAR
         return sample
 

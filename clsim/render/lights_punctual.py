@@ -12,7 +12,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.features import Features
-from clsim.render.shutter import shutter_key, shutter_weight
+from clsim.render.shutter import key_steps, position_between, shutter_key, shutter_weight
 from clsim.scene import PunctualLight
 
 _FAR = wp.constant(1.0e30)
@@ -30,6 +30,7 @@ class Punctual:
     intensity: wp.array(dtype=wp.vec3)
     falloff: wp.array(dtype=wp.vec2)
     positions: wp.array(dtype=wp.vec3)
+    steps: wp.array(dtype=wp.vec3)
     axes: wp.array(dtype=wp.vec3)
 
 
@@ -46,19 +47,34 @@ def make_punctual(features: Features) -> Any:
     """Return the Warp function ``towards_punctual(lights, index, position, time)``."""
 
     @wp.func
-    def blended(table: wp.array(dtype=wp.vec3), count: int, index: int, time: float) -> wp.vec3:
-        value = table[index]
+    def axis_at(lights: Punctual, index: int, time: float) -> wp.vec3:
+        axis = lights.axes[index]
         if wp.static(features.motion_blur):
-            first = shutter_key(time) * count + index
-            value = wp.lerp(table[first], table[first + count], shutter_weight(time))
-        return value
+            first = shutter_key(time) * lights.count + index
+            axis = wp.lerp(lights.axes[first], lights.axes[first + lights.count], shutter_weight(time))
+        return axis
+
+    @wp.func
+    def position_at(lights: Punctual, index: int, time: float) -> wp.vec3:
+        position = lights.positions[index]
+        if wp.static(features.motion_blur):
+            first = shutter_key(time) * lights.count + index
+            after = first + lights.count
+            position = position_between(
+                lights.positions[first],
+                lights.positions[after],
+                lights.steps[first],
+                lights.steps[after],
+                shutter_weight(time),
+            )
+        return position
 
     @wp.func
     def towards_punctual(lights: Punctual, index: int, position: wp.vec3, time: float) -> PunctualSample:
-        axis = wp.normalize(blended(lights.axes, lights.count, index, time))
+        axis = wp.normalize(axis_at(lights, index, time))
         sample = PunctualSample(-axis, _FAR, lights.intensity[index])
         if lights.directional[index] == 0:
-            away = blended(lights.positions, lights.count, index, time) - position
+            away = position_at(lights, index, time) - position
             sample.distance = wp.max(wp.length(away), 1.0e-15)
             sample.direction = away / sample.distance
             falloff = lights.falloff[index]
@@ -91,8 +107,12 @@ def power(light: PunctualLight, radius_m: float) -> npt.NDArray[np.float64]:
     return intensity * (2 * math.pi * (1.0 / (3.0 * scale) + 1.0 - min(full, 1.0)))
 
 
-def rows(lights: Sequence[PunctualLight], times_s: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float32], ...]:
-    """Return positions and axes at those times, both ``[times · lights, 3]``."""
-    poses = np.array([light.motion.pose(float(t)) for t in times_s for light in lights]).reshape(-1, 4, 4)
-    axes = -poses[:, :3, 2] / np.linalg.norm(poses[:, :3, 2], axis=1, keepdims=True)
-    return poses[:, :3, 3].astype(np.float32), axes.astype(np.float32)
+def rows(
+    lights: Sequence[PunctualLight], times_s: npt.NDArray[np.float64], origin_m: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float32], ...]:
+    """Return positions from the origin, steps (``shutter.key_steps``) and axes at the keys, ``[keys · lights, 3]``."""
+    poses = np.array([light.motion.pose(float(t)) for t in times_s for light in lights]).reshape(len(times_s), -1, 4, 4)
+    axes = -poses[..., :3, 2] / np.linalg.norm(poses[..., :3, 2], axis=-1, keepdims=True)
+    positions = poses[..., :3, 3] - origin_m
+    steps = key_steps([light.motion for light in lights], times_s, positions)
+    return tuple(table.reshape(-1, 3).astype(np.float32) for table in (positions, steps, axes))

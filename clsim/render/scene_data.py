@@ -30,6 +30,7 @@ class SceneData:
         features: what it has.
         tree: how rays find triangles.
         device: Warp's device.
+        origin_m: the world's point at which the device has its origin.
         interval_s: the time that it covers, about the instant to which it was moved [s].
         scene: what kernels take.
     """
@@ -59,8 +60,10 @@ class SceneData:
         self.features = scene_features(world, self.interval_s)
         self._time_s: float | None = None
         placement, times_s = place(world), self._key_times(0.0)
+        self.origin_m = placement.origin_m
         self._geometry = GeometryData(placement, world.sphere_lights, self.features, self.tree, times_s, self.device)
-        self._lights = LightData(world, placement, self._geometry.radius_m, self.features, times_s, self.device)
+        box = self._geometry.middle_m, self._geometry.radius_m
+        self._lights = LightData(world, placement, *box, self.features, times_s, self.device)
         self.scene: Any = Scene()
         self.scene.geometry = self._geometry.geometry
         self.scene.materials = upload_materials(world, self.device)

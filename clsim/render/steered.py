@@ -20,13 +20,16 @@ from typing import Any
 
 import warp as wp
 
+from clsim.frames import rendered_planes
 from clsim.render import sampling
-from clsim.render.film import Sample
+from clsim.render.film import Sample, store3
 from clsim.render.sampling import luminance
 from clsim.render.sobol import reverse_bits
 
 LEAST_LOOK = 4
 """First-hit rays, or a quarter of them all if that is more, after which a pixel may be found to show one thing."""
+_PLANES = rendered_planes(first_hit_rays=True)
+_FIRST = {plane.name: _PLANES.first(plane.name) for plane in _PLANES.planes}
 GRADES = 6
 """Numbers of paths among which a pixel has its choice: the probe, doubled again and again, and the full number."""
 _ALIKE_ALBEDO = wp.constant(0.01)
@@ -144,26 +147,19 @@ def _paths_of(grade: int, steering: Steering, full: int) -> int:
 
 
 @wp.func
-def _store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
-    out[plane, pixel] = value[0]
-    out[plane + 1, pixel] = value[1]
-    out[plane + 2, pixel] = value[2]
-
-
-@wp.func
 def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
-    """Planes in the order of ``frames.FIRST_HIT_PLANES``."""
+    """Planes where the table of planes has them."""
     coverage = seen.hits / wp.max(seen.count, 1.0)
     share = 1.0 / wp.max(seen.hits, 1.0)
     emission = seen.emission / wp.max(seen.count, 1.0)
     albedo = seen.albedo * share
-    _store3(out_planes, 0, pixel, emission + wp.cw_mul(albedo, e) * coverage)
-    _store3(out_planes, 3, pixel, albedo)
-    _store3(out_planes, 6, pixel, seen.normal * share)
-    out_planes[9, pixel] = seen.depth * share
-    out_planes[10, pixel] = coverage
-    out_planes[11, pixel] = float(samples)
-    out_planes[12, pixel] = luminance(emission)
+    store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, emission + wp.cw_mul(albedo, e) * coverage)
+    store3(out_planes, wp.static(_FIRST["Albedo"]), pixel, albedo)
+    store3(out_planes, wp.static(_FIRST["Normal"]), pixel, seen.normal * share)
+    out_planes[wp.static(_FIRST["Depth"]), pixel] = seen.depth * share
+    out_planes[wp.static(_FIRST["Coverage"]), pixel] = coverage
+    out_planes[wp.static(_FIRST["Samples"]), pixel] = float(samples)
+    out_planes[wp.static(_FIRST["Emission"]), pixel] = luminance(emission)
 
 
 def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, settings_type: Any, options: Any) -> Any:

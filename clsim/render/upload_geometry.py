@@ -11,9 +11,9 @@ import warp as wp
 from clsim.render.bvh8 import Bvh8
 from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth
 from clsim.render.features import SceneFeatures
-from clsim.render.geometry import Geometry, Tree, mat34
+from clsim.render.geometry import Geometry, Place, Tree, mat34
 from clsim.render.placement import Placement, uvs
-from clsim.render.shutter import SHUTTER_KEYS
+from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions, turn_and_stretch
 from clsim.render.upload_arrays import array
 from clsim.scene import SphereLight
 
@@ -25,7 +25,8 @@ class GeometryData:
 
     Attributes:
         geometry: what the kernel takes.
-        radius_m: half the diagonal of the box around everything, at the first times.
+        middle_m: middle of the box around all triangles, from the origin, at the first times.
+        radius_m: half the diagonal of that box.
     """
 
     def __init__(
@@ -83,7 +84,8 @@ class GeometryData:
         geometry.instance_mesh = array(self._entries.ravel(), wp.int32, device)
         geometry.instance_count = len(placement.instances)
         geometry.sphere_count = len(sphere_lights)
-        self._place(times_s)
+        self._origin_m = placement.origin_m
+        self._create_places(times_s)
 
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
@@ -93,51 +95,93 @@ class GeometryData:
         if self._deforming:
             self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
         if self._features.two_level:
-            poses = self._poses(times_s)
-            lowers, uppers = self._bounds(poses)
-            self._to_world.assign(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32))
-            if not self._features.motion_blur:
-                self._to_object.assign(np.linalg.inv(poses[0])[:, :3].astype(np.float32))
+            poses, steps = self._poses(times_s)
+            lowers, uppers = self._bounds(poses, steps)
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
-            self._tree.refit()
+            # A tree that is only fitted makes rays ever slower as objects disperse. To build it anew takes .4 µs an
+            # instance, which is less than to tell whether it is worth it, and much less than to find where all are.
+            self._instance_tree.rebuild()
+            if self._features.motion_blur:
+                self._places.assign(_place_rows(poses, steps))
+            else:
+                self._to_world.assign(poses[0, :, :3].astype(np.float32))
+                self._to_object.assign(np.linalg.inv(poses[0])[:, :3].astype(np.float32))
         if any(light.motion.duration_s > 0 for light in self._sphere_lights):
-            self._spheres.assign(self._sphere_rows(times_s))
+            spheres, sphere_steps = self._sphere_rows(times_s)
+            self._spheres.assign(spheres)
+            self._sphere_steps.assign(sphere_steps)
 
-    def _place(self, times_s: _F64) -> None:
+    def _create_places(self, times_s: _F64) -> None:
         """Put instances and spheres where they are at those times and build the tree over instances."""
-        geometry, poses = self.geometry, self._poses(times_s)
-        lowers, uppers = self._bounds(poses)
-        spheres = self._sphere_rows(times_s)
-        least = np.vstack([lowers, spheres[:, :3] - spheres[:, 3:]]).min(axis=0)
-        most = np.vstack([uppers, spheres[:, :3] + spheres[:, 3:]]).max(axis=0)
-        geometry.scale_m = float((most - least).max() / 2)
-        self.radius_m = float(np.linalg.norm(most - least) / 2)
-        self._to_world = array(poses[..., :3, :].reshape(-1, 3, 4).astype(np.float32), mat34, self._device)
-        self._to_object = array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34, self._device)
-        geometry.to_world, geometry.to_object = self._to_world, self._to_object
+        geometry = self.geometry
+        poses, steps = self._poses(times_s)
+        lowers, uppers = self._bounds(poses, steps)
+        self.middle_m = (lowers.min(axis=0) + uppers.max(axis=0)) / 2
+        self.radius_m = float(np.linalg.norm(uppers.max(axis=0) - lowers.min(axis=0)) / 2)
         if self._features.two_level:
             self._lowers = array(lowers.astype(np.float32), wp.vec3, self._device)
             self._uppers = array(uppers.astype(np.float32), wp.vec3, self._device)
-            self._tree: Any = wp.Bvh(self._lowers, self._uppers)
-            geometry.instance_tree = self._tree.id
-        if len(spheres):
+            self._instance_tree: Any = wp.Bvh(self._lowers, self._uppers)
+            geometry.instance_tree = self._instance_tree.id
+            if self._features.motion_blur:
+                self._places = array(_place_rows(poses, steps), Place, self._device)
+                geometry.places = self._places
+            else:
+                self._to_world = array(poses[0, :, :3].astype(np.float32), mat34, self._device)
+                self._to_object = array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34, self._device)
+                geometry.to_world, geometry.to_object = self._to_world, self._to_object
+        if self._sphere_lights:
+            spheres, sphere_steps = self._sphere_rows(times_s)
             self._spheres = array(spheres, wp.vec4, self._device)
-            geometry.spheres = self._spheres
+            self._sphere_steps = array(sphere_steps, wp.vec3, self._device)
+            geometry.spheres, geometry.sphere_steps = self._spheres, self._sphere_steps
 
-    def _poses(self, times_s: _F64) -> _F64:
-        """Poses ``[times, instances, 4, 4]``."""
-        return np.array([[instance.motion.pose(float(t)) for instance in self._instances] for t in times_s])
+    def _poses(self, times_s: _F64) -> tuple[_F64, _F64]:
+        """Poses from the origin ``[keys, instances, 4, 4]`` and their steps (``shutter.key_steps``)."""
+        motions = [instance.motion for instance in self._instances]
+        poses = np.array([[motion.pose(float(t)) for motion in motions] for t in times_s])
+        poses[..., :3, 3] -= self._origin_m
+        return poses, key_steps(motions, times_s, poses[..., :3, 3])
 
-    def _bounds(self, poses: _F64) -> tuple[_F64, _F64]:
-        """World boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
+    def _bounds(self, poses: _F64, steps: _F64) -> tuple[_F64, _F64]:
+        """Boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
         boxes = self._boxes[self._entries]  # [keys, instances, 2, 3]
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
         extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
         extents += 1e-6 * (1.0 + np.abs(centres) + extents)
-        return (centres - extents).min(axis=0), (centres + extents).max(axis=0)
+        lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
+        if len(poses) > 1:
+            farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)), axis=1)
+            beyond = bulge(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
+            lowers, uppers = lowers - beyond, uppers + beyond
+        return lowers, uppers
 
-    def _sphere_rows(self, times_s: _F64) -> npt.NDArray[np.float32]:
-        rows = [(*light.motion.pose(float(t))[:3, 3], light.radius_m) for t in times_s for light in self._sphere_lights]
-        return np.array(rows, np.float32).reshape(-1, 4)
+    def _sphere_rows(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Centres from the origin and radii ``[keys · spheres, 4]``, and steps (``shutter.key_steps``)."""
+        motions = [light.motion for light in self._sphere_lights]
+        centres = np.array([[motion.pose(float(t))[:3, 3] for motion in motions] for t in times_s]) - self._origin_m
+        radii = np.broadcast_to([light.radius_m for light in self._sphere_lights], centres.shape[:2])
+        rows = np.concatenate([centres, radii[..., None]], axis=2).reshape(-1, 4)
+        steps = key_steps(motions, times_s, centres).reshape(-1, 3)
+        return rows.astype(np.float32), steps.astype(np.float32)
+
+
+def _place_rows(poses: _F64, steps: _F64) -> npt.NDArray[np.void]:
+    """Return the table of ``Place``, instance by instance for each key."""
+    rows = np.zeros(poses.shape[:2], Place.numpy_dtype())
+    turns, rows["stretch"] = turn_and_stretch(poses[..., :3, :3])
+    rows["rotation"], rows["position"], rows["step"] = quaternions(turns), poses[..., :3, 3], steps
+    return rows.ravel()
+
+
+def _sagitta(linear: _F64, radii_m: _F64) -> _F64:
+    """Return by how much a point so far from an instance's place leaves the chord between keys as that turns [m].
+
+    ``linear`` is ``[keys, n, 3, 3]``, ``radii_m`` ``[n]`` in the instance's own units.
+    """
+    turns, stretch = turn_and_stretch(linear)
+    cosines = np.abs((q := quaternions(turns))[1:] * q[:-1]).sum(axis=-1)
+    largest = np.linalg.norm(stretch, ord=2, axis=(-2, -1)).max(axis=0)
+    return np.asarray(radii_m * largest * (1.0 - np.clip(cosines, 0.0, 1.0)).max(axis=0))

@@ -12,11 +12,12 @@ import warp as wp
 from clsim.render import lights_punctual
 from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
 from clsim.render.features import SceneFeatures
+from clsim.render.light_choice import arriving, fair
 from clsim.render.lights import Lamp, Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
 from clsim.render.upload_arrays import array
-from clsim.scene import Mesh, World
+from clsim.scene import Mesh, Motion, World
 
 _F64 = npt.NDArray[np.float64]
 
@@ -32,6 +33,7 @@ class LightData:
         self,
         world: World,
         placement: Placement,
+        middle_m: _F64,
         radius_m: float,
         features: SceneFeatures,
         times_s: _F64,
@@ -40,6 +42,7 @@ class LightData:
         """Number the lights, give each its probability and put those without size where they are at those times."""
         self._device = device
         self._punctual_lights = world.punctual_lights
+        self._origin_m = placement.origin_m
         emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
         sides = np.array([2.0 if material.emits_behind else 1.0 for material in world.materials])
         power_of = emission @ LUMINANCE * sides * math.pi
@@ -59,12 +62,18 @@ class LightData:
             instance_of.append(np.full(len(local), k))
             triangle_of.append(first_triangle[instance.mesh] + local)
             instance_first.append(instance_first[-1] + len(local))
+        far = [np.zeros(instance_first[-1], bool)]
         for light in world.sphere_lights:
             surface_m2 = 4 * math.pi * light.radius_m**2
-            powers.append(np.array([surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE))]))
+            power_w = surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE))
+            share = arriving(self._distance(light.motion, middle_m), radius_m)
+            powers.append(np.array([power_w * share]))
+            far.append(np.array([share < 1.0]))
         for punctual in world.punctual_lights:
             powers.append(np.array([lights_punctual.power(punctual, radius_m) @ LUMINANCE]))
-        power = np.concatenate(powers)
+            far.append(np.array([punctual.kind == "directional"]))
+        sizeless = len(world.sphere_lights) + len(world.punctual_lights)
+        power = fair(np.concatenate(powers), np.concatenate(far), sizeless)
         sky = float(np.dot(world.environment, LUMINANCE))
         self.lights = lights = Lights()
         if world.environment_map is not None:
@@ -93,11 +102,16 @@ class LightData:
         lights.environment = wp.vec3(*world.environment)
         lights.environment_probability = float(probability[-1])
 
+    def _distance(self, motion: Motion, middle_m: _F64) -> float:
+        """Return how far a light is from the middle of the scene, given from the device's origin, at time 0 [m]."""
+        return float(np.linalg.norm(motion.pose(0.0)[:3, 3] - self._origin_m - middle_m))
+
     def update(self, times_s: _F64) -> None:
         """Put the lights without size where they are at those times; work only where one moves."""
         if any(light.motion.duration_s > 0 for light in self._punctual_lights):
-            positions, axes = lights_punctual.rows(self._punctual_lights, times_s)
+            positions, steps_m, axes = lights_punctual.rows(self._punctual_lights, times_s, self._origin_m)
             self._punctual.positions.assign(positions)
+            self._punctual.steps.assign(steps_m)
             self._punctual.axes.assign(axes)
 
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
@@ -115,12 +129,13 @@ class LightData:
 
     def _punctual_table(self, times_s: _F64) -> Any:
         lights, table = self._punctual_lights, Punctual()
-        positions, axes = lights_punctual.rows(lights, times_s)
+        positions, steps_m, axes = lights_punctual.rows(lights, times_s, self._origin_m)
         table.count = len(lights)
         table.directional = array([int(light.kind == "directional") for light in lights], wp.int32, self._device)
         table.intensity = array([light.intensity for light in lights], wp.vec3, self._device)
         table.falloff = array([lights_punctual.falloff(light) for light in lights], wp.vec2, self._device)
         table.positions = array(positions, wp.vec3, self._device)
+        table.steps = array(steps_m, wp.vec3, self._device)
         table.axes = array(axes, wp.vec3, self._device)
         self._punctual = table
         return table

@@ -82,7 +82,7 @@ class View:
         self._device = data.device
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
-        self._camera = CameraData(camera, features, self._device)
+        self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = Settings()
         self._settings.samples = options.spp
         self._settings.batches = SOBOL_BATCHES
@@ -176,8 +176,13 @@ class View:
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     def cancel(self) -> None:
-        """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread."""
+        """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread.
+
+        Its board is closed, so that a ``fill`` that waits for an interest map ends too.
+        """
         self._cancelled.set()
+        if self._steerer is not None:
+            self._steerer.cancel()
 
     def close(self) -> None:
         """End the threads and let go of all memory; safe to call twice."""

@@ -109,7 +109,7 @@ def no_threads_left() -> bool:
 
 @pytest.mark.parametrize("slots", [2, 3, 5])
 def test_each_frame_is_made_with_the_map_of_two_frames_ago(slots: int) -> None:
-    source, detector = SteeredSource(InterestBoard()), InterestedDetector()
+    source, detector = SteeredSource(InterestBoard("wait")), InterestedDetector()
     pipeline = adaptive(plan(1.0, 60.0, frames=40), source, detector, slots=slots)
     pipeline.start()
     assert pipeline.wait(20)
@@ -118,7 +118,7 @@ def test_each_frame_is_made_with_the_map_of_two_frames_ago(slots: int) -> None:
 
 
 def test_maps_are_counted_on_over_the_seam_of_a_loop() -> None:
-    source, detector = SteeredSource(InterestBoard()), InterestedDetector()
+    source, detector = SteeredSource(InterestBoard("wait")), InterestedDetector()
     pipeline = adaptive(plan(0.5, 10.0, frames=12, loop=True), source, detector)
     pipeline.start()
     assert pipeline.wait(20)
@@ -127,7 +127,7 @@ def test_maps_are_counted_on_over_the_seam_of_a_loop() -> None:
 
 def test_stop_ends_a_source_that_waits_for_a_map() -> None:
     """The detector hangs, in a compiler say; the source must not hang with it."""
-    source, detector = SteeredSource(InterestBoard()), InterestedDetector(hang_at=3)
+    source, detector = SteeredSource(InterestBoard("wait")), InterestedDetector(hang_at=3)
     pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
     pipeline.start()
     while len(source.found) < 5:
@@ -140,7 +140,7 @@ def test_stop_ends_a_source_that_waits_for_a_map() -> None:
 
 
 def test_an_error_of_the_detector_ends_a_source_that_waits_for_a_map() -> None:
-    source, detector = SteeredSource(InterestBoard()), InterestedDetector(fail_at=5)
+    source, detector = SteeredSource(InterestBoard("wait")), InterestedDetector(fail_at=5)
     pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
     pipeline.start()
     with pytest.raises(ArithmeticError, match="the detector broke"):
@@ -149,7 +149,7 @@ def test_an_error_of_the_detector_ends_a_source_that_waits_for_a_map() -> None:
 
 
 def test_an_error_of_the_source_ends_the_detector() -> None:
-    source, detector = SteeredSource(InterestBoard(), fail_at=6), InterestedDetector()
+    source, detector = SteeredSource(InterestBoard("wait"), fail_at=6), InterestedDetector()
     pipeline = adaptive(plan(1.0, 60.0, loop=True), source, detector)
     pipeline.start()
     with pytest.raises(FloatingPointError, match="the source broke"):
@@ -158,7 +158,7 @@ def test_an_error_of_the_source_ends_the_detector() -> None:
 
 
 def test_frames_may_be_dropped_between_a_steered_source_and_its_detector() -> None:
-    source, detector = SteeredSource(InterestBoard(in_step=False)), InterestedDetector(first_seconds=0.1)
+    source, detector = SteeredSource(InterestBoard("newest")), InterestedDetector(first_seconds=0.1)
     pipeline = adaptive(plan(1.0, 100.0, frames=60), source, detector, ring="drop-oldest", pace="real")
     pipeline.start()
     assert pipeline.wait(20)
@@ -168,7 +168,10 @@ def test_frames_may_be_dropped_between_a_steered_source_and_its_detector() -> No
 
 @pytest.mark.parametrize("ring", ["block", "drop-oldest"])
 def test_the_clock_starts_when_all_kernels_were_loaded(ring: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    source, detector = SteeredSource(InterestBoard(in_step=ring == "block")), InterestedDetector(first_seconds=0.1)
+    source, detector = (
+        SteeredSource(InterestBoard("wait" if ring == "block" else "newest")),
+        InterestedDetector(first_seconds=0.1),
+    )
     started: list[tuple[int, int]] = []
     start = FrameClock.start
 
@@ -184,7 +187,9 @@ def test_the_clock_starts_when_all_kernels_were_loaded(ring: str, monkeypatch: p
 
 
 def test_a_paced_run_ends_where_its_detector_breaks_in_the_warm_up() -> None:
-    pipeline = adaptive(plan(1.0, 5.0), SteeredSource(InterestBoard()), InterestedDetector(fail_at=1), pace="real")
+    pipeline = adaptive(
+        plan(1.0, 5.0), SteeredSource(InterestBoard("wait")), InterestedDetector(fail_at=1), pace="real"
+    )
     pipeline.start()
     with pytest.raises(ArithmeticError):
         pipeline.wait(20)
@@ -193,7 +198,10 @@ def test_a_paced_run_ends_where_its_detector_breaks_in_the_warm_up() -> None:
 
 def test_frames_that_come_late_are_counted_where_none_is_dropped() -> None:
     pipeline = adaptive(
-        plan(1.0, 200.0, frames=24), SteeredSource(InterestBoard(), seconds=0.002), InterestedDetector(), pace="real"
+        plan(1.0, 200.0, frames=24),
+        SteeredSource(InterestBoard("wait"), seconds=0.002),
+        InterestedDetector(),
+        pace="real",
     )
     pipeline.start()
     assert pipeline.wait(20)
@@ -202,7 +210,7 @@ def test_frames_that_come_late_are_counted_where_none_is_dropped() -> None:
 
 def test_a_governor_renders_less_where_a_paced_run_would_be_late() -> None:
     """All samples would take 72 ms a frame, and there are 50."""
-    source, governed = SteeredSource(InterestBoard(), seconds=0.006), Governed(ladder(BEST), 20.0)
+    source, governed = SteeredSource(InterestBoard("wait"), seconds=0.006), Governed(ladder(BEST), 20.0)
     pipeline = adaptive(plan(1.0, 20.0, frames=24), source, InterestedDetector(), pace="real", governed=governed)
     pipeline.start()
     assert pipeline.wait(20)

@@ -12,8 +12,9 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.render import RenderOptions
-from clsim.render.camera import CameraData, CameraState, invertible, make_camera, quaternions
+from clsim.render.camera import CameraData, CameraState, invertible, make_camera
 from clsim.render.devices import start_warp
+from clsim.render.shutter import quaternions
 from clsim.scene import Camera, Lens, Material, Static
 from clsim.scene.validate import validate
 
@@ -57,7 +58,7 @@ def trace_rays(view, xy, lens=None, time=None, time_s=0.0, scene=None):
         for values, kind in ((xy, wp.vec2), (lens, wp.vec2), (time, wp.float32))
     ]
     outputs = [wp.zeros(n, dtype=kind, device="cpu") for kind in (wp.vec3, wp.vec3, wp.int32)]
-    model = CameraData(view, features, "cpu").at(time_s)
+    model = CameraData(view, features, np.zeros(3), "cpu").at(time_s)
     wp.launch(rays, n, inputs=[model, *inputs], outputs=outputs, device="cpu")
     origins, directions, exists = (a.numpy().astype(np.float64) for a in outputs)
     axes = view.motion.pose(time_s)[:3, :3] * (1, -1, -1)

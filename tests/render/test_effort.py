@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import threading
+
 import numpy as np
 import pytest
 from test_steered import Run, log_brightness, textured_world
 from test_tracer import lit_world, moving_world
 
+from clsim.errors import Error
 from clsim.frames import InterestBoard, InterestMap
-from clsim.render import Effort
+from clsim.render import Effort, RenderCancelled
 from clsim.render.effort import SURE
 from clsim.render.steered import GRADES
 
@@ -152,3 +155,32 @@ def test_threads_and_tiles_do_not_change_a_bit_of_graded_pictures():
 )
 def test_the_top_grade_has_all_paths(spp, probe_spp, top):
     assert Effort(spp, probe_spp, 1).top == top
+
+
+def test_a_fill_that_waits_for_a_map_can_be_cancelled():
+    run = Run(lit_world(), InterestBoard("wait"), spp=4, probe_spp=1)
+    run.fill(0)
+    run.fill(1)
+    raised = []
+
+    def work():
+        try:
+            run.fill(2)
+        except RenderCancelled as error:
+            raised.append(error)
+
+    worker = threading.Thread(target=work, daemon=True)
+    worker.start()
+    worker.join(0.2)
+    assert worker.is_alive()
+    run.tracer.cancel()
+    worker.join(10)
+    assert not worker.is_alive() and len(raised) == 1
+
+
+def test_a_map_that_the_same_thread_has_not_published_is_told_of():
+    run = Run(lit_world(), InterestBoard(), spp=4, probe_spp=1)
+    run.fill(0)
+    run.fill(1)
+    with pytest.raises(Error, match=r"frame 2 takes the interest map of frame 0"):
+        run.fill(2)

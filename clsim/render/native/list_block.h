@@ -1,7 +1,8 @@
 // Rays against a list of few triangles, eight of them (a block) at once; see bvh8_list.py.
 // Products with the ray of the edges opposite to vertices 0 and 1, over the sum of all three, are the weights.
-const float moment[3] = {origin[1] * direction[2] - origin[2] * direction[1],
-    origin[2] * direction[0] - origin[0] * direction[2], origin[0] * direction[1] - origin[1] * direction[0]};
+const float start[3] = {origin[0] - middle[0], origin[1] - middle[1], origin[2] - middle[2]};
+const float moment[3] = {start[1] * direction[2] - start[2] * direction[1],
+    start[2] * direction[0] - start[0] * direction[2], start[0] * direction[1] - start[1] * direction[0]};
 const auto list = [&](int block, v8 end, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
     const auto row = [&](int i) __attribute__((always_inline)) {
         return *(const v8*)(corners + BLOCK_FLOATS * block + 8 * i);
@@ -22,7 +23,7 @@ const auto list = [&](int block, v8 end, v8& t, v8& u, v8& v) __attribute__((alw
     const lanes8 inside = (lesser(lesser(u, v), w) >= v8(0.0f)) | (greater(greater(u, v), w) <= v8(0.0f));
     const v8 scale = v8(1.0f) / sum;
     t = row(31);
-    for (int k = 0; k < 3; ++k) t = plus(t, -origin[k], row(28 + k));
+    for (int k = 0; k < 3; ++k) t = plus(t, -start[k], row(28 + k));
     t *= scale;
     u *= scale;
     v *= scale;

@@ -1,4 +1,5 @@
 // Writes the blocks of a list of few triangles; see bvh8_list.py.
+const v4 from = {middle[0], middle[1], middle[2], 0.0f};
 for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
     v4 p[3];
     const bool whole = load(order.data[i], p);
@@ -8,7 +9,7 @@ for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
     if (!whole) continue;
     double edge[3][3], normal[3], length2 = 0.0, offset = 0.0;
     for (int m = 0; m < 3; ++m) {
-        const v4 q = p[(m + 1) % 3], r = p[(m + 2) % 3];
+        const v4 q = p[(m + 1) % 3] - from, r = p[(m + 2) % 3] - from;
         for (int k = 0; k < 3; ++k) {
             const int y = (k + 1) % 3, z = (k + 2) % 3;
             edge[m][k] = (double)r[k] - q[k];
@@ -22,7 +23,7 @@ for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
         const int y = (k + 1) % 3, z = (k + 2) % 3;
         normal[k] = edge[1][y] * edge[2][z] - edge[1][z] * edge[2][y];
         length2 += normal[k] * normal[k];
-        offset += normal[k] * p[0][k];
+        offset += normal[k] * (p[0][k] - from[k]);
     }
     for (int k = 0; k < 3; ++k) {
         out[8 * (28 + k)] = (float)normal[k];
