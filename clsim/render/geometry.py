@@ -25,10 +25,10 @@ _OFFSET = wp.constant(4.0e-6)
 
 @wp.struct
 class Place:
-    """An instance at a key: a map that stretches, turns and moves; ``step`` is its way to the next key at its speed."""
+    """An instance at a key: a map that scales, turns and moves; ``step`` is its way to the next key at its speed."""
 
     rotation: wp.quat
-    stretch: wp.mat33
+    scale: float
     position: wp.vec3
     step: wp.vec3
 
@@ -205,7 +205,7 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
             b = geometry.places[first + geometry.instance_count]
             weight = shutter_weight(time)
             turn = rotation_between(a.rotation, b.rotation, weight)
-            m = wp.quat_to_matrix(turn) * wp.lerp(a.stretch, b.stretch, weight)
+            m = wp.quat_to_matrix(turn) * wp.lerp(a.scale, b.scale, weight)
             p = position_between(a.position, b.position, a.step, b.step, weight)
             to_world = mat34(
                 m[0, 0], m[0, 1], m[0, 2], p[0], m[1, 0], m[1, 1], m[1, 2], p[1], m[2, 0], m[2, 1], m[2, 2], p[2]

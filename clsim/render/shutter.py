@@ -2,7 +2,7 @@
 """The interval of time that a scene's data covers: what moves has poses at equal steps through it, the keys.
 
 Between two keys, positions go along the cubic with the speeds that motions have there (Hermite's), rotations by slerp,
-and what a pose stretches changes linearly: at ``SHUTTER_KEYS`` = 9, one turn within the interval keeps its radius to
+and the scale of a pose changes linearly: at ``SHUTTER_KEYS`` = 9, one turn within the interval keeps its radius to
 .1 %, even about a far pivot. Beyond four turns rotations alias. What deforms has a shape at each key instead, and a
 path sees the nearest one: an eighth of the way that a vertex goes within the interval should be less than a pixel, or
 edges show in steps.
@@ -117,16 +117,3 @@ def quaternions(rotations: F64) -> F64:
     for n in range(1, len(q)):
         q[n] = np.where((q[n] * q[n - 1]).sum(axis=-1, keepdims=True) < 0, -q[n], q[n])
     return np.asarray(q, np.float64)
-
-
-def turn_and_stretch(linear: F64) -> tuple[F64, F64]:
-    """Return rotations and symmetric matrices whose products are the given ones ``[…, 3, 3]`` (polar decomposition).
-
-    A mirror is in the symmetric one.
-    """
-    u, sizes, vt = np.linalg.svd(linear)
-    mirrored = np.linalg.det(u @ vt) < 0
-    signs = np.ones_like(sizes)
-    signs[..., 2] = np.where(mirrored, -1.0, 1.0)
-    rotation = (u * signs[..., None, :]) @ vt
-    return rotation, np.swapaxes(vt, -1, -2) @ ((signs * sizes)[..., None] * vt)

@@ -13,7 +13,7 @@ from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth
 from clsim.render.features import SceneFeatures
 from clsim.render.geometry import Geometry, Place, Tree, mat34
 from clsim.render.placement import Placement, uvs
-from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions, turn_and_stretch
+from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
 from clsim.render.upload_arrays import array
 from clsim.scene import SphereLight
 
@@ -171,8 +171,8 @@ class GeometryData:
 def _place_rows(poses: _F64, steps: _F64) -> npt.NDArray[np.void]:
     """Return the table of ``Place``, instance by instance for each key."""
     rows = np.zeros(poses.shape[:2], Place.numpy_dtype())
-    turns, rows["stretch"] = turn_and_stretch(poses[..., :3, :3])
-    rows["rotation"], rows["position"], rows["step"] = quaternions(turns), poses[..., :3, 3], steps
+    turns, rows["scale"] = _turns(poses[..., :3, :3])
+    rows["rotation"], rows["position"], rows["step"] = turns, poses[..., :3, 3], steps
     return rows.ravel()
 
 
@@ -181,7 +181,13 @@ def _sagitta(linear: _F64, radii_m: _F64) -> _F64:
 
     ``linear`` is ``[keys, n, 3, 3]``, ``radii_m`` ``[n]`` in the instance's own units.
     """
-    turns, stretch = turn_and_stretch(linear)
-    cosines = np.abs((q := quaternions(turns))[1:] * q[:-1]).sum(axis=-1)
-    largest = np.linalg.norm(stretch, ord=2, axis=(-2, -1)).max(axis=0)
-    return np.asarray(radii_m * largest * (1.0 - np.clip(cosines, 0.0, 1.0)).max(axis=0))
+    turns, scales = _turns(linear)
+    # The cosine of half the angle from key to key.
+    cosines = (turns[1:] * turns[:-1]).sum(axis=-1)
+    return np.asarray(radii_m * scales.max(axis=0) * (1.0 - np.clip(cosines, 0.0, 1.0)).max(axis=0))
+
+
+def _turns(linear: _F64) -> tuple[_F64, _F64]:
+    """Return the unit quaternions and the scales of rotations times a positive number, ``[keys, n, 3, 3]``."""
+    scales = np.cbrt(np.linalg.det(linear))
+    return quaternions(linear / scales[..., None, None]), np.asarray(scales)

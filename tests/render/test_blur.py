@@ -10,6 +10,7 @@ import pytest
 from test_camera import trace_rays
 
 from clsim.render import RenderOptions, describe_build
+from clsim.render.shutter import key_steps, key_times
 from clsim.scene import Camera, Instance, Material, PunctualLight, SphereLight, Static
 
 GLOW = Material(color=(0.0, 0.0, 0.0), emission=(1.0, 2.0, 4.0))
@@ -88,26 +89,106 @@ def test_an_object_that_crosses_the_whole_view_is_not_lost():
     assert abs(z) < 4.5
 
 
-def test_a_quarter_turn_keeps_its_radius():
-    """Between keys the blend of rotations shrinks by less than .5 %: the tip of a hand stays on its circle."""
-    hand = hw.quad((0.49, -0.01, -1), (0.02, 0, 0), (0, 0.02, 0))
-    scene = hw.world(hand, materials=(GLOW,), view=view(shutter_s=0.25, width=64, height=64), motions=[Spin()], fps=1.0)
-    frame = hw.render(scene, 1, spp=512, max_depth=1)
+def ring_of(motion, centre, turns):
+    """Mean distance of a small glowing square from the origin while it goes round it so many times."""
+    x, y, _ = centre
+    hand = hw.quad((x - 0.01, y - 0.01, -1), (0.02, 0, 0), (0, 0.02, 0))
+    camera = view(shutter_s=turns, width=64, height=64)
+    frame = hw.render(
+        hw.world(hand, materials=(GLOW,), view=camera, motions=[motion], fps=1.0), 1, spp=512, max_depth=1
+    )
     x, y = np.meshgrid((np.arange(64) + 0.5 - 32) / 32, (32 - np.arange(64) - 0.5) / 32)
     weight = frame.plane("Coverage").astype(np.float64)
+    assert abs(weight.sum() / (64 * 64) - 0.0001) < 0.00002
     weight /= weight.sum()
-    radius, angle = (weight * np.hypot(x, y)).sum(), (weight * np.arctan2(y, x)).sum()
+    return (weight * np.hypot(x, y)).sum(), weight, np.arctan2(y, x)
+
+
+def test_a_quarter_turn_keeps_its_radius():
+    """The tip of a hand stays on its circle."""
+    radius, weight, angles = ring_of(Spin(), (0.5, 0.0, 0.0), 0.25)
     assert abs(radius - 0.5) < 0.004
-    assert abs(angle) < 0.03
-    seen = np.arctan2(y, x)[weight > 0]
+    assert abs((weight * angles).sum()) < 0.03
+    seen = angles[weight > 0]
     assert seen.min() < -0.72 and seen.max() > 0.72
 
 
-def test_a_blurred_turn_of_the_camera_is_the_mean_of_its_poses():
-    """Rays at the keys are those of a camera that stands there, between keys those of one half way."""
-    camera = view(Spin(0.1), shutter_s=1.0, width=8, height=8)
+@dataclass(frozen=True)
+class Round:
+    """On a circle about the z axis, never turning itself."""
+
+    radius_m: float = 0.5
+    height_m: float = 0.0
+    duration_s: float = 10.0
+
+    def pose(self, time_s):
+        angle = 2 * np.pi * time_s
+        return hw.translation(self.radius_m * np.cos(angle), self.radius_m * np.sin(angle), self.height_m)
+
+
+@pytest.mark.parametrize(("motion", "centre"), [(Spin(), (0.5, 0.0, 0.0)), (Round(), (0.0, 0.0, 0.0))])
+def test_a_whole_turn_keeps_its_radius(motion, centre):
+    """Chords between nine keys would come to .487 m in the mean."""
+    radius, weight, _ = ring_of(motion, centre, 1.0)
+    assert abs(radius - 0.5) < 0.003
+    assert np.count_nonzero(weight) > 32 * np.pi
+
+
+@dataclass(frozen=True)
+class GrowingSpin:
+    """About the z axis, growing from half its size at 0.5 s to one and a half at 1.5 s."""
+
+    duration_s: float = 10.0
+
+    def pose(self, time_s):
+        return Spin().pose(time_s) @ np.diag((*[max(time_s, 0.1)] * 3, 1.0))
+
+
+def test_what_grows_as_it_turns_is_as_large_as_its_pose_says():
+    """On a spiral around .5 m; the mean of its area is that of the square of its size, 13/12."""
+    hand = hw.quad((0.49, -0.01, -1), (0.02, 0, 0), (0, 0.02, 0))
+    camera = view(shutter_s=1.0, width=64, height=64)
+    scene = hw.world(hand, materials=(GLOW,), view=camera, motions=[GrowingSpin()], fps=1.0)
+    frame = hw.render(scene, 1, spp=512, max_depth=1)
+    x, y = np.meshgrid((np.arange(64) + 0.5 - 32) / 32, (32 - np.arange(64) - 0.5) / 32)
+    weight = frame.plane("Coverage").astype(np.float64)
+    # Seen from the origin all sizes are alike: distance grows as size does.
+    assert abs(weight.sum() / (64 * 64) - 0.0001) < 0.00002
+    assert abs((weight * np.hypot(x, y)).sum() / weight.sum() - 0.5) < 0.004
+
+
+@pytest.mark.parametrize("kind", ["sphere", "point"])
+def test_a_light_that_goes_round_once_shines_from_its_circle(kind):
+    """On the axis, h below the circle: E = I·h / (h² + r²)^1.5 all the time; chords would give 8 % more."""
+    radius, height, intensity = 2.0, 0.5, 3.0
+    motion = Round(radius, height)
+    lights = {
+        "sphere": {"sphere_lights": (SphereLight(0.02, (intensity / (np.pi * 0.02**2),) * 3, motion),)},
+        "point": {"punctual_lights": (PunctualLight("point", (intensity,) * 3, motion),)},
+    }[kind]
+    floor = hw.quad((-3, -3, 0), (6, 0, 0), (0, 6, 0))
+    camera = Camera(8, 8, 0.02, Static(hw.look_from((0, 0, 0.3), (0, 0, 0))), shutter_s=1.0)
+    frame = hw.render(hw.world(floor, materials=(GREY,), view=camera, fps=1.0, **lights), 1, spp=64, max_depth=2)
+    expected = 0.5 / np.pi * intensity * height / (height**2 + radius**2) ** 1.5
+    np.testing.assert_allclose(hw.radiance(frame).mean(axis=(1, 2)), expected, rtol=5e-3)
+
+
+def test_a_camera_that_goes_round_once_sees_a_ring():
+    """The strip is a small square at the origin, seen by a camera on a circle: it smears to that circle."""
+    hand = hw.quad((-0.01, -0.01, -1), (0.02, 0, 0), (0, 0.02, 0))
+    camera = view(Round(), shutter_s=1.0, width=64, height=64)
+    frame = hw.render(hw.world(hand, materials=(GLOW,), view=camera, fps=1.0), 1, spp=512, max_depth=1)
+    x, y = np.meshgrid((np.arange(64) + 0.5 - 32) / 32, (32 - np.arange(64) - 0.5) / 32)
+    weight = frame.plane("Coverage").astype(np.float64)
+    assert abs((weight * np.hypot(x, y)).sum() / weight.sum() - 0.5) < 0.003
+
+
+@pytest.mark.parametrize("turns", [0.1, 1.0])
+def test_a_blurred_turn_of_the_camera_is_the_mean_of_its_poses(turns):
+    """Rays at any time are those of a camera that stands there."""
+    camera = view(Spin(turns), shutter_s=1.0, width=8, height=8)
     xy = np.random.default_rng(0).random((50, 2)) * 8
-    for time in (0.0, 0.125, 0.4, 1.0):
+    for time in (0.0, 0.125, 0.1875, 0.4, 1.0):
         _, blurred, _ = trace_rays(camera, xy, time=np.full(50, time), time_s=2.0)
         there = 2.0 - 0.5 + time
         _, still, _ = trace_rays(replace(camera, shutter_s=0.0), xy, time_s=there)
@@ -159,3 +240,18 @@ def test_variances_of_blurred_pixels_are_honest():
     actual = np.var([f.plane("G") for f in frames], axis=0, ddof=1).mean()
     said = np.mean([f.plane("Variance.G") for f in frames])
     assert abs(said / actual - 1) < 0.15
+
+
+def test_a_jump_bends_nothing_before_and_after_it():
+    """Where a motion starts over within the exposure, what is shown are its two parts, and a trace between them."""
+
+    @dataclass(frozen=True)
+    class Jump:
+        duration_s: float = 10.0
+
+        def pose(self, time_s):
+            return hw.translation(-0.5 if time_s < 1.01 else 0.5, 0.0, 0.0)
+
+    times = key_times(1.0, 0.8)
+    steps = key_steps([Jump()], times, np.array([[Jump().pose(t)[:3, 3]] for t in times]))
+    assert np.all(steps == 0)

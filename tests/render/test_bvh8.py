@@ -306,3 +306,28 @@ def test_a_tree_does_not_depend_on_when_it_is_built():
     np.testing.assert_array_equal(one._nodes, two._nodes)
     np.testing.assert_array_equal(one._order, two._order)
     assert one.nbytes < 70 * len(mesh.triangles)
+
+
+@pytest.mark.parametrize("away", [(1000.0, 0.0, 0.0), (-3000.0, 2000.0, 1000.0)])
+@pytest.mark.parametrize("side", [3, 9])
+def test_small_triangles_far_from_the_origin_are_told_apart(away, side):
+    """A bumpy grid of centimetres, a kilometre off; side 3 makes a list, side 9 a tree. Aimed at by float64."""
+    rng = np.random.default_rng(side)
+    x, y = np.meshgrid(np.arange(side + 1), np.arange(side + 1))
+    points = np.stack([x.ravel(), y.ravel(), rng.random(x.size)], axis=1) * 0.01
+    vertices = (points + away).astype(np.float32)
+    first = (np.arange(side)[:, None] * (side + 1) + np.arange(side)).ravel()
+    lower = np.stack([first, first + 1, first + side + 2], axis=1)
+    upper = np.stack([first, first + side + 2, first + side + 1], axis=1)
+    triangles = np.concatenate([lower, upper])
+    tree = Bvh8(*arrays(vertices, triangles))
+    assert (tree.levels == 0) == (side == 3)
+    corners = vertices[triangles].astype(np.float64)
+    weights = rng.dirichlet((3, 3, 3), (20, len(triangles)))
+    weights = 0.9 * weights + 0.1 / 3
+    targets = np.einsum("nmk,mkj->nmj", weights, corners).reshape(-1, 3)
+    origins = np.add(targets, (0.01, -0.02, 0.1)).astype(np.float32)
+    directions = (targets - origins.astype(np.float64)).astype(np.float32)
+    triangle, *_ = shoot(tree, origins, directions)
+    expected = np.tile(np.arange(len(triangles)), 20)
+    assert (triangle == expected).mean() > 0.97

@@ -162,6 +162,16 @@ def test_a_blurred_lamp_that_deforms_is_found_both_ways():
     assert (other < 0.02 * by_light).all()
 
 
+def test_what_deforms_is_in_the_middle_of_its_way_on_average():
+    """Shapes that came late by a sixteenth of the exposure would be half a pixel off."""
+    places = np.arange(48)
+    centres = [
+        (coverage * places).sum() / coverage.sum()
+        for coverage in (sliding(d, 0.25, spp=256).plane("Coverage").mean(axis=0) for d in (True, False))
+    ]
+    assert abs(centres[0] - 23.5) < 0.1 and abs(centres[1] - 23.5) < 0.1
+
+
 @pytest.mark.skipif(not FOX.exists(), reason="the folder of shared scenes is not there")
 def test_the_fox_walks():
     """Its legs are at other places, and each frame shows the mesh of its time."""

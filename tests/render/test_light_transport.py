@@ -225,3 +225,17 @@ def test_a_black_back_blocks_the_view():
         np.testing.assert_allclose(centre[:3].mean(axis=(1, 2)), expected)
         assert np.all(centre[frame.names.index("Coverage")] == 1)
         assert np.all(centre[3:6] == 0)
+
+
+def test_ways_of_finding_the_sky_agree_where_normals_are_smoothed():
+    """Densities are about the shading normal: a coarse ball, whose own normals are far from it, tells."""
+    ball = hw.ball(1.0, rings=3, smooth=True)
+    view = hw.camera(hw.look_from((0, 0.5, 4), (0, 0, 0)), 8, 8, fov_deg=14)
+    scene = hw.world(ball, materials=(WHITE,), view=view, environment=(1.0, 1.0, 1.0))
+    results = [
+        hw.mean_and_error(hw.render(scene, spp=1024, seed=k, max_depth=2, strategy=strategy))
+        for k, strategy in enumerate(("mis", "light", "scatter"))
+    ]
+    for other, error in results[1:]:
+        assert np.all(np.abs(other - results[0][0]) < 4 * np.hypot(error, results[0][1]) + 1e-4)
+    assert np.all(results[0][1] < 2e-3)

@@ -171,3 +171,19 @@ def test_an_unknown_sampler_is_named():
     with pytest.raises(InputError, match="sampler must be one of pcg, sobol, got 'halton'"):
         RenderOptions(sampler="halton")
     assert replace(RenderOptions(), sampler="sobol").sampler == "sobol"
+
+
+@pytest.mark.parametrize("variances", [False, True])
+def test_features_at_silhouettes_are_those_of_what_is_hit(variances):
+    """Samples are averaged over those that hit, batch by batch, however few of a batch do."""
+    square = hw.quad((-0.33, -0.41, -2), (0.7, 0.1, 0), (-0.1, 0.8, 0))
+    scene = hw.world(square, materials=(hw.GREY,), view=hw.camera(width=24, height=24))
+    frame = hw.render(scene, spp=10, max_depth=1, sampler="sobol", variances=variances)
+    coverage = frame.plane("Coverage")
+    assert ((coverage > 0) & (coverage < 1)).sum() > 40
+    hit = coverage > 0
+    for name, expected in zip(("Albedo.R", "Albedo.G", "Albedo.B", "Nz"), (*hw.GREY.color, 1.0), strict=True):
+        np.testing.assert_allclose(frame.plane(name)[hit], expected, rtol=1e-5)
+    assert frame.plane("Depth")[hit].min() >= 2.0 - 1e-5 and frame.plane("Depth")[hit].max() < 2.2
+    # Means of parts that are weighted by their hits: what a frame of all samples at once would say.
+    np.testing.assert_allclose(coverage * 10, np.rint(coverage * 10), atol=1e-5)

@@ -129,6 +129,37 @@ def test_what_moves_is_where_its_motion_says(index):
         assert abs(a.mean() - b.mean()) < 0.01 * (np.abs(b).mean() + 1e-3), name
 
 
+@dataclass(frozen=True)
+class Leave:
+    """From the middle to a place of its own."""
+
+    place: tuple[float, float, float]
+    duration_s: float = 1.0
+
+    def pose(self, time_s):
+        return hw.translation(*(time_s * p for p in self.place))
+
+
+def test_a_tree_of_instances_is_built_anew_as_they_disperse(monkeypatch):
+    """What was next to each other is so no more; the picture is that of a world placed there."""
+    rng = np.random.default_rng(1)
+    motions = [Leave(tuple(2 * rng.random(3) - 1)) for _ in range(30)]
+    ball = hw.ball(0.1, rings=4)
+
+    def scene(time_s=None):
+        placed = motions if time_s is None else [Static(motion.pose(time_s)) for motion in motions]
+        still = hw.world(ball, view=hw.camera(hw.look_from((0, 0, 4), (0, 0, 0)), 32, 32), fps=2.0)
+        return replace(still, instances=tuple(Instance(0, motion) for motion in placed))
+
+    rebuilt = []
+    rebuild = wp.Bvh.rebuild
+    monkeypatch.setattr(wp.Bvh, "rebuild", lambda tree: (rebuilt.append(tree), rebuild(tree))[1])
+    moved, placed = (hw.render(s, index, spp=4, max_depth=1) for s, index in ((scene(), 2), (scene(1.0), 0)))
+    assert len(rebuilt) == 1
+    assert np.isclose(moved.plane("Depth"), placed.plane("Depth"), rtol=1e-4).mean() > 0.99
+    assert 0.1 < placed.plane("Coverage").mean() < 0.5
+
+
 def test_motion_is_seen():
     start, later = (hw.render(moving_world(), index, spp=4).plane("Depth") for index in (0, 7))
     assert (np.abs(start - later) > 0.05).mean() > 0.05
