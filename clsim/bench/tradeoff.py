@@ -112,17 +112,7 @@ class Sweep:
 
     def render_options(self, rendering: Rendering) -> RenderOptions:
         """Return the renderer's options for this world and length."""
-        return RenderOptions(
-            spp=rendering.spp,
-            noise=rendering.noise,
-            seed=rendering.seed,
-            sampler=rendering.sampler,
-            probe_spp=rendering.probe_spp,
-            probe_every=rendering.probe_every,
-            first_hit_rays=rendering.first_hit_rays,
-            fps=self.fps,
-            frames=self.frames,
-        )
+        return rendering.options(self.fps, self.frames)
 
     def run(self) -> dict[str, Any]:
         """Measure what is missing and return all results."""

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from itertools import product
-from typing import Any, Literal
+from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
+from clsim.live import quality
+from clsim.live.quality import Noise, Sampler, Sampling
+from clsim.render import RenderOptions
 from clsim.scene import Sensor
-
-Noise = Literal["common", "independent"]
-Sampler = Literal["pcg", "sobol"]
-Sampling = Literal["uniform", "adaptive"]
 
 SPP = (1, 2, 4, 8, 16, 32, 64, 128, 512)
 NOISES: tuple[Noise, ...] = ("common", "independent")
@@ -41,6 +40,20 @@ class Rendering:
     first_hit_rays: int = 0
     probe_every: int = 1
     """Frames in which all pixels are probed once, in turn; if sampling is adaptive, some in each."""
+
+    def options(self, fps: float, frames: int) -> RenderOptions:
+        """Return the renderer's options for so many frames."""
+        return RenderOptions(
+            spp=self.spp,
+            noise=self.noise,
+            seed=self.seed,
+            sampler=self.sampler,
+            probe_spp=self.probe_spp,
+            probe_every=self.probe_every,
+            first_hit_rays=self.first_hit_rays,
+            fps=fps,
+            frames=frames,
+        )
 
     @property
     def label(self) -> str:
@@ -100,7 +113,7 @@ class DetectorSetting:
 
 ESIM = DetectorSetting("esim")
 BASE = DetectorSetting("esim-ad", "radiance", window=13, stride=1, history=1)
-"""What ``clsim live`` does unless told otherwise."""
+"""What ``clsim live --method esim-ad`` does."""
 IRRADIANCE = DetectorSetting("irradiance", window=7)
 """Irradiance smoothed rather than brightness regressed; it wants first-hit rays."""
 ICIP_2023 = DetectorSetting("esim-ad", "delta-r", "frame", window=13, stride=1, history=1)
@@ -126,16 +139,25 @@ class Point:
 
 def named_points(seed: int) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names."""
-    adaptive = {
-        "balanced": Rendering(8, "common", seed, "sobol", "adaptive", probe_spp=1, first_hit_rays=16),
-        "accurate": Rendering(32, "common", seed, "sobol", "adaptive", probe_spp=4, first_hit_rays=64),
-    }
-    return {
-        "draft": Point(Rendering(1, "common", seed, "sobol", first_hit_rays=4, probe_every=2), IRRADIANCE),
-        **{name: Point(rendering, IRRADIANCE) for name, rendering in adaptive.items()},
-        "exact": Point(Rendering(128, "common", seed, "sobol"), ESIM),
-        "published": Point(Rendering(32, "independent", seed), ICIP_2023),
-    }
+    return {name: _of_live(point, seed) for name, point in quality.QUALITIES.items()}
+
+
+def _of_live(live: quality.Point, seed: int) -> Point:
+    """Return the point of a sweep that does what a live run does."""
+    rendering = Rendering(
+        live.spp,
+        live.noise,
+        seed,
+        live.sampler,
+        live.sampling,
+        probe_spp=live.probe_spp if live.sampling == "adaptive" else None,
+        first_hit_rays=live.first_hit_rays,
+        probe_every=live.probe_every,
+    )
+    if live.method == "esim-ad":
+        window = DetectorConfig(live.method, window=live.window).side
+        return Point(rendering, DetectorSetting(live.method, live.gate, live.event_rule, window, stride=1, history=1))
+    return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, window=live.window))
 
 
 def full_points(seeds: tuple[int, ...]) -> list[Point]:

@@ -8,7 +8,7 @@ import typer
 
 from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
-from clsim.live.quality import Quality, describe_qualities
+from clsim.live.quality import Noise, Quality, Sampler, Sampling, describe_qualities
 
 SCENE = Annotated[
     str,
@@ -38,7 +38,7 @@ FIRST_HIT_RAYS = Annotated[
     typer.Option(help="Most rays per pixel that look for the first hit alone: clean features. [the quality's]"),
 ]
 SAMPLING = Annotated[
-    Literal["uniform", "adaptive"] | None,
+    Sampling | None,
     typer.Option(help="The same for every pixel; or as much as tells whether an event fires. [the quality's]"),
 ]
 QUALITY = Annotated[
@@ -52,14 +52,14 @@ MAX_DEPTH = Annotated[int, typer.Option(help="Longest light path in edges: 2 is 
 THREADS = Annotated[int | None, typer.Option(help="Threads that render. [one a core]")]
 SEED = Annotated[int, typer.Option(help="Seed of all random numbers.")]
 NOISE_HELP = "Same random numbers in every frame, so that noise cancels in differences; or fresh ones."
-NOISE = Annotated[Literal["common", "independent"], typer.Option(help=NOISE_HELP)]
-LIVE_NOISE = Annotated[Literal["common", "independent"] | None, typer.Option(help=f"{NOISE_HELP} [common]")]
+NOISE = Annotated[Noise, typer.Option(help=NOISE_HELP)]
+LIVE_NOISE = Annotated[Noise | None, typer.Option(help=f"{NOISE_HELP} [common]")]
 SAMPLER = Annotated[
-    Literal["pcg", "sobol"],
+    Sampler,
     typer.Option(help="Random numbers: plain, or Sobol's sequence (less noise for a little more time)."),
 ]
 LIVE_SAMPLER = Annotated[
-    Literal["pcg", "sobol"] | None,
+    Sampler | None,
     typer.Option(help="Random numbers: plain, or Sobol's sequence, which has less noise. [the quality's]"),
 ]
 FOLLOW_SPECULAR = Annotated[
