@@ -3,8 +3,8 @@
 Every sequence of noisy frames is turned into events by every method, and those are scored against ESIM on clean
 frames. The row `ceiling` is ESIM on other clean frames: no score can be trusted above it.
 
-python tools/paper_tables.py recorded FOLDER --reference common-1024spp --ceiling 1024spp --fps 60 --threshold 0.14
-python tools/paper_tables.py rendered two-boxes --resolution 96x72 --frames 24 --spp 8,32 --reference-spp 256
+python -m tools.paper_tables recorded FOLDER --reference common-1024spp --ceiling 1024spp --fps 60 --threshold 0.14
+python -m tools.paper_tables rendered two-boxes --resolution 96x72 --frames 24 --spp 8,32 --reference-spp 256
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Measure the tables and plots of docs/tradeoff.md: what sampling by interest saves, over scenes and seeds.
+"""Measure the tables and plots of docs/research/tradeoff.md: what sampling by interest saves, over scenes and seeds.
 
-    python tools/tradeoff_page.py --cache FOLDER --out FOLDER SCENE WIDTHxHEIGHT FRAMES REFERENCE_SPP
+    python -m tools.tradeoff_page --cache FOLDER --out FOLDER SCENE WIDTHxHEIGHT FRAMES REFERENCE_SPP
 
 Writes NAME.md, NAME.json and NAME.png into the folder; points that the cache holds are not measured again.
 """
@@ -14,7 +14,6 @@ from typing import Any
 
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_plot import plot_tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, IRRADIANCE, Point, Rendering, named_points
 from clsim.bench.tradeoff_tables import table
 
 SEEDS = (0, 1, 2)
@@ -28,32 +27,6 @@ _HEAD = (
     "of its paths",
     "of its CPU time",
 )
-
-
-def points() -> list[Point]:
-    """Return the settings: plain ones, uniform ones with first-hit rays, adaptive ones, and those that have a name."""
-    chosen: list[Point] = []
-    for seed in SEEDS:
-        chosen += [Point(Rendering(spp, "independent", seed), ESIM) for spp in (32, 512)]
-        chosen += [Point(Rendering(spp, "common", seed), ESIM) for spp in (2, 8, 32, 128)]
-        chosen += [Point(Rendering(spp, "common", seed), BASE) for spp in (8, 32)]
-        chosen += [
-            Point(Rendering(spp, "common", seed, "sobol", first_hit_rays=rays), ESIM)
-            for spp, rays in ((64, 64), (128, 64))
-        ]
-        chosen += [
-            Point(Rendering(spp, "common", seed, "sobol", first_hit_rays=rays), IRRADIANCE)
-            for spp, rays in ((1, 4), (1, 16), (2, 16), (4, 16), (8, 16), (8, 64), (16, 64), (32, 64))
-        ]
-        chosen += [
-            Point(Rendering(spp, "common", seed, "sobol", "adaptive", probe, rays), IRRADIANCE)
-            for probe, spp, rays in (
-                (1, 4, 16), (1, 8, 16), (1, 16, 16), (1, 8, 32), (1, 16, 32), (1, 8, 64), (1, 16, 64), (1, 32, 64),
-                (2, 16, 64), (4, 32, 64), (4, 64, 64)
-            )
-        ]  # fmt: skip
-        chosen += named_points(seed).values()
-    return list(dict.fromkeys(chosen))
 
 
 def page(results: dict[str, Any]) -> str:
@@ -132,7 +105,6 @@ def main() -> None:
             resolution=(width, height),
             frames=given.frames,
             seeds=SEEDS,
-            points=tuple(points()),
         ),
         _report,
     )

@@ -12,26 +12,30 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
+from clsim.bench.mismatch import Levels
 from clsim.bench.tradeoff_measure import render_each
 from clsim.bench.tradeoff_settings import DetectorSetting
 from clsim.detect.config import EventRule
 from clsim.detect.detector import Detector
+from clsim.detect.reference.observation import LUMINANCE_WEIGHTS
 from clsim.events import EventBatch
-from clsim.frames import BASE_PLANES, Frame
+from clsim.frames import BASE_PLANES, RADIANCE, Frame
 from clsim.opencl.device import Device
 from clsim.render import RenderOptions
-from clsim.scene import World
+from clsim.scene import Sensor, World
 
 RULES: tuple[EventRule, ...] = get_args(EventRule)
 
 
 @dataclass(frozen=True)
 class Reference:
-    """What the events should be, by event rule, and the time its rendering took [s]."""
+    """What the events should be, by event rule, the brightness they come from, and the time its rendering took [s]."""
 
     events: dict[EventRule, EventBatch]
+    levels: Levels
     cpu_s: float
     wall_s: float
 
@@ -71,24 +75,36 @@ def _render(world: World, options: RenderOptions, device: Device, on_frame: Call
     }
     batches: dict[EventRule, list[EventBatch]] = {rule: [] for rule in RULES}
 
+    levels, times_us = [], []
+
     def take(frame: Frame) -> None:
+        levels.append(log_brightness(frame, world.sensor))
+        times_us.append(frame.time_us)
         for rule, detector in detectors.items():
             batches[rule].append(detector.step(frame))
         on_frame()
 
     try:
-        cost = render_each(world, options, take).cost
+        watch = render_each(world, options, take)
     finally:
         for detector in detectors.values():
             detector.close()
-    return Reference({rule: np.concatenate(each) for rule, each in batches.items()}, cost.cpu_s, cost.wall_s)
+    events = {rule: np.concatenate(each) for rule, each in batches.items()}
+    return Reference(events, Levels(np.stack(levels), np.array(times_us, np.int64)), watch.cpu_s, watch.wall_s)
+
+
+def log_brightness(frame: Frame, sensor: Sensor) -> npt.NDArray[np.float32]:
+    """Return the level of each pixel as the detector has it, ``[H, W]``: ln max(scale·Y, floor)."""
+    luminance = np.tensordot(LUMINANCE_WEIGHTS["rec709"], np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
+    return np.log(np.maximum(sensor.scale * luminance, sensor.floor)).astype(np.float32)
 
 
 def _load(path: Path) -> Reference | None:
     try:
         with np.load(path, allow_pickle=False) as stored:
             cpu_s, wall_s = (float(value) for value in stored["seconds"])
-            return Reference({rule: stored[rule] for rule in RULES}, cpu_s, wall_s)
+            levels = Levels(stored["levels"], stored["times_us"])
+            return Reference({rule: stored[rule] for rule in RULES}, levels, cpu_s, wall_s)
     except (FileNotFoundError, zipfile.BadZipFile, ValueError, KeyError, EOFError):
         return None  # not there, or not whole: it will be rendered
 
@@ -99,5 +115,6 @@ def _save(path: Path, reference: Reference) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         part = Path(folder) / path.name
         arrays: dict[str, Any] = {str(rule): events for rule, events in reference.events.items()}
+        arrays |= {"levels": reference.levels.values, "times_us": reference.levels.times_us}
         np.savez_compressed(part, seconds=np.array([reference.cpu_s, reference.wall_s]), **arrays)
         os.replace(part, path)

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
+from clsim.bench.mismatch import mismatch_scale
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
 from clsim.bench.stopwatch import Stopwatch
-from clsim.bench.tradeoff_measure import Run, detect, render_sequence, run_in_turns, start_up, warm_renderer
+from clsim.bench.tradeoff_measure import run_point, start_up, warm_renderer
 from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
-from clsim.bench.tradeoff_summary import savings, summarise
+from clsim.bench.tradeoff_summary import summarise
 from clsim.detect.config import EventRule
 from clsim.errors import InputError
 from clsim.events import EventBatch
@@ -129,21 +130,14 @@ class Sweep:
                     f"no event fires in {self.frames} frames of {self.world.name}: there is nothing to score; "
                     "expected more `frames` or a lower `fps`"
                 )
-        by_rendering: dict[Rendering, list[Point]] = {}
         for point in missing:
-            by_rendering.setdefault(point.rendering, []).append(point)
-        for rendering, group in by_rendering.items():
-            if rendering.sampling == "adaptive":
-                self.measure_in_turns(group, reference)
-            else:
-                self.measure(rendering, group, reference)
+            self.measure(point, reference)
         return self.results(reference, ceiling)
 
     def plan(self, missing: list[Point]) -> None:
         """Estimate the work, in paths."""
         pixels = self.world.camera.width * self.world.camera.height * self.frames
-        renderings = {point.rendering for point in missing}
-        samples = sum(rendering.spp for rendering in renderings) + _DETECTION_PATHS * len(missing)
+        samples = sum(point.rendering.spp + _DETECTION_PATHS for point in missing)
         kept = (is_kept(self.world, options, self.cache) for options in (self.reference_options, self.ceiling_options))
         samples += sum(self.reference_options.spp for is_there in kept if not is_there)
         self.total = float(pixels * samples)
@@ -174,48 +168,26 @@ class Sweep:
         features = self.render_options(point.rendering).features_of(self.world)
         return features, (point.detector, features.first_hits)
 
-    def measure(self, rendering: Rendering, points: list[Point], reference: Reference) -> None:
-        """Render once and let each detector see the frames."""
-        for point in points:
-            self.start(point)
-        what = f"rendering, {rendering.label}"
-        frames, rendered = render_sequence(
-            self.world, self.render_options(rendering), lambda: self.tell(what, rendering.spp)
-        )
-        for point in points:
-            self.tell(point.label)
-            detected = detect(point.detector.config(self.world.sensor), frames, self.device)
-            self.keep(point, Run(detected, rendered), reference)
-            self.tell(rendering.label, _DETECTION_PATHS * self.frames)
-
-    def measure_in_turns(self, points: list[Point], reference: Reference) -> None:
-        """Render anew for each detector, which says where."""
-        for point in points:
-            self.start(point)
-            options = self.render_options(point.rendering)
-            config = point.detector.config(self.world.sensor)
-            on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
-            done = run_in_turns(self.world, options, config, self.device, on_frame)
-            self.keep(point, done, reference)
-
-    def keep(self, point: Point, done: Run, reference: Reference) -> None:
-        """Score a point and store its figures."""
-        scored = self.score(done.detected.events, reference, point.detector.event_rule)
-        rendered, detected = done.rendered.cost, done.detected.cost
+    def measure(self, point: Point, reference: Reference) -> None:
+        """Render and detect, score the events and store the figures."""
+        self.start(point)
+        options, config = self.render_options(point.rendering), point.detector.config(self.world.sensor)
+        on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
+        done = run_point(self.world, options, config, self.device, on_frame)
         starting = [self.loading, *(self.starts[key] for key in self.start_keys(point))]
         costs = {
-            "paths": done.rendered.paths,
-            "first_hit_rays_traced": done.rendered.first_hit_rays,
-            "solved_share": done.detected.solved_share,
-            "render_cpu_s": rendered.cpu_s,
-            "render_wall_s": rendered.wall_s,
-            "detect_cpu_s": detected.cpu_s,
-            "detect_wall_s": detected.wall_s,
-            "render_peak_bytes": rendered.peak_bytes,
-            "detect_peak_bytes": detected.peak_bytes,
+            "paths": done.paths,
+            "first_hit_rays_traced": done.first_hit_rays,
+            "solved_share": done.solved_share,
+            "render_cpu_s": done.rendering.cpu_s,
+            "render_wall_s": done.rendering.wall_s,
+            "detect_cpu_s": done.detecting.cpu_s,
+            "detect_wall_s": done.detecting.wall_s,
+            "peak_bytes": done.peak_bytes,
             "startup_cpu_s": sum(each.cpu_s for each in starting),
             "startup_wall_s": sum(each.wall_s for each in starting),
         }
+        scored = self.score(done.events, reference, point.detector.event_rule)
         self.store.append(content_key(point.as_dict()), figures(scored, costs))
 
     def score(self, events: EventBatch, reference: Reference, rule: EventRule) -> Score:
@@ -231,6 +203,12 @@ class Sweep:
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
         scores = {rule: _scores(self.score(ceiling.events[rule], reference, rule)) for rule in RULES}
         settings = summarise(points)
+        mismatch = mismatch_scale(reference.levels, sensor, self.fps, WITHIN_US)
+        pixel_seconds = camera.width * camera.height * self.frames / self.fps
+        for each in (*points, *settings):
+            ideal = each["event_rule"] == "interpolated"
+            each["equivalent_mismatch"] = mismatch.equivalent(each["f1_within_1ms"]) if ideal else None
+            each["cpu_us_per_pixel_second"] = 1e6 * each["cpu_s"] / pixel_seconds
         return {
             "schema": SCHEMA,
             "clsim_version": __version__,
@@ -252,9 +230,9 @@ class Sweep:
                 "wall_s": reference.wall_s,
             },
             "ceiling": scores,
+            "mismatch_scale": {"spread": list(mismatch.spread), "f1_within_1ms": list(mismatch.f1)},
             "points": points,
             "settings": settings,
-            "savings": savings(settings),
         }
 
 

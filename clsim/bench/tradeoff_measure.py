@@ -1,4 +1,4 @@
-"""Render a sequence once; run detectors over it; count what both cost."""
+"""Render a sequence, run a detector over it, and count what both cost."""
 
 from __future__ import annotations
 
@@ -23,38 +23,30 @@ _MOST_PASSES = 5
 
 
 @dataclass(frozen=True)
-class Cost:
-    """What a piece of work took: wall-clock and processor time [s], and peak resident memory [bytes] or None."""
+class Run:
+    """What rendering and detecting a sequence gave and took.
 
-    wall_s: float
-    cpu_s: float
-    peak_bytes: int | None
-
-
-@dataclass(frozen=True)
-class Detected:
-    """The events of a sequence, the share of tested pixels whose regression was solved, and the cost."""
+    Attributes:
+        events: of the whole sequence.
+        solved_share: share of tested pixels whose regression was solved.
+        paths: light paths traced.
+        first_hit_rays: rays that looked for the first hit alone.
+        rendering, detecting: time of both.
+        peak_bytes: largest resident memory, or None where the system does not tell.
+    """
 
     events: EventBatch
     solved_share: float
-    cost: Cost
-
-
-@dataclass(frozen=True)
-class Rendered:
-    """What rendering a sequence took: paths, rays that looked for the first hit alone, and the cost."""
-
     paths: int
     first_hit_rays: int
-    cost: Cost
+    rendering: Stopwatch
+    detecting: Stopwatch
+    peak_bytes: int | None
 
-
-@dataclass(frozen=True)
-class Run:
-    """What detection and rendering gave and cost."""
-
-    detected: Detected
-    rendered: Rendered
+    @property
+    def cpu_s(self) -> float:
+        """Processor time of both [s]."""
+        return self.rendering.cpu_s + self.detecting.cpu_s
 
 
 def warm_renderer(world: World, options: RenderOptions) -> None:
@@ -87,106 +79,47 @@ def start_up(
     return rendering, detecting
 
 
-def render_each(world: World, options: RenderOptions, take: Callable[[Frame], None]) -> Rendered:
-    """Render ``options.frames`` frames into one frame's memory and hand each to ``take``; count the rendering alone."""
+def render_each(world: World, options: RenderOptions, take: Callable[[Frame], None]) -> Stopwatch:
+    """Render ``options.frames`` frames into one frame's memory and hand each to ``take``; time the rendering alone."""
     tracer, watch = PathTracer(world, options), Stopwatch()
-    frame, peak = _new_frame(tracer), None
-    reset_peak_memory()
+    frame = _new_frame(tracer)
     try:
         for index in range(options.frames or 0):
             with watch:
                 tracer.fill(index, frame)
-            peak = peak_memory_bytes()
             take(frame)
     finally:
         tracer.close()
-    return Rendered(tracer.paths, tracer.first_hit_rays, Cost(watch.wall_s, watch.cpu_s, peak))
+    return watch
 
 
-def render_sequence(world: World, options: RenderOptions, on_frame: Callable[[], None]) -> tuple[list[Frame], Rendered]:
-    """Return all frames and what one rendering of them costs; ``on_frame`` is called after each of the first pass."""
-    frames: list[Frame] = []
-
-    def take(frame: Frame) -> None:
-        frames.append(frame.copy())
-        on_frame()
-
-    passes = [render_each(world, options, take)]
-    while sum(each.cost.cpu_s for each in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
-        passes.append(render_each(world, options, lambda frame: None))
-    best = min((each.cost for each in passes), key=lambda cost: cost.cpu_s)
-    # Later passes ran beside the frames kept from the first.
-    return frames, replace(passes[0], cost=Cost(best.wall_s, best.cpu_s, passes[0].cost.peak_bytes))
-
-
-def detect(config: DetectorConfig, frames: list[Frame], device: Device) -> Detected:
-    """Run a detector over frames; a first pass gives the events and builds kernels, further ones are timed.
-
-    The peak of the memory leaves out the frames themselves: a live run keeps a few of them only.
-    """
-    gc.collect()
-    detector = Detector(config, frames[0].width, frames[0].height, frames[0].names, device=device)
-    stored = sum(frame.planes.nbytes for frame in frames)
-    reset_peak_memory()
-    try:
-        events = np.concatenate([detector.step(frame) for frame in frames])
-        solved_share = detector.stats.solved_share
-        passes = [_timed_pass(detector, frames)]
-        while sum(watch.cpu_s for watch in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
-            passes.append(_timed_pass(detector, frames))
-        peak = peak_memory_bytes()
-    finally:
-        detector.close()
-    best = min(passes, key=lambda watch: watch.cpu_s)
-    return Detected(events, solved_share, Cost(best.wall_s, best.cpu_s, None if peak is None else peak - stored))
-
-
-def run_in_turns(
+def run_point(
     world: World, options: RenderOptions, config: DetectorConfig, device: Device, on_frame: Callable[[], None]
 ) -> Run:
-    """Render a frame, detect in it, render the next: for renderings that depend on what was detected before.
+    """Render a frame, detect in it, render the next, as live.
 
-    Each frame is rendered with the map of interest of the frame two before, as live. A first pass gives the events and
-    builds kernels, and ``on_frame`` is called after each of its frames; further passes are timed, rendering and
-    detection apart, and the quickest counts.
+    Where sampling is adaptive, each frame is rendered with the map of interest of the frame two before. A first pass
+    gives the events and builds kernels, and ``on_frame`` is called after each of its frames; further passes are timed,
+    rendering and detection apart, and the quickest counts.
     """
     gc.collect()
     names = rendered_planes(first_hit_rays=options.first_hit_rays > 0).names
     detector = Detector(config, world.camera.width, world.camera.height, names, device=device)
     reset_peak_memory()
     try:
-        first = _turns(world, options, detector, on_frame)
-        solved_share = detector.stats.solved_share
-        passes = [_turns(world, options, detector, lambda: None)]
+        first = _pass(world, options, detector, on_frame)
+        passes = [_pass(world, options, detector, lambda: None)]
         while sum(each.cpu_s for each in passes) < _ENOUGH_CPU_S and len(passes) < _MOST_PASSES:
-            passes.append(_turns(world, options, detector, lambda: None))
-        peak = peak_memory_bytes()
+            passes.append(_pass(world, options, detector, lambda: None))
     finally:
         detector.close()
     best = min(passes, key=lambda each: each.cpu_s)
-    detected = Detected(first.events, solved_share, Cost(best.detecting.wall_s, best.detecting.cpu_s, peak))
-    cost = Cost(best.rendering.wall_s, best.rendering.cpu_s, peak)
-    return Run(detected, Rendered(first.paths, first.first_hit_rays, cost))
+    return replace(first, rendering=best.rendering, detecting=best.detecting, peak_bytes=peak_memory_bytes())
 
 
-@dataclass(frozen=True)
-class _Pass:
-    """One pass over a sequence, frame by frame."""
-
-    events: EventBatch
-    paths: int
-    first_hit_rays: int
-    rendering: Stopwatch
-    detecting: Stopwatch
-
-    @property
-    def cpu_s(self) -> float:
-        return self.rendering.cpu_s + self.detecting.cpu_s
-
-
-def _turns(world: World, options: RenderOptions, detector: Detector, on_frame: Callable[[], None]) -> _Pass:
+def _pass(world: World, options: RenderOptions, detector: Detector, on_frame: Callable[[], None]) -> Run:
     rendering, detecting = Stopwatch(), Stopwatch()
-    board = InterestBoard()
+    board = InterestBoard() if options.probe_spp is not None else None
     tracer = PathTracer(world, options, board)
     frame = _new_frame(tracer)
     batches: list[EventBatch] = []
@@ -197,23 +130,15 @@ def _turns(world: World, options: RenderOptions, detector: Detector, on_frame: C
                 tracer.fill(index, frame)
             with detecting:
                 events = detector.step(frame)
-                if options.probe_spp is not None:
+                if board is not None:
                     # The detector goes on counting from pass to pass.
                     board.publish(replace(detector.interest(), number=index))
             batches.append(events)
             on_frame()
     finally:
         tracer.close()
-    return _Pass(np.concatenate(batches), tracer.paths, tracer.first_hit_rays, rendering, detecting)
-
-
-def _timed_pass(detector: Detector, frames: list[Frame]) -> Stopwatch:
-    watch = Stopwatch()
-    detector.reset()
-    with watch:
-        for frame in frames:
-            detector.step(frame)
-    return watch
+    solved = detector.stats.solved_share
+    return Run(np.concatenate(batches), solved, tracer.paths, tracer.first_hit_rays, rendering, detecting, None)
 
 
 def _new_frame(tracer: PathTracer) -> Frame:

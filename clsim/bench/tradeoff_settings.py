@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from itertools import product
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
@@ -12,15 +11,11 @@ from clsim.live.quality import Noise, Sampler, Sampling
 from clsim.render import RenderOptions
 from clsim.scene import Sensor
 
-SPP = (1, 2, 4, 8, 16, 32, 64, 128, 512)
-NOISES: tuple[Noise, ...] = ("common", "independent")
-WINDOWS = (5, 9, 13)
-STRIDES = (1, 2)
-HISTORIES = (1, 3)
-SOBOL_SPP = (4, 16, 64)
-"""Sobol points are set against their like here alone: they multiply the rest."""
 QUICK_POINTS = 12
-_PROBES: tuple[tuple[Sampling, int | None], ...] = (("uniform", None), ("adaptive", 1), ("adaptive", 2))
+_TURNED: tuple[tuple[str, Any], ...] = (
+    ("gate", "delta-r"), ("window", 5), ("window", 9), ("stride", 2), ("history", 3), ("arithmetic", "float64")
+)  # fmt: skip
+"""What the full sweep turns on the base's detector, one at a time."""
 
 
 @dataclass(frozen=True)
@@ -161,49 +156,30 @@ def _of_live(live: quality.Point, seed: int) -> Point:
 
 
 def full_points(seeds: tuple[int, ...]) -> list[Point]:
-    """Return all points of the sweep: renderings times detectors, and some that would multiply the rest.
-
-    These are Sobol points, first-hit rays with the same numbers of paths everywhere or with more where events are near,
-    and the named points.
-    """
-    renderings = [Rendering(spp, noise, seed) for spp, noise, seed in product(SPP, NOISES, seeds)]
-    even = [Rendering(spp, noise, seed, "sobol") for spp, noise, seed in product(SOBOL_SPP, NOISES, seeds)]
-    points = [Point(rendering, detector) for rendering in renderings for detector in full_detectors()]
-    points += [Point(rendering, detector) for rendering in even for detector in (ESIM, BASE)]
-    for seed in seeds:
-        points += [Point(rendering, IRRADIANCE) for rendering in first_hit_renderings(seed)]
-        points += named_points(seed).values()
-    return list(dict.fromkeys(points))
+    """Return all points of the sweep: plain renderings, first-hit rays with uniform and adaptive sampling, knobs."""
+    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed)))
 
 
-def first_hit_renderings(seed: int) -> list[Rendering]:
-    """Return renderings with first-hit rays: uniform, and adaptive ones with a probe of one and of two paths."""
-    sizes = ((4, 16), (8, 16), (16, 32), (32, 32), (64, 32))
+def _points_of_a_seed(seed: int) -> list[Point]:
+    renderings = [Rendering(spp, "common", seed) for spp in (2, 8, 32, 128)]
+    renderings += [Rendering(spp, "independent", seed) for spp in (32, 512)]
+    renderings += [Rendering(spp, "common", seed, "sobol") for spp in (8, 32)]
+    looking = [
+        Rendering(spp, "common", seed, "sobol", first_hit_rays=rays)
+        for spp, rays in ((1, 4), (1, 16), (2, 16), (4, 16), (8, 16), (8, 64), (16, 64), (32, 64))
+    ]
+    looking += [
+        Rendering(spp, "common", seed, "sobol", "adaptive", probe, rays)
+        for probe, spp, rays in ((1, 4, 16), (1, 8, 64), (1, 16, 64), (2, 16, 64), (4, 64, 64))
+    ]
+    base = Rendering(8, "common", seed)
+    turned = [replace(BASE, **{name: value}) for name, value in _TURNED]
     return [
-        Rendering(spp, "common", seed, "sobol", sampling, probe_spp, rays)
-        for spp, rays in sizes
-        for sampling, probe_spp in _PROBES
+        *(Point(rendering, detector) for rendering in renderings for detector in (ESIM, BASE)),
+        *(Point(rendering, IRRADIANCE) for rendering in looking),
+        *(Point(base, detector) for detector in (*turned, DetectorSetting("wlr-esim", window=13, stride=1, history=1))),
+        *named_points(seed).values(),
     ]
-
-
-def full_detectors() -> list[DetectorSetting]:
-    """Return every method and gate with every window, stride and history, and a few of them otherwise.
-
-    Double precision and the rule ``frame`` are set against their like at the base alone: they multiply the rest.
-    """
-    ways: tuple[tuple[Method, Gate | None], ...] = (
-        ("wlr-esim", None),
-        ("esim-ad", "delta-r"),
-        ("esim-ad", "radiance"),
-    )
-    detectors = [
-        DetectorSetting(method, gate, window=window, stride=stride, history=history)
-        for (method, gate), window, stride, history in product(ways, WINDOWS, STRIDES, HISTORIES)
-    ]
-    doubles = [
-        DetectorSetting(method, gate, window=13, stride=1, history=1, arithmetic="float64") for method, gate in ways
-    ]
-    return [ESIM, *detectors, *doubles, ICIP_2023]
 
 
 def quick_points(seed: int) -> list[Point]:

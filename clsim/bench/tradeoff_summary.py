@@ -60,29 +60,6 @@ def averages(group: list[dict[str, Any]], but: Sequence[str]) -> dict[str, Any]:
     return found
 
 
-def savings(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return what is saved against ESIM with the most samples of independent noise, counted in paths.
-
-    An entry is one of ``saving``.
-    """
-    plain = [row for row in rows if row["method"] == "esim" and row["noise"] == "independent"]
-    return [saving(rows, max(plain, key=lambda row: row["spp"]), "paths")] if plain else []
-
-
-def saving(rows: list[dict[str, Any]], baseline: dict[str, Any], cost: str) -> dict[str, Any]:
-    """Return which setting does as well as a baseline, by mean F1 and mean strict F1, at the lowest cost.
-
-    Keys are ``baseline``, ``cost`` ("paths" or "cpu_s"), ``setting`` (the label, None where nothing does as well) and
-    ``factor``, the baseline's cost over the setting's.
-    """
-    as_good = [row for row in rows if row is not baseline and all(row[value] >= baseline[value] for value in VALUES)]
-    best = min(as_good, key=lambda row: row[cost], default=None)
-    entry = {"baseline": baseline["label"], "cost": cost, "setting": None, "factor": None}
-    if best is not None:
-        entry |= {"setting": best["label"], "factor": baseline[cost] / best[cost]}
-    return entry
-
-
 def turned_knobs(rows: list[dict[str, Any]]) -> list[tuple[str, dict[str, Any], dict[str, Any]]]:
     """Return the pairs (knob, base, other) where ``other`` differs from a base row in one knob alone.
 

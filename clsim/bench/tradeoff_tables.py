@@ -9,8 +9,10 @@ from typing import Any
 
 from clsim.bench.tradeoff_summary import turned_knobs
 
-FRONT_HEAD = ("Setting", "CPU s", "of it detection", "to start", "million paths", "F1", "strict F1",
-              "F1 within 1 ms", "precision", "recall", "median Δt", "CPU µs per true event", "front")  # fmt: skip
+FRONT_HEAD = (
+    "Setting", "CPU s", "of it detection", "to start", "CPU µs per pixel and simulated s", "million paths", "F1",
+    "strict F1", "F1 within 1 ms", "equivalent mismatch", "precision", "recall", "median Δt", "front",
+)  # fmt: skip
 _KNOB_HEAD = ("Knob", "from", "to", "CPU time", "detection's CPU time", "F1", "strict F1")
 
 
@@ -32,10 +34,8 @@ def csv_text(results: dict[str, Any]) -> str:
 
 
 def markdown_text(results: dict[str, Any]) -> str:
-    """Return the Pareto front with the ceiling, what is saved, and what each knob costs, as Markdown."""
+    """Return the Pareto front with the ceiling, and what each knob costs, as Markdown."""
     parts = [_about(results), table(*front_table(results))]
-    if results["savings"]:
-        parts.append("\n".join(saving_text(entry) for entry in results["savings"]))
     knobs = turned_knobs(results["settings"])
     if knobs:
         parts.append(f"One knob turned, from {knobs[0][1]['label']}:")
@@ -50,7 +50,7 @@ def front_table(results: dict[str, Any]) -> tuple[tuple[str, ...], list[tuple[st
     used = {row["event_rule"] for row in results["settings"]}
     for rule, scores in results["ceiling"].items():
         if rule in used:
-            rows.append((f"ceiling, rule {rule}", "", "", "", "", *_scores(scores), "", ""))
+            rows.append((f"ceiling, rule {rule}", "", "", "", "", "", *_scores(scores), ""))
     return FRONT_HEAD, rows
 
 
@@ -69,34 +69,27 @@ def _about(results: dict[str, Any]) -> str:
     )
 
 
-def saving_text(entry: dict[str, Any]) -> str:
-    """Return one entry of ``savings`` as a list item."""
-    if entry["setting"] is None:
-        return f"- {entry['baseline']}: no setting has its F1 and its strict F1."
-    share = f"1/{entry['factor']:.3g} of its {'paths' if entry['cost'] == 'paths' else 'CPU time'}"
-    return f"- {entry['baseline']}: {entry['setting']} does as well in both scores for {share}."
-
-
 def front_row(row: dict[str, Any]) -> tuple[str, ...]:
     """Return the cells of one row of the front's table."""
     fronts = [name for name, value in (("F1", "f1"), ("strict", "strict_f1")) if row.get(f"front_{value}")]
     label = row["label"] + (" (ICIP 2023)" if row.get("icip_2023") else "")
-    each = row["cpu_s_per_true_event"]
+    each = row.get("cpu_us_per_pixel_second")
     return (
         label,
         _spread(row, "cpu_s", ".3g"),
         f"{row['detect_cpu_s']:.3g}",
         f"{row['startup_cpu_s']:.3g}" if "startup_cpu_s" in row else "–",
+        "–" if each is None else f"{each:,.0f}",
         f"{row['paths'] / 1e6:.3g}",
         *_scores(row),
-        "–" if each is None else f"{1e6 * each:,.0f}",
         " and ".join(fronts) or "–",
     )
 
 
 def _scores(row: dict[str, Any]) -> tuple[str, ...]:
-    dt_us = row["dt_median_us"]
+    dt_us, mismatch = row["dt_median_us"], row.get("equivalent_mismatch")
     values = [_spread(row, name) for name in ("f1", "strict_f1", "f1_within_1ms", "precision", "recall")]
+    values.insert(3, "–" if mismatch is None else f"{100 * mismatch:.1f} %")
     return (*values, "–" if dt_us is None else f"{dt_us / 1e3:.2f} ms")
 
 

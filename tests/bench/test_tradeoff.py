@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from clsim.bench import tradeoff, tradeoff_measure
+from clsim.bench.mismatch import fire
+from clsim.bench.reference_cache import load_or_render
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
 from clsim.bench.tradeoff_tables import markdown_text
@@ -23,8 +25,8 @@ COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
 POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
 COSTS = {
     "paths", "first_hit_rays_traced", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s",
-    "detect_wall_s", "cpu_s", "wall_s", "true_events", "cpu_s_per_true_event", "render_peak_bytes", "detect_peak_bytes",
-    "startup_cpu_s", "startup_wall_s",
+    "detect_wall_s", "cpu_s", "wall_s", "true_events", "cpu_s_per_true_event", "peak_bytes",
+    "startup_cpu_s", "startup_wall_s", "equivalent_mismatch", "cpu_us_per_pixel_second",
 }  # fmt: skip
 
 
@@ -52,13 +54,32 @@ def test_all_figures_are_there(results: dict[str, Any]) -> None:
         assert point["events"] > 0 and point["detect_cpu_s"] > 0 and point["render_cpu_s"] > 0
         assert point["cpu_s"] == point["render_cpu_s"] + point["detect_cpu_s"]
         assert point["reference_events"] == results["reference"]["events"][point["event_rule"]]
-    assert results["points"][0]["render_cpu_s"] == results["points"][1]["render_cpu_s"], "rendered twice"
+        assert point["cpu_us_per_pixel_second"] == pytest.approx(1e6 * point["cpu_s"] / (16 * 12 * 4 / 20))
     assert 0 < results["points"][1]["solved_share"] <= 1
     for rule in ("frame", "interpolated"):
         ceiling = results["ceiling"][rule]
         assert set(ceiling) == scores
         assert 0 < ceiling["strict_f1"] < 1, "the ceiling is the reference itself"
     assert json.loads(json.dumps(results)) == results
+    scale = results["mismatch_scale"]
+    first, _, frame = results["points"]
+    assert frame["equivalent_mismatch"] is None, "stamps of frames have no mismatch to be compared with"
+    expected = np.interp(first["f1_within_1ms"], scale["f1_within_1ms"][::-1], scale["spread"][::-1])
+    beyond = first["f1_within_1ms"] < scale["f1_within_1ms"][-1]
+    assert first["equivalent_mismatch"] == (None if beyond else pytest.approx(expected))
+
+
+def test_the_reference_keeps_the_brightness_that_its_events_come_from(tmp_path: Path) -> None:
+    world, render = load_world("two-boxes", resolution=(16, 12)), RenderOptions(spp=16, frames=6, fps=20.0)
+    rendered, kept = (load_or_render(world, render, choose_device(), tmp_path, lambda: None) for _ in range(2))
+    for reference in (rendered, kept):
+        thresholds = np.full((2, 12, 16), world.sensor.threshold_on)
+        events, expected = fire(reference.levels, thresholds), reference.events["interpolated"]
+        assert len(events) == len(expected) > 50
+        # Levels are rounded to float32, so that stamps may be off by a little.
+        order, expected_order = (np.lexsort((each["t"], each["x"], each["y"])) for each in (events, expected))
+        events, expected = events[order], expected[expected_order]
+        assert np.array_equal(events["x"], expected["x"]) and np.abs(events["t"] - expected["t"]).max() <= 3
 
 
 def test_starting_is_told_apart_and_happens_before_anything_is_timed(
@@ -66,11 +87,11 @@ def test_starting_is_told_apart_and_happens_before_anything_is_timed(
 ) -> None:
     """Kernels are loaded once for all points that need them: three detectors and one renderer here."""
     order: list[str] = []
-    sequence, start = tradeoff.render_sequence, tradeoff.start_up
+    run, start = tradeoff.run_point, tradeoff.start_up
 
-    def render(*given: Any) -> Any:
-        order.append("render")
-        return sequence(*given)
+    def measure(*given: Any) -> Any:
+        order.append("run")
+        return run(*given)
 
     def note(*given: Any) -> Any:
         order.append("start")
@@ -79,12 +100,12 @@ def test_starting_is_told_apart_and_happens_before_anything_is_timed(
             watch.cpu_s = cpu_s
         return found
 
-    monkeypatch.setattr(tradeoff, "render_sequence", render)
+    monkeypatch.setattr(tradeoff, "run_point", measure)
     monkeypatch.setattr(tradeoff, "start_up", note)
     results = run_tradeoff(options(tmp_path, points=(*POINTS, Point(FRESH, ESIM))), ignore)
-    assert order == ["start", "start", "render", "start", "render"]
+    assert order == ["start", "run", "start", "run", "start", "run", "run"]
     told = [point["startup_cpu_s"] for point in results["points"]]
-    assert [round(each, -2) for each in told] == [1100, 1200, 1400, 1100], "the renderer's kernel is loaded but once"
+    assert [round(each, -2) for each in told] == [1100, 1300, 1500, 1100], "the renderer's kernel is loaded but once"
     assert results["points"][0]["cpu_s"] < 100
     head, _, line, *_ = [line for line in markdown_text(results).splitlines() if line.startswith("|")]
     place = [cell.strip() for cell in head.split("|")].index("to start")
@@ -94,76 +115,51 @@ def test_starting_is_told_apart_and_happens_before_anything_is_timed(
 def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
     import clsim
 
-    batches = clsim.stream("two-boxes", spp=2, resolution=(16, 12), duration_s=0.15, fps=20.0)
+    batches = clsim.stream("two-boxes", method="esim-ad", spp=2, resolution=(16, 12), duration_s=0.15, fps=20.0)
     assert results["points"][1]["events"] == sum(len(batch) for batch in batches)
 
 
 def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rendered: list[int] = []
-    detected: list[str] = []
-    sequence, each, detect = tradeoff_measure.render_sequence, tradeoff_measure.render_each, tradeoff_measure.detect
+    measured: list[Any] = []
+    each, run = tradeoff_measure.render_each, tradeoff_measure.run_point
 
-    def counting(render: Any) -> Any:
-        def count_render(world: Any, options: Any, told: Any) -> Any:
-            rendered.append(options.spp)
-            return render(world, options, told)
+    def count_references(world: Any, options: Any, take: Any) -> Any:
+        rendered.append(options.spp)
+        return each(world, options, take)
 
-        return count_render
-
-    def count_detect(config: Any, frames: Any, device: Any) -> Any:
-        if len(detected) == 2:
+    def count_runs(world: Any, options: Any, config: Any, *given: Any) -> Any:
+        if len(measured) == 2:
             raise KeyboardInterrupt
-        detected.append(config.gate)
-        return detect(config, frames, device)
+        measured.append((options.spp, config.gate))
+        return run(world, options, config, *given)
 
-    monkeypatch.setattr(tradeoff, "render_sequence", counting(sequence))
-    monkeypatch.setattr("clsim.bench.reference_cache.render_each", counting(each))
-    monkeypatch.setattr(tradeoff, "detect", count_detect)
+    monkeypatch.setattr("clsim.bench.reference_cache.render_each", count_references)
+    monkeypatch.setattr(tradeoff, "run_point", count_runs)
     with pytest.raises(KeyboardInterrupt):
         run_tradeoff(options(tmp_path), ignore)
-    assert rendered == [16, 16, 2, 4] and len(detected) == 2
+    assert rendered == [16, 16] and len(measured) == 2
     rendered.clear()
-    detected.clear()
+    measured.clear()
     told: list[tuple[float, float]] = []
     results = run_tradeoff(options(tmp_path), lambda what, done, total: told.append((done, total)))
-    assert rendered == [4] and detected == ["delta-r"]
+    assert rendered == [] and measured == [(4, "delta-r")]
     assert told[-1][0] == told[-1][1] == 16 * 12 * 4 * (4 + 4), "the work told is not the work done"
     assert len(results["points"]) == 3
-    rendered.clear()
+    measured.clear()
     assert run_tradeoff(options(tmp_path), ignore) == results
-    assert rendered == []
+    assert rendered == measured == []
     run_tradeoff(options(tmp_path, points=POINTS[:1], reference_spp=8), ignore)
-    assert rendered == [8, 8, 2], "points scored against another reference were taken for these"
+    assert rendered == [8, 8] and len(measured) == 1, "points scored against another reference were taken for these"
 
 
-def test_frames_and_detection_in_turns_are_the_same_as_one_after_the_other() -> None:
-    world, device = load_world("two-boxes", resolution=(16, 12)), choose_device()
-    options, config = RenderOptions(spp=2, frames=4, fps=20.0), BASE.config(world.sensor)
-    frames, _ = tradeoff_measure.render_sequence(world, options, lambda: None)
-    after = tradeoff_measure.detect(config, frames, device)
-    seen: list[int] = []
-    run = tradeoff_measure.run_in_turns(world, options, config, device, lambda: seen.append(1))
-    assert len(after.events) > 0 and np.array_equal(run.detected.events, after.events)
-    assert run.detected.solved_share == after.solved_share
-    assert run.rendered.paths == 16 * 12 * 4 * 2 and len(seen) == 4
-    assert run.rendered.cost.cpu_s > 0 and run.detected.cost.cpu_s > 0
-
-
-def test_samplers_and_sampling_are_axes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    in_turns: list[str] = []
-
-    def run_in_turns(*given: Any) -> Any:
-        in_turns.append(given[2].method)
-        return tradeoff_measure.run_in_turns(*given)
-
-    monkeypatch.setattr(tradeoff, "run_in_turns", run_in_turns)
+def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     renderings = [
         Rendering(4, "common", 0),
         Rendering(4, "common", 0, "sobol"),
     ]
     wanted = [*(Point(each, BASE) for each in renderings), named_points(0)["balanced"]]
     results = run_tradeoff(options(tmp_path, points=wanted), ignore)
-    assert in_turns == ["irradiance"]
     plain, even, adaptive = results["points"]
     assert (plain["sampler"], even["sampler"], adaptive["sampling"]) == ("pcg", "sobol", "adaptive")
     assert even["f1"] != plain["f1"], "the sampler did not reach the tracer"
@@ -203,16 +199,16 @@ def test_pixels_that_take_turns_are_a_setting_of_their_own(tmp_path: Path) -> No
 
 def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPatch) -> None:
     passes: list[Any] = []
-    turns = tradeoff_measure._turns
+    turn = tradeoff_measure._pass
 
     def keep(*given: Any) -> Any:
-        passes.append(turns(*given))
+        passes.append(turn(*given))
         return passes[-1]
 
-    monkeypatch.setattr(tradeoff_measure, "_turns", keep)
+    monkeypatch.setattr(tradeoff_measure, "_pass", keep)
     world, point = load_world("moving-light", resolution=(16, 12)), named_points(0)["balanced"]
     given = RenderOptions(spp=8, probe_spp=1, first_hit_rays=16, sampler="sobol", frames=6, fps=20.0)
-    tradeoff_measure.run_in_turns(world, given, point.detector.config(world.sensor), choose_device(), lambda: None)
+    tradeoff_measure.run_point(world, given, point.detector.config(world.sensor), choose_device(), lambda: None)
     assert len(passes) > 1
     for each in passes:
         assert np.array_equal(each.events, passes[0].events) and each.paths == passes[0].paths

@@ -16,7 +16,7 @@ from clsim.bench.pareto import pareto_front
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import reference_key
 from clsim.bench.tradeoff_settings import BASE, QUICK_POINTS, Point, Rendering, full_points, named_points, quick_points
-from clsim.bench.tradeoff_summary import saving, savings, summarise, turned_knobs
+from clsim.bench.tradeoff_summary import summarise, turned_knobs
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 
@@ -162,30 +162,6 @@ def test_means_fronts_and_knobs() -> None:
     ]
 
 
-def test_savings_are_counted_at_equal_scores() -> None:
-    def row(label: str, noise: str, spp: int, scores: tuple[float, float], **costs: float) -> dict[str, object]:
-        named = {"label": label, "method": "esim", "noise": noise, "spp": spp}
-        return named | {"f1": scores[0], "strict_f1": scores[1]} | costs
-
-    rows = [
-        row("cheap", "common", 2, (0.9, 0.6), paths=2, cpu_s=1.0),
-        row("good", "common", 8, (0.8, 0.7), paths=8, cpu_s=3.0),
-        row("good too", "common", 32, (0.9, 0.9), paths=32, cpu_s=2.0),
-        row("fewer", "independent", 32, (0.99, 0.99), paths=32, cpu_s=9.0),
-        row("most", "independent", 512, (0.8, 0.7), paths=512, cpu_s=90.0),
-    ]
-    peers = [
-        {"label": "slow", "f1": 0.5, "strict_f1": 0.5, "cpu_s": 50.0},
-        {"label": "perfect", "f1": 1.0, "strict_f1": 1.0, "cpu_s": 50.0},
-    ]
-    assert savings(rows) == [{"baseline": "most", "cost": "paths", "setting": "good", "factor": 64.0}]
-    assert [saving(rows, peer, "cpu_s") for peer in peers] == [
-        {"baseline": "slow", "cost": "cpu_s", "setting": "cheap", "factor": 50.0},
-        {"baseline": "perfect", "cost": "cpu_s", "setting": None, "factor": None},
-    ]
-    assert savings(rows[:3]) == []
-
-
 def test_quick_turns_single_knobs() -> None:
     rows = [
         point.as_dict() | {"cpu_s": 1.0, "detect_cpu_s": 1.0, "f1": 0.5, "strict_f1": 0.5} for point in quick_points(0)
@@ -199,4 +175,4 @@ def test_the_full_sweep_turns_the_sampler() -> None:
     pairs = [
         (base["spp"], other["sampler"]) for knob, base, other in turned_knobs(summarise(points)) if knob == "sampler"
     ]
-    assert pairs == [(16, "sobol")]
+    assert pairs == [(8, "sobol")]

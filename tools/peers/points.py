@@ -18,8 +18,8 @@ from typing import Any
 from clsim.bench.content_key import content_key
 from clsim.bench.tradeoff import Report, Sweep, TradeoffOptions, figures
 from clsim.bench.tradeoff_settings import Rendering
-from clsim.bench.tradeoff_summary import averages, saving
-from clsim.bench.tradeoff_tables import front_row, front_table, saving_text, table
+from clsim.bench.tradeoff_summary import VALUES, averages
+from clsim.bench.tradeoff_tables import front_row, front_table, table
 from clsim.cli.bench_tradeoff import default_cache
 from clsim.cli.parse import resolution as parse_resolution
 from clsim.errors import require_choice
@@ -124,11 +124,33 @@ def summarise_peers(points: list[dict[str, Any]]) -> list[dict[str, Any]]:
     ]
 
 
+def saving(rows: list[dict[str, Any]], baseline: dict[str, Any]) -> dict[str, Any]:
+    """Return which setting does as well as a baseline, by mean F1 and mean strict F1, in the least processor time.
+
+    Keys are ``baseline``, ``setting`` (the label, None where nothing does as well) and ``factor``, the baseline's
+    processor time over the setting's.
+    """
+    as_good = [row for row in rows if all(row[value] >= baseline[value] for value in VALUES)]
+    best = min(as_good, key=lambda row: row["cpu_s"], default=None)
+    entry = {"baseline": baseline["label"], "setting": None, "factor": None}
+    if best is not None:
+        entry |= {"setting": best["label"], "factor": baseline["cpu_s"] / best["cpu_s"]}
+    return entry
+
+
+def saving_text(entry: dict[str, Any]) -> str:
+    """Return one ``saving`` as a list item."""
+    if entry["setting"] is None:
+        return f"- {entry['baseline']}: no setting has its F1 and its strict F1."
+    share = f"1/{entry['factor']:.3g} of its CPU time"
+    return f"- {entry['baseline']}: {entry['setting']} does as well in both scores for {share}."
+
+
 def text(results: dict[str, Any]) -> str:
     """Return the front, the peers below it, and what is saved against each, as Markdown."""
     head, rows = front_table(results)
     below = [front_row(peer) for peer in results["peer_settings"]]
-    saved = [saving_text(saving(results["settings"], peer, "cpu_s")) for peer in results["peer_settings"]]
+    saved = [saving_text(saving(results["settings"], peer)) for peer in results["peer_settings"]]
     return table(head, [*rows, *below]) + "\n\n" + "\n".join(saved)
 
 

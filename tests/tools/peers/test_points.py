@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.scene import Lens, load_world
 from tools.peers import manabe
 from tools.peers.mitsuba_scene import load_mitsuba
-from tools.peers.points import run_peers, text
+from tools.peers.points import run_peers, saving, text
 
 POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
 
@@ -84,3 +84,15 @@ def test_what_a_peer_cannot_render_is_told_before_anything_is_measured(
     with pytest.raises(InputError, match="a lens or an exposure time is not handed to Mitsuba"):
         run(tmp_path, "chain")
     assert not any(tmp_path.iterdir())
+
+
+def test_savings_are_counted_at_equal_scores() -> None:
+    rows = [
+        {"label": "cheap", "f1": 0.9, "strict_f1": 0.6, "cpu_s": 1.0},
+        {"label": "good", "f1": 0.8, "strict_f1": 0.7, "cpu_s": 3.0},
+        {"label": "better", "f1": 0.9, "strict_f1": 0.9, "cpu_s": 2.0},
+    ]
+    peer = {"label": "slow", "f1": 0.8, "strict_f1": 0.7, "cpu_s": 50.0}
+    assert saving(rows, peer) == {"baseline": "slow", "setting": "better", "factor": 25.0}
+    assert saving(rows, peer | {"strict_f1": 0.5})["setting"] == "cheap"
+    assert saving(rows, peer | {"f1": 1.0}) == {"baseline": "slow", "setting": None, "factor": None}
