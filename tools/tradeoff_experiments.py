@@ -1,4 +1,4 @@
-"""Measure ideas that may improve regressed brightness, each on the same noisy frames (docs/experiments.md).
+"""Measure ideas that may improve regressed brightness, each on the same noisy frames (docs/research/experiments.md).
 
 Scenes are rendered small, and kept in a folder. Every row (see tradeoff_prototypes.py) is scored against ESIM on clean
 frames whose common random numbers have another seed, as is the ceiling, ESIM on clean frames of a third seed.

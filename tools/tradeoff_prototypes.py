@@ -1,4 +1,4 @@
-"""Prototypes of ideas that may improve regressed brightness, and the frames they work on (docs/experiments.md).
+"""Prototypes of ideas that may improve regressed brightness, and the frames they work on (docs/research).
 
 A prototype is a row of a table: it turns noisy frames into the level of each pixel, or into events. The events that
 should be are ESIM's on clean frames whose common random numbers have another seed.
