@@ -45,8 +45,8 @@ camera's.
 
 **Pose axes.** A pose is a 4×4 matrix that takes points of the object or camera to the world; its columns are the
 object's x, y and z axes and its position. A camera looks along its −z axis, +x is to the right of the image and +y to
-its top. The poses in a recording's sidecar are of this kind. OpenCV's and ROS's cameras look along +z with +y down:
-negate the second and third column for theirs.
+its top. OpenCV's and ROS's cameras look along +z with +y down: negate the second and third column for theirs. So do
+the poses beside a recording, in `NAME.poses.txt`, as its first lines say.
 
 **Radiance** is linear and in the Rec. 709 primaries, in the units of the scene's lights. Luminance is
 0.2126 R + 0.7152 G + 0.0722 B.

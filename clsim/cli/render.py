@@ -55,7 +55,7 @@ def render(
     from clsim.frames import ALL_PLANES, Frame, page_aligned
     from clsim.frames.exr import ExrWriter
     from clsim.live.schedule import plan
-    from clsim.live.session import about_camera
+    from clsim.live.sidecars import about_camera, camera_pose
     from clsim.render import PathTracer, RenderOptions
     from clsim.scene import load_world
 
@@ -83,8 +83,10 @@ def render(
         tracer.fill(index, frame)
         writer.write(frame)
     tracer.close()
+    times_us = [schedule.time_us(k) for k in range(count)]
+    poses = [{"time_us": each, "camera_to_world": camera_pose(world.camera, each * 1e-6).tolist()} for each in times_us]
     about = {"options": {"scene": scene, "spp": spp, "noise": noise, "seed": seed, "max_depth": max_depth}}
-    write_sidecar(out / "frames.json", about | about_camera(world.camera, schedule))
+    write_sidecar(out / "frames.json", about | {"camera": about_camera(world.camera), "poses": poses})
     if as_json:
         typer.echo(json.dumps({"frames": count, "out": str(out), "width": tracer.width, "height": tracer.height}))
     else:

@@ -54,7 +54,7 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
     except SinkError as error:
         failure = error
     session.write_sidecars(complete=not interrupted and failure is None)
-    summary = session.summary() | {"interrupted": interrupted}
+    summary = session.summary().as_dict() | {"interrupted": interrupted}
     failed = [output for output in session.pipeline.outputs if output.error is not None]
     unread = bool(failed) and all(output.reader_left for output in failed)
     if failure is None and not (unread and len(failed) == len(session.pipeline.outputs)):
@@ -87,7 +87,7 @@ def status_line(session: Session) -> Text:
     progress, schedule = session.pipeline.progress, session.schedule
     if progress.first_frame_s is None:
         return Text(f"{session.name}: starting (kernels are compiled once and kept) …", style="dim")
-    summary = session.summary()
+    summary = session.summary().as_dict()
     total = "" if schedule.total is None else f" of {schedule.time_us(schedule.total - 1) * 1e-6:.2f}"
     share = real_time_share(summary)
     given_up = summary["governor"] and summary["governor"]["given_up"]

@@ -131,7 +131,7 @@ def attach(
         from clsim.live.view.sink import ViewSink
 
         page = ViewSink(session.name, *size, **host_and_port(port), listener=listener)
-        page.status = lambda: page_numbers(session.summary())
+        page.status = lambda: page_numbers(session.summary().as_dict())
         session.pipeline.outputs.append(Output(page.url, page))
         session.pipeline.watchers.append(page)
         announce(page.url)

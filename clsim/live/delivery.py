@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ from clsim.errors import Error
 from clsim.events import EventBatch, Sink, SinkError
 from clsim.events.closing import close_at_once
 from clsim.frames import Frame
+from clsim.live.sidecars import PoseFile
 
 
 @runtime_checkable
@@ -38,6 +40,8 @@ class Output:
     reader_left: bool = False
     """Whether the error is that nobody reads any longer, as with ``| head``."""
     sidecar: Path | None = None
+    poses: PoseFile | None = None
+    """Where the camera's pose at each frame goes, if it goes anywhere."""
     closed: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
     """Held while the sink is at work."""
@@ -68,6 +72,9 @@ class Output:
                         self.sink.close()
                 except Exception as error:
                     self.fail(error)
+                if self.poses is not None:
+                    with contextlib.suppress(OSError):  # what was lost of them was told when it was written
+                        self.poses.close()
                 self.closed = True
 
 
@@ -81,6 +88,8 @@ class Delivery:
     def record(self, frame: Frame, events: EventBatch) -> None:
         """Hand a frame, while it is there, and its events to the recorders."""
         for output in self.outputs:
+            if output.poses is not None:
+                output.attempt(partial(output.poses.add, frame.index))
             if isinstance(output.sink, Recorder):
                 output.attempt(partial(output.sink.record, frame, events))
 

@@ -2,46 +2,188 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterator
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
-from clsim.events import EventBatch, SinkError
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import EventRule, Gate, Method
+from clsim.events import EventBatch
+from clsim.events.outputs import FileOptions
 from clsim.events.queue_sink import QueueSink
+from clsim.frames import Policy
 from clsim.live.options import LiveOptions
-from clsim.live.session import open_live
+from clsim.live.pipeline import Pace
+from clsim.live.quality import Noise, Quality, Sampler, Sampling
+from clsim.live.session import Session, open_live
+from clsim.live.sidecars import camera_pose
+from clsim.live.summary import Summary
 
 
-def stream(scene: str | Path, **options: Any) -> Iterator[EventBatch]:
-    """Yield the events of each frame of a scene, as they happen.
+class Stream(Iterator[EventBatch]):
+    """The events of a run, frame by frame, as they happen; see `stream`.
+
+    The run begins with the first ``next`` and ends with the last frame, with ``close``, at the end of a ``with`` block,
+    or when nobody holds the stream any longer.
+
+    Attributes:
+        width, height: of the sensor [pixels].
+        fps: frames per simulated second.
+        warnings: what is asked for and will not be, one sentence each.
+        notes: what was chosen where the scene leaves it open, likewise.
+    """
+
+    def __init__(self, options: LiveOptions) -> None:
+        """Load the scene and open the outputs; raises InputError."""
+        self._queue = QueueSink(capacity=4)
+        self._session = open_live(options, extra_sinks=(self._queue,))
+        self._taken = 0
+        self.width, self.height = self._session.width, self._session.height
+        self.fps = self._session.schedule.fps
+        self.warnings, self.notes = self._session.warnings, self._session.notes
+        self._close = weakref.finalize(self, _close, self._session, self._queue)
+
+    @property
+    def summary(self) -> Summary:
+        """What the run did so far, frames that wait to be taken included."""
+        return self._session.summary()
+
+    @property
+    def poses(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
+        """Times [µs] ``[N]`` and camera-to-world matrices ``[N, 4, 4]`` of the frames taken so far.
+
+        The world is right-handed, in metres; the camera looks along −z, with +y up. Where frames are dropped, these are
+        of as many frames of the schedule.
+        """
+        schedule, world = self._session.schedule, self._session.world
+        assert world is not None, "a live run has a scene"
+        shown_us = [schedule.time_us(schedule.source_index(k)) for k in range(self._taken)]
+        poses = [camera_pose(world.camera, each * 1e-6) for each in shown_us]
+        times = [schedule.time_us(k) for k in range(self._taken)]
+        return np.array(times, np.int64), np.array(poses, np.float64).reshape(-1, 4, 4)
+
+    def __next__(self) -> EventBatch:
+        """Return the events of the next frame, possibly none; waits for them.
+
+        Raises:
+            SinkError: in the end, if one of the outputs failed on the way; the events of the run were all returned.
+        """
+        if not self._close.alive:
+            raise StopIteration
+        session = self._session
+        try:
+            if not session.started:
+                session.start()
+            while True:
+                ended = session.pipeline.wait(0.0)
+                taken = self._queue.get(timeout_s=0.0 if ended else 0.05)
+                if taken is not None:
+                    self._taken += 1
+                    return taken[0]
+                if ended:
+                    break
+        except BaseException:
+            self.close()
+            raise
+        session.write_sidecars(complete=True)
+        self._close.detach()
+        session.raise_failures()
+        raise StopIteration
+
+    def close(self) -> None:
+        """End the run, if it has not ended, and complete its files; safe to call twice."""
+        self._close()
+
+    def __enter__(self) -> Stream:
+        """Return the stream, which ends with the block."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the run."""
+        self.close()
+
+
+def _close(session: Session, queue: QueueSink) -> None:
+    queue.close()
+    session.pipeline.stop()
+    if session.started:
+        session.write_sidecars(complete=False)
+
+
+def stream(
+    scene: str | Path,
+    *,
+    duration_s: float | None = None,
+    frame_count: int | None = None,
+    loop: bool = False,
+    fps: float | None = None,
+    resolution: tuple[int, int] | None = None,
+    threshold: tuple[float, float] | None = None,
+    quality: Quality | None = None,
+    outputs: tuple[str, ...] = (),
+    files: FileOptions | None = None,
+    seed: int = 0,
+    spp: int | None = None,
+    sampling: Sampling | None = None,
+    probe_spp: int | None = None,
+    probe_every: int | None = None,
+    first_hit_rays: int | None = None,
+    sampler: Sampler | None = None,
+    noise: Noise | None = None,
+    method: Method | None = None,
+    gate: Gate | None = None,
+    event_rule: EventRule | None = None,
+    window: int | None = None,
+    history: int = 1,
+    follow_specular: bool = True,
+    max_depth: int = 8,
+    pace: Pace = "max",
+    governor: bool = True,
+    ring: Policy = "block",
+    threads: int | None = None,
+    render_device: str = "cpu",
+    opencl: str | None = None,
+    strict: bool = False,
+) -> Stream:
+    """Return the events of a scene, frame by frame, as an iterator; everything is checked now.
+
+    >>> with clsim.stream("two-boxes", duration_s=0.1) as run:  # doctest: +SKIP
+    ...     for events in run:
+    ...         print(len(events), "events")
 
     Args:
         scene: name of a bundled scene, or a scene file.
-        options: fields of ``LiveOptions``, such as ``spp=8``, ``duration_s=2.0``, ``threshold=(0.2, 0.2)``.
-
-    Yields:
-        One EventBatch a frame, possibly empty; the first frame sets the references and fires nothing.
+        duration_s: simulated time [s]; None plays the motion once. Or ``frame_count`` frames.
+        frame_count: number of frames.
+        loop: start the motion anew at its end, for ever or until ``duration_s``.
+        fps: frames per simulated second; None takes the scene's.
+        resolution: width and height [pixels]; None takes the scene's.
+        threshold: contrast thresholds of ON and OFF events [natural-log units]; None takes the scene's.
+        quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
+        outputs: files and addresses that receive the events as well.
+        files: how files are written.
+        seed: of all random numbers.
+        spp, sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window:
+            in place of the quality's own; see `clsim.live.options.LiveOptions` for these and what follows.
+        history: frames whose windows form one regression.
+        follow_specular: whether depth, normal and albedo are those seen in mirrors and through clear glass.
+        max_depth: longest light path [edges].
+        pace: "real" keeps to the wall clock.
+        governor: whether a run at real pace renders less where it could not keep up.
+        ring: "drop-oldest" loses frames at real pace rather than wait.
+        threads: that render; None takes one a core.
+        render_device: where to render, "cpu" or "cuda:0" …
+        opencl: part of the name of the OpenCL device.
+        strict: refuse a scene that asks for what clsim lacks, instead of warning.
 
     Raises:
         InputError: a scene or option cannot be used.
-        SinkError: in the end, if one of ``outputs`` failed on the way; the events of the run were all yielded.
     """
-    queue = QueueSink(capacity=4)
-    session = open_live(LiveOptions(scene=scene, **options), extra_sinks=(queue,))
-    session.start()
-    try:
-        while True:
-            taken = queue.get(timeout_s=0.05)
-            if taken is not None:
-                yield taken[0]
-            elif session.pipeline.wait(0.0):
-                break
-        while (taken := queue.get(timeout_s=0.0)) is not None:
-            yield taken[0]
-        session.write_sidecars(complete=True)
-        failures = [output.error for output in session.pipeline.outputs if output.error is not None]
-        if failures:
-            raise SinkError("; ".join(failures))
-    finally:
-        queue.close()
-        session.pipeline.stop()
+    given: dict[str, Any] = locals() | {"files": files or FileOptions()}
+    return Stream(LiveOptions(**given))

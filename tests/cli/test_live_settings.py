@@ -4,6 +4,7 @@ import io
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -69,7 +70,7 @@ def told_at_the_end(session: Session, *, terminal: bool = True, **changes: objec
     """Return what is printed of a run whose summary is the session's with some values changed."""
     console = Console(file=io.StringIO(), force_terminal=terminal, width=500, no_color=True)
     with console.capture() as capture:
-        summary = session.summary() | {"interrupted": False} | changes
+        summary = session.summary().as_dict() | {"interrupted": False} | changes
         print_losses(console, summary)
         print_summary(console, session, summary)
     return re.sub(r"\x1b\[[0-9;]*m", "", capture.get())
@@ -85,7 +86,7 @@ def session() -> Session:
 
 def test_the_status_line_tells_how_fast(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
     told = {"simulated_s": 0.18, "events": 2_700_000, "wall_s": 1.1, "startup_s": 0.1, "late_frames": 0}
-    monkeypatch.setattr(session, "summary", lambda: session.__class__.summary(session) | told)
+    monkeypatch.setattr(session, "summary", lambda: replace(session.__class__.summary(session), **told))
     assert status_line(session).plain == "0.18 of 1.00 s · 2.7 M events · 18 % of real time"
     told |= {"late_frames": 4, "dropped_frames": 3, "outputs": [{"clients": 2, "dropped_events": 5000}, {"clients": 1}]}
     assert status_line(session).plain.endswith("4 frames late · 3 frames dropped · clients: 3 (missed 5.0 k events)")

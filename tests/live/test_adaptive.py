@@ -27,7 +27,7 @@ def summary_of(scene: str, **options: object) -> dict[str, object]:
     session = open_live(LiveOptions(scene, resolution=SIZE, **options))  # type: ignore[arg-type]
     session.start()
     assert session.pipeline.wait(120)
-    return session.summary()
+    return session.summary().as_dict()
 
 
 def test_runs_and_thread_counts_are_bit_identical() -> None:
@@ -65,7 +65,7 @@ def test_maps_are_found_over_the_seam_of_a_loop() -> None:
     assert session.schedule.crosses_seam(15, 16)
     session.start()
     assert session.pipeline.wait(120)
-    assert session.summary()["frames"] == 40
+    assert session.summary().frames == 40
 
 
 def test_at_the_pace_of_the_clock_the_governor_tells_what_it_does() -> None:

@@ -1,0 +1,134 @@
+"""From options to the stages that turn a scene into events: the one place that builds them, for every driver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from clsim.detect.config import DetectorConfig
+from clsim.frames import InterestBoard, rendered_planes
+from clsim.live.options import LiveOptions
+from clsim.live.pipeline import Detector
+from clsim.scene import World, load_world
+
+if TYPE_CHECKING:
+    from clsim.render import RenderOptions, SceneData, View
+
+
+@dataclass(frozen=True)
+class Stages:
+    """What is rendered and how, and how events are found in it; nothing is built yet.
+
+    Attributes:
+        world: the scene.
+        fps: frames per simulated second.
+        render: options of the renderer.
+        detector: options of the detector.
+        planes: names of the frames' planes.
+        make_detector: builds the detector, its kernels too.
+        steered: whether the detector's maps of interest steer the renderer.
+    """
+
+    world: World
+    fps: float
+    render: RenderOptions
+    detector: DetectorConfig
+    planes: tuple[str, ...]
+    make_detector: Callable[[], Detector]
+    steered: bool
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is asked for and will not be: by the scene, of what clsim lacks, and by options without use."""
+        return (*self.world.warnings, *unused_options(self.detector))
+
+    def board(self, *, in_step: bool) -> InterestBoard | None:
+        """Return a board for the maps of interest if anything asks for them; see InterestBoard for ``in_step``."""
+        return InterestBoard(in_step=in_step) if self.steered else None
+
+    def scene_data(self) -> SceneData:
+        """Copy the world to the device that renders."""
+        from clsim.render import SceneData
+
+        return SceneData(self.world, self.render.device, self.render.tree)
+
+    def view(self, data: SceneData, board: InterestBoard | None) -> View:
+        """Build what renders the frames of the world's camera, steered by what it finds on ``board``."""
+        from clsim.render import View
+
+        return View(data, self.render, board)
+
+
+def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
+    """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError."""
+    from clsim.render import RenderOptions, check_device
+
+    if world is None:
+        world = load_world(options.scene, resolution=options.resolution, strict=options.strict)
+    fps = options.fps or world.fps
+    point = options.point
+    steered = point.sampling == "adaptive"
+    render = RenderOptions(
+        spp=point.spp,
+        probe_spp=point.probe_spp if steered else None,
+        probe_every=point.probe_every,
+        first_hit_rays=point.first_hit_rays,
+        fps=fps,
+        seed=options.seed,
+        noise=point.noise,
+        sampler=point.sampler,
+        follow_specular=options.follow_specular,
+        max_depth=options.max_depth,
+        threads=options.threads,
+        device=options.render_device,
+    )
+    check_device(options.render_device)
+    detector = _detector_config(options, world)
+    planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0).names
+    size = world.camera.width, world.camera.height
+    make_detector = detector_maker(detector, size, planes, options.opencl)
+    return Stages(world, fps, render, detector, planes, make_detector, steered)
+
+
+def detector_maker(
+    config: DetectorConfig, size: tuple[int, int], planes: tuple[str, ...], opencl: str | None
+) -> Callable[[], Detector]:
+    """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels later.
+
+    ``size`` is the width and height of the frames.
+    """
+    from clsim.detect.recorded import needs_numpy, recorded_detector
+    from clsim.opencl.device import choose_device
+
+    device = None if needs_numpy(config) else choose_device(opencl)
+
+    def make() -> Any:
+        return recorded_detector(config, *size, planes, device=device)
+
+    return make
+
+
+def unused_options(config: DetectorConfig) -> tuple[str, ...]:
+    """Return a sentence about options that change nothing."""
+    unused = config.unused()
+    if not unused:
+        return ()
+    user = f"`method` {config.method}" if config.method != "esim-ad" else f"`gate` {config.gate}"
+    return (f"{user} has no use for {', '.join(f'`{name}`' for name in unused)}",)
+
+
+def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
+    sensor, point = world.sensor, options.point
+    on, off = options.threshold or (sensor.threshold_on, sensor.threshold_off)
+    return DetectorConfig(
+        method=point.method,
+        gate=point.gate,
+        event_rule=point.event_rule,
+        threshold_on=on,
+        threshold_off=off,
+        window=point.window,
+        history=options.history,
+        scale=sensor.scale,
+        floor=sensor.floor,
+    )

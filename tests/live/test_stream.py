@@ -1,0 +1,115 @@
+"""`clsim.stream`: checked when called, complete however it ends."""
+
+import gc
+import inspect
+import json
+import threading
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.live.options import LiveOptions
+from clsim.live.summary import Summary
+
+SMALL = {"resolution": (32, 24), "spp": 1, "fps": 60.0}
+
+
+def threads() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+
+
+def test_all_options_of_a_live_run_are_keywords_with_the_same_defaults() -> None:
+    known = {field.name: field.default for field in fields(LiveOptions)}
+    parameters = inspect.signature(clsim.stream).parameters
+    assert set(parameters) == set(known)
+    assert all(parameters[name].default == known[name] for name in known.keys() - {"scene", "files"})
+
+
+def test_the_simulators_keywords_are_those_of_a_stream() -> None:
+    stream, simulator = (inspect.signature(each).parameters for each in (clsim.stream, clsim.Simulator))
+    assert set(simulator) < set(stream)
+    assert all(simulator[name].default == stream[name].default for name in simulator)
+    of_runs = {"duration_s", "frame_count", "loop", "outputs", "files", "pace", "governor", "ring"}
+    assert set(stream) - set(simulator) == of_runs
+
+
+def test_everything_is_checked_when_it_is_called(tmp_path: Path) -> None:
+    for wrong in ({"fps": -1.0}, {"quality": "best"}, {"outputs": (str(tmp_path / "a.mov"),)}, {"opencl": "nothing"}):
+        with pytest.raises(InputError):
+            clsim.stream("still", **wrong)
+    with pytest.raises(InputError):
+        clsim.stream("stil")
+    with pytest.raises(TypeError):
+        clsim.stream("still", colour=1)
+
+
+def test_a_run_tells_its_size_its_poses_and_what_it_did(tmp_path: Path) -> None:
+    out = tmp_path / "a.npz"
+    with clsim.stream("two-boxes", **SMALL, frame_count=4, history=2, outputs=(str(out),)) as run:
+        assert (run.width, run.height, run.fps) == (32, 24, 60.0)
+        assert run.warnings == ("`method` irradiance has no use for `history`",)
+        assert isinstance(run.summary, Summary) and run.summary.frames == 0
+        assert not threads(), "it begins with the first frame asked for"
+        next(run)
+        times, poses = run.poses
+        assert (times.tolist(), poses.shape) == ([0], (1, 4, 4))
+        found = sum(map(len, run))
+        assert list(run) == []
+    times, poses = run.poses
+    assert times.tolist() == [0, 16667, 33333, 50000]
+    motion = clsim.load_scene("two-boxes").camera.motion
+    np.testing.assert_allclose(poses, [motion.pose(t * 1e-6) for t in times], atol=1e-12)
+    assert (run.summary.frames, run.summary.events, run.summary.simulated_s) == (4, found, 0.05)
+    assert run.summary.outputs[-1] == {"name": str(out)}
+    about = json.loads((tmp_path / "a.npz.json").read_text())
+    assert about["complete"] and about["summary"]["events"] == found
+    assert not threads()
+
+
+@pytest.mark.parametrize("ends", ["block", "close", "garbage"])
+def test_a_run_that_is_left_ends_and_completes_its_files(tmp_path: Path, ends: str) -> None:
+    out = tmp_path / "a.txt"
+    run = clsim.stream("two-boxes", **SMALL, loop=True, outputs=(str(out),))
+    if ends == "block":
+        with run:
+            assert next(run) is not None
+    else:
+        assert next(run) is not None
+        if ends == "close":
+            run.close()
+    if ends != "garbage":
+        assert next(run, None) is None
+        run.close()
+    del run
+    gc.collect()
+    assert not threads()
+    about = json.loads((tmp_path / "a.txt.json").read_text())
+    assert about["complete"] is False and about["summary"]["frames"] >= 1
+
+
+def test_a_run_that_never_began_leaves_its_file_readable(tmp_path: Path) -> None:
+    with clsim.stream("still", **SMALL, outputs=(str(tmp_path / "a.npz"),)):
+        pass
+    assert len(clsim.open(tmp_path / "a.npz").read()) == 0
+    assert not (tmp_path / "a.npz.json").exists()
+
+
+def test_a_sidecar_that_cannot_be_written_leaves_no_output_open(tmp_path: Path) -> None:
+    (tmp_path / "a.npz.json").mkdir()
+    run = clsim.stream("still", **SMALL, outputs=(str(tmp_path / "a.npz"),))
+    with pytest.raises(InputError, match=r"a\.npz\.json"):
+        next(run)
+    assert len(clsim.open(tmp_path / "a.npz").read()) == 0
+    assert not threads()
+
+
+def test_what_the_package_shows() -> None:
+    assert {"stream", "open", "write", "load_scene", "Simulator", "World", "Error", "InputError"} <= set(dir(clsim))
+    for name in dir(clsim):
+        assert getattr(clsim, name) is not None
+    with pytest.raises(AttributeError, match="has no attribute 'strem'"):
+        clsim.strem  # noqa: B018

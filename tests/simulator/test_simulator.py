@@ -1,0 +1,76 @@
+"""The synchronous driver gives what live runs give."""
+
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import Error, InputError
+
+SIZE, FPS, FRAMES = (48, 36), 60.0, 8
+
+
+def live(scene: str, **options: object) -> np.ndarray:
+    with clsim.stream(scene, resolution=SIZE, fps=FPS, frame_count=FRAMES, **options) as run:
+        return np.concatenate(list(run))
+
+
+def simulator(scene: str, **options: object) -> clsim.Simulator:
+    return clsim.Simulator(scene, resolution=SIZE, fps=FPS, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"quality": "draft"}, {"method": "esim-ad"}, {"method": "esim", "noise": "independent", "seed": 3}],
+    ids=["balanced", "draft", "esim-ad", "independent"],
+)
+def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, object]) -> None:
+    expected = live("two-boxes", **options)
+    assert len(expected) > 50
+    end_us = round((FRAMES - 1) * 1e6 / FPS)
+    with simulator("two-boxes", **options) as run:
+        whole = run.step(end_us)
+        assert whole.tobytes() == expected.tobytes() and run.time_us == end_us
+        run.reset()
+        assert run.time_us == 0
+        parts = [run.step(until_us) for until_us in (0, 0, 1_000, 16_667, 40_000, 90_000, end_us)]
+    assert np.concatenate(parts).tobytes() == expected.tobytes()
+    assert [len(part) for part in parts[:3]] == [0, 0, 0], "frame 0 sets the references, and 1 ms holds no frame more"
+    assert parts[3]["t"].max() <= 16_667 < parts[4]["t"].min()
+
+
+def test_no_thread_is_needed_nor_left() -> None:
+    before = set(threading.enumerate())
+    with simulator("two-boxes", threads=1) as run:
+        run.step(20_000)
+        assert set(threading.enumerate()) == before
+
+
+def test_a_world_in_memory_is_a_scene() -> None:
+    world = clsim.load_scene("two-boxes", resolution=SIZE)
+    assert isinstance(world, clsim.World)
+    with clsim.Simulator(world, fps=FPS) as run, simulator("two-boxes") as other:
+        assert (run.width, run.height, run.fps) == (*SIZE, FPS) and run.world is world
+        assert run.step(50_000).tobytes() == other.step(50_000).tobytes()
+    with pytest.raises(InputError, match="`resolution` is for scenes that are loaded"):
+        clsim.Simulator(world, resolution=SIZE)
+
+
+def test_what_cannot_be_is_told() -> None:
+    with pytest.raises(InputError, match="`spp` must be at least 1, got 0"):
+        simulator("two-boxes", spp=0)
+    with pytest.raises(InputError, match="did you mean two-boxes"):
+        simulator("two-boxs")
+    world = clsim.load_scene("two-boxes", resolution=(16, 12))
+    world = replace(world, warnings=("lacks fog",))
+    with clsim.Simulator(world, method="irradiance", history=2) as run:
+        assert run.warnings == ("lacks fog", "`method` irradiance has no use for `history`")
+        run.step(20_000)
+        with pytest.raises(InputError, match="`until_us` must not be before the last frame, at 16667 µs, got 10000"):
+            run.step(10_000)
+    run.close()
+    for use in (lambda: run.step(30_000), run.reset):
+        with pytest.raises(Error, match="the simulator is closed"):
+            use()
