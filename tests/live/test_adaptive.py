@@ -51,7 +51,9 @@ def test_paths_go_where_events_are_near() -> None:
 
 
 def test_pixels_take_turns_in_a_live_run() -> None:
-    summary = summary_of("moving-light", first_hit_rays=4, spp=1, probe_every=3, frame_count=10, fps=60.0)
+    summary = summary_of(
+        "moving-light", sampling="uniform", first_hit_rays=4, spp=1, probe_every=3, frame_count=10, fps=60.0
+    )
     pixels = SIZE[0] * SIZE[1]
     assert summary["effort"] == {"probe_spp": 1, "spp": 1, "first_hit_rays": 4, "every": 3}
     assert summary["paths"] == pixels * (1 + 9 // 3), "all of the first frame, then each pixel in each third"
