@@ -113,7 +113,7 @@ class Simulator:
 
     def _build(self) -> None:
         """Begin at frame 0, with nothing kept from earlier frames."""
-        self._board = self._stages.board(in_step=True)
+        self._board = self._stages.board("refuse")
         self._view = self._stages.view(self._data, self._board)
         self._detector = self._stages.make_detector()
         self._next = 0

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import REGRESSING
-from clsim.events import Reporting, Sink
+from clsim.events import Reporting, Sink, SinkError
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.frames import VARIANCE_PLANES
@@ -159,31 +159,10 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         loop=options.loop,
         periodic=_is_periodic(world),
     )
-    config = _live_config(options, world)
-    point = options.point
-    adaptive = point.sampling == "adaptive"
-    level = Level(point.probe_spp if adaptive else point.spp, point.spp, point.first_hit_rays, point.probe_every)
-    governed = Governed(ladder(level), fps) if options.governed else None
-    render_options = RenderOptions(
-        spp=point.spp,
-        probe_spp=point.probe_spp if adaptive else None,
-        probe_every=point.probe_every,
-        first_hit_rays=point.first_hit_rays,
-        fps=fps,
-        seed=options.seed,
-        noise=point.noise,
-        sampler=point.sampler,
-        follow_specular=options.follow_specular,
-        max_depth=options.max_depth,
-        threads=options.threads,
-        device=options.render_device,
-    )
-    check_device(options.render_device)
-    camera = world.camera
-    planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0).names
-    board = InterestBoard("wait" if options.ring == "block" else "newest") if adaptive else None
-    make_detector = _detector_maker(config, camera.width, camera.height, planes, options.opencl)
-    outputs = _open_outputs(options.outputs, options.files, extra_sinks, camera.width, camera.height)
+    level = Level(stages.render.probe_spp or point.spp, point.spp, point.first_hit_rays, point.probe_every)
+    governed = Governed(ladder(level), stages.fps) if options.governed else None
+    board = stages.board("wait" if options.ring == "block" else "newest")
+    outputs = _open_outputs(options.outputs, options.files, extra_sinks, (camera.width, camera.height))
     pipeline = Pipeline(
         lambda: PathTracer(world, stages.render, board),
         stages.make_detector,

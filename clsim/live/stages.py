@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from clsim.detect.config import DetectorConfig
 from clsim.frames import InterestBoard, rendered_planes
@@ -43,9 +43,9 @@ class Stages:
         """What is asked for and will not be: by the scene, of what clsim lacks, and by options without use."""
         return (*self.world.warnings, *unused_options(self.detector))
 
-    def board(self, *, in_step: bool) -> InterestBoard | None:
-        """Return a board for the maps of interest if anything asks for them; see InterestBoard for ``in_step``."""
-        return InterestBoard(in_step=in_step) if self.steered else None
+    def board(self, missing: Literal["refuse", "wait", "newest"]) -> InterestBoard | None:
+        """Return a board for the maps of interest if anything asks for them; see InterestBoard for ``missing``."""
+        return InterestBoard(missing) if self.steered else None
 
     def scene_data(self) -> SceneData:
         """Copy the world to the device that renders."""
