@@ -83,7 +83,7 @@ def _source_sidecar(name: str) -> dict[str, Any]:
     try:
         about: dict[str, Any] = dict(json.loads(path.read_text(encoding="utf-8")))
         return about
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: is no sidecar ({error}); expected a JSON object, or no such file") from None
 
 

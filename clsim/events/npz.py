@@ -87,7 +87,7 @@ def _read_side(archive: zipfile.ZipFile, name: str) -> int | None:
         return None
     with archive.open(f"{name}.npy") as member:
         shape, dtype = _read_head(member)
-        if shape != () or dtype.kind not in "iu":
+        if shape != () or dtype.kind == "b":
             raise ValueError(f"its {name} is no whole number")
         return int(np.frombuffer(member.read(dtype.itemsize), dtype)[0])
 
@@ -117,4 +117,6 @@ def _read_head(member: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(member)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(member)
+    if dtype.kind not in "iub":
+        raise ValueError(f"its array has type {dtype}; expected whole numbers")
     return shape, dtype

@@ -179,6 +179,22 @@ def connect_stuck(port: int) -> socket.socket:
     return client
 
 
+def test_a_large_packet_drops_as_many_small_ones_as_it_needs_room() -> None:
+    sink = TcpSink("tcp://127.0.0.1:0?compression=none&queue_mb=1", WIDTH, HEIGHT)
+    with connect_stuck(sink.port):
+        assert sink.wait_for_clients(1, timeout_s=10)
+        small, large = make_events(1000), make_events(60_000)  # 16 kB and 0.96 MB
+        while sink.dropped_packets < 2:
+            sink.write(small, end_of(small))
+            assert sink.queued_bytes <= 1 << 20
+        dropped = sink.dropped_packets
+        sink.write(large, end_of(large))
+        assert 900_000 < sink.queued_bytes <= 1 << 20
+        assert sink.dropped_packets > dropped + 50 and sink.dropped_events == 1000 * sink.dropped_packets
+        sink.hurry()
+        sink.close()
+
+
 def test_stuck_client_loses_the_oldest_and_nobody_else_notices() -> None:
     """Its queue stays bounded and drops are counted; another gets everything; awake again, it gets whole packets."""
     sink = TcpSink("tcp://127.0.0.1:0?compression=none&queue_mb=1", WIDTH, HEIGHT)
