@@ -10,16 +10,15 @@ from typing import Annotated, Any
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FPS, RESOLUTION, SCENE
+from clsim.cli.options import FPS, JSON, RESOLUTION, SCENE_HELP
 from clsim.errors import InputError
 
 
 def tradeoff(
-    scene: SCENE,
+    scene: Annotated[str, typer.Argument(help=SCENE_HELP)],
     quick: Annotated[
         bool, typer.Option("--quick", help="A dozen points of 24 frames of 64x48, in two minutes on 2 cores.")
     ] = False,
-    json_file: Annotated[Path | None, typer.Option("--json", help="Write all figures here, - for stdout.")] = None,
     csv_file: Annotated[Path | None, typer.Option("--csv", help="Write all points here.")] = None,
     plot: Annotated[Path | None, typer.Option(help="Draw the points here, as PNG (needs the [plot] extra).")] = None,
     markdown: Annotated[Path | None, typer.Option(help="Write the Pareto front and what each knob costs here.")] = None,
@@ -27,12 +26,13 @@ def tradeoff(
         int | None, typer.Option(help="Light paths per pixel and frame of the reference. [4096, quick 1024]")
     ] = None,
     resolution: RESOLUTION = None,
-    frames: Annotated[int | None, typer.Option(help="Number of frames. [48, quick 24]")] = None,
+    frame_count: Annotated[int | None, typer.Option(help="Number of frames. [48, quick 24]")] = None,
     fps: FPS = None,
     seeds: Annotated[str, typer.Option(help="Seeds to measure, such as 0,1,2: means and spreads are shown.")] = "0",
     cache: Annotated[
         Path | None, typer.Option(help="Folder that keeps references and measured points. [~/.cache/clsim/tradeoff]")
     ] = None,
+    as_json: JSON = False,
 ) -> None:
     """Measure what speed costs in accuracy: samples, noise, gates, windows, against a clean reference.
 
@@ -50,11 +50,11 @@ def tradeoff(
         quick=quick,
         reference_spp=reference_spp,
         resolution=parse.resolution(resolution) if resolution else None,
-        frames=frames,
+        frames=frame_count,
         fps=fps,
         seeds=parse_seeds(seeds),
     )
-    for file in (json_file, csv_file, plot, markdown):
+    for file in (csv_file, plot, markdown):
         if file is not None and not file.absolute().parent.is_dir():
             raise InputError(f"cannot write {file}: there is no folder {file.absolute().parent}")
     results = _with_progress(options, run_tradeoff)
@@ -64,10 +64,9 @@ def tradeoff(
         from clsim.bench.tradeoff_plot import plot_tradeoff
 
         plot_tradeoff(results, plot)
-    if json_file is not None and str(json_file) == "-":
+    if as_json:
         typer.echo(json.dumps(results))
         return
-    _write(json_file, lambda: json.dumps(results, indent=1) + "\n")
     _print_front(results)
 
 

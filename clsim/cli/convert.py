@@ -9,16 +9,14 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FILES, FORMAT, TEXT_TIME
+from clsim.cli.options import FILES, FORMAT, SENSOR_SIZE, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
 
 
 def convert(
     source: Annotated[str, typer.Argument(metavar="IN", help="An event file, tcp://, unix:// or udp:// address.")],
     target: Annotated[str, typer.Argument(metavar="OUT", help="An address, - for text, or an event file: " + FILES)],
-    resolution: Annotated[
-        str | None, typer.Option(help="WIDTHxHEIGHT of the sensor, for files that do not tell. [found out]")
-    ] = None,
+    resolution: SENSOR_SIZE = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
 ) -> int:

@@ -2,13 +2,37 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, OUT_HELP, TEXT_TIME
-from clsim.detect.config import Bandwidth, Gate, Kernel, Luminance, Precision, Regress, Response
+from clsim.cli.options import (
+    EVENT_RULE,
+    FORMAT,
+    HISTORY,
+    JSON,
+    METHOD,
+    OPENCL,
+    OUT_HELP,
+    TEXT_TIME,
+    WINDOW,
+    advanced,
+)
+from clsim.detect.config import (
+    Bandwidth,
+    DetectorConfig,
+    Gate,
+    Kernel,
+    Luminance,
+    Precision,
+    Regress,
+    Response,
+)
 from clsim.errors import InputError
 
 
@@ -22,64 +46,69 @@ def detect(
     ],
     out: Annotated[list[str], typer.Option(help=OUT_HELP)],
     fps: Annotated[float | None, typer.Option(help="Frames per second. [the times in the files]")] = None,
-    threshold: Annotated[str, typer.Option(help="Contrast threshold: 0.2, or ON,OFF: 0.2,0.25.")] = "0.2",
-    method: METHOD = "esim-ad",
-    gate: Annotated[
-        Gate,
-        typer.Option(
-            help="Where the fit is solved. delta-r-exact (to check delta-r) and published (the ICIP 2023 program's) "
-            "keep old windows and run in numpy, slowly."
-        ),
-    ] = "radiance",
-    gate_scale: Annotated[float, typer.Option(help="s: the radiance gate opens beyond s·C.")] = 1.0,
-    box: Annotated[int, typer.Option(help="Side of the radiance gate's box means [pixels], odd.")] = 5,
-    event_rule: EVENT_RULE = "interpolated",
-    window: Annotated[
-        int | None, typer.Option(help="Side of the window [pixels], odd, 3…21. [7 for irradiance, else 13]")
+    threshold: Annotated[
+        str | None,
+        typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [the frames', or 0.2]"),
     ] = None,
-    stride: Annotated[int, typer.Option(help="Step between the window's samples [pixels], 1…3.")] = 1,
-    history: HISTORY = 1,
-    kernel: Annotated[Kernel, typer.Option(help="Weight of a sample by its distance in feature space.")] = "gaussian",
+    as_json: JSON = False,
+    method: METHOD = None,
+    gate: Annotated[
+        Gate | None,
+        advanced(
+            help="Where esim-ad solves its regression. delta-r-exact (to check delta-r) and published (the ICIP 2023 "
+            "program's) keep old windows and run in numpy, slowly. [radiance]"
+        ),
+    ] = None,
+    gate_scale: Annotated[float | None, advanced(help="s: the radiance gate opens beyond s·C. [1]")] = None,
+    box: Annotated[int | None, advanced(help="Side of the radiance gate's box means [pixels], odd. [5]")] = None,
+    event_rule: EVENT_RULE = None,
+    window: WINDOW = None,
+    stride: Annotated[int | None, advanced(help="Step between the window's samples [pixels], 1…3. [1]")] = None,
+    history: HISTORY = None,
+    kernel: Annotated[
+        Kernel | None, advanced(help="Weight of a sample by its distance in feature space. [gaussian]")
+    ] = None,
     bandwidth: Annotated[
-        Bandwidth,
-        typer.Option(
+        Bandwidth | None,
+        advanced(
             help="fixed; or chosen per pixel: tsvd leaves out noisy directions of feature space, optimised also weighs "
-            "bias against variance. Both need variance planes and run in numpy, slowly."
+            "bias against variance. Both need variance planes and run in numpy, slowly. [fixed]"
         ),
-    ] = "fixed",
-    bandwidth_h: Annotated[float, typer.Option(help="Bandwidth h of the weights.")] = 1.0,
-    ridge: Annotated[float, typer.Option(help="λ: how much β is penalised.")] = 1e-5,
+    ] = None,
+    bandwidth_h: Annotated[float | None, advanced(help="Bandwidth h of the weights. [1]")] = None,
+    ridge: Annotated[float | None, advanced(help="λ: how much β is penalised. [1e-5]")] = None,
     regress: Annotated[
-        Regress,
-        typer.Option(
+        Regress | None,
+        advanced(
             help="What is regressed: log brightness, as in the paper; or linear luminance, whose log is taken then: "
-            "that of few samples is too low on average."
+            "that of few samples is too low on average. [log]"
         ),
-    ] = "log",
+    ] = None,
     shrink: Annotated[
-        float,
-        typer.Option(
+        float | None,
+        advanced(
             help="How readily a pixel's own value counts where its window's residual is more than noise: 0 never, "
-            "1.5 is good. Needs --regress linear and the plane Variance.Luminance."
+            "1.5 is good. Needs --regress linear and the plane Variance.Luminance. [0]"
         ),
-    ] = 0.0,
-    response: Annotated[Response, typer.Option(help="Brightness of a luminance.")] = "ln",
-    luminance: Annotated[Luminance, typer.Option(help="Weights of R, G and B.")] = "rec709",
-    scale: Annotated[float, typer.Option(help="Factor on luminance.")] = 1.0,
-    floor: Annotated[float, typer.Option(help="Smallest luminance after scaling.")] = 1e-4,
-    features: Annotated[str, typer.Option(help="auto, or planes by name: Depth,Nx,Ny,Nz,Albedo.R …")] = "auto",
-    precision: Annotated[Precision, typer.Option(help="Arithmetic of the regression.")] = "float32",
+    ] = None,
+    response: Annotated[Response | None, advanced(help="Brightness of a luminance. [ln]")] = None,
+    luminance: Annotated[Luminance | None, advanced(help="Weights of R, G and B. [rec709]")] = None,
+    scale: Annotated[float | None, advanced(help="Factor on luminance. [the frames', or 1]")] = None,
+    floor: Annotated[float | None, advanced(help="Smallest luminance after scaling. [the frames', or 1e-4]")] = None,
+    features: Annotated[str | None, advanced(help="auto, or planes by name: Depth,Nx,Ny,Nz,Albedo.R … [auto]")] = None,
+    precision: Annotated[Precision | None, advanced(help="Arithmetic of the regression. [float32]")] = None,
     opencl: OPENCL = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
-    as_json: JSON = False,
 ) -> int:
     """Turn a sequence of EXR frames into events.
+
+    Frames of `clsim render` tell in their frames.json which detector they were rendered for: that one is taken, as
+    far as no option says otherwise, and the events are those of `clsim live`. Other frames get esim-ad.
 
     Example: `clsim detect frames --fps 60 --out events.aedat4`
     """
     from clsim.cli.status import run_session
-    from clsim.detect.config import DetectorConfig
     from clsim.events.address import is_standard_output
     from clsim.events.outputs import FileOptions
     from clsim.live.options import RecordingOptions
@@ -87,30 +116,66 @@ def detect(
 
     if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
-    on, off = parse.threshold(threshold)
-    config = DetectorConfig(
-        method=method,
-        gate=gate,
-        event_rule=event_rule,
-        threshold_on=on,
-        threshold_off=off,
-        window=window,
-        stride=stride,
-        history=history,
-        box=box,
-        gate_scale=gate_scale,
-        kernel=kernel,
-        bandwidth=bandwidth,
-        bandwidth_h=bandwidth_h,
-        ridge=ridge,
-        regress=regress,
-        shrink=shrink,
-        response=response,
-        luminance=luminance,
-        scale=scale,
-        floor=floor,
-        features=None if features == "auto" else tuple(name.strip() for name in features.split(",")),
-        precision=precision,
+    on, off = (None, None) if threshold is None else parse.threshold(threshold)
+    config = detector_config(
+        frames,
+        {
+            "method": method,
+            "gate": gate,
+            "event_rule": event_rule,
+            "threshold_on": on,
+            "threshold_off": off,
+            "window": window,
+            "stride": stride,
+            "history": history,
+            "box": box,
+            "gate_scale": gate_scale,
+            "kernel": kernel,
+            "bandwidth": bandwidth,
+            "bandwidth_h": bandwidth_h,
+            "ridge": ridge,
+            "regress": regress,
+            "shrink": shrink,
+            "response": response,
+            "luminance": luminance,
+            "scale": scale,
+            "floor": floor,
+            "features": _features(features),
+            "precision": precision,
+        },
     )
     options = RecordingOptions(frames, config, fps, opencl, tuple(out), FileOptions(format, text_time))
     return run_session(open_recording(options), as_json=as_json)
+
+
+def detector_config(frames: str, given: Mapping[str, Any]) -> DetectorConfig:
+    """Return the detector's options: those ``given`` (None: not given), else those that the frames were made for."""
+    chosen = {name: value for name, value in given.items() if value is not None}
+    base = _told_by(frames)
+    if chosen.get("method", base.method) != base.method:
+        base = replace(base, window=None)
+    return replace(base, **chosen)
+
+
+def _told_by(frames: str) -> DetectorConfig:
+    """Return what frames.json beside the frames tells of the detector that they are for; the defaults if nothing."""
+    from clsim.live.plain import from_plain
+
+    folder = Path(frames) if Path(frames).is_dir() else Path(frames).parent
+    try:
+        told = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return DetectorConfig()
+    except (OSError, ValueError) as error:
+        raise InputError(f"{folder / 'frames.json'}: cannot be read ({error}); remove it, or mend it") from None
+    detector = told.get("detector") if isinstance(told, dict) else None
+    if not isinstance(detector, dict):
+        return DetectorConfig()
+    try:
+        return from_plain(DetectorConfig, detector)
+    except InputError as error:
+        raise InputError(f"{folder / 'frames.json'}: {error}") from None
+
+
+def _features(text: str | None) -> tuple[str, ...] | None:
+    return None if text in (None, "auto") else tuple(name.strip() for name in text.split(","))

@@ -10,84 +10,120 @@ from typing import Annotated
 import typer
 
 from clsim.cli import parse
+from clsim.cli.config import live_options
 from clsim.cli.options import (
+    CONFIG,
+    DURATION,
+    FIRST_HIT_RAYS,
     FOLLOW_SPECULAR,
     FPS,
+    FRAME_COUNT,
     JSON,
     MAX_DEPTH,
+    METHOD,
     NOISE,
+    OPENCL,
+    PROBE_EVERY,
+    PROBE_SPP,
+    QUALITY,
     RENDER_DEVICE,
     RESOLUTION,
     SAMPLER,
+    SAMPLING,
     SCENE,
     SEED,
     SPP,
     STRICT,
     THREADS,
+    THRESHOLD,
+    WINDOW,
 )
 
 
 def render(
-    scene: SCENE,
     out: Annotated[Path, typer.Option(help="Folder for the frames; it must hold no EXR files yet.")],
-    frames: Annotated[int | None, typer.Option(help="Number of frames. [the motion]")] = None,
+    scene: SCENE = None,
+    config: CONFIG = None,
+    duration: DURATION = None,
+    frame_count: FRAME_COUNT = None,
     fps: FPS = None,
-    spp: SPP = 8,
     resolution: RESOLUTION = None,
-    noise: NOISE = "common",
-    sampler: SAMPLER = "pcg",
-    follow_specular: FOLLOW_SPECULAR = True,
-    seed: SEED = 0,
-    max_depth: MAX_DEPTH = 8,
-    threads: THREADS = None,
-    render_device: RENDER_DEVICE = "cpu",
-    strict: STRICT = False,
+    threshold: THRESHOLD = None,
+    quality: QUALITY = None,
+    seed: SEED = None,
     as_json: JSON = False,
+    spp: SPP = None,
+    sampling: SAMPLING = None,
+    probe_spp: PROBE_SPP = None,
+    probe_every: PROBE_EVERY = None,
+    first_hit_rays: FIRST_HIT_RAYS = None,
+    method: METHOD = None,
+    window: WINDOW = None,
+    noise: NOISE = None,
+    sampler: SAMPLER = None,
+    follow_specular: FOLLOW_SPECULAR = None,
+    max_depth: MAX_DEPTH = None,
+    threads: THREADS = None,
+    render_device: RENDER_DEVICE = None,
+    opencl: OPENCL = None,
+    strict: STRICT = None,
 ) -> None:
-    """Render a scene to EXR frames with all planes and their variances.
+    """Render the frames that `clsim live` would render, to EXR files with all their planes.
 
-    Example: `clsim render cornell --out frames --frames 24 --spp 64`
+    `clsim detect` makes the same events of them. Planes of variances are there unless first-hit rays are traced.
+
+    Examples: `clsim render cornell --out frames`, `clsim render cornell --out clean --method esim --spp 512`
     """
     from rich.console import Console
     from rich.progress import track
 
+    from clsim.cli.status import say_about_scene
     from clsim.events.sidecar import write_sidecar
-    from clsim.frames import ALL_PLANES, Frame, page_aligned
     from clsim.frames.exr import ExrWriter
-    from clsim.live.schedule import plan
-    from clsim.live.sidecars import about_camera, camera_pose
-    from clsim.render import PathTracer, RenderOptions
-    from clsim.scene import load_world
+    from clsim.live.rendering import Rendering
 
-    world = load_world(scene, resolution=None if resolution is None else parse.resolution(resolution), strict=strict)
-    schedule = plan(world.duration_s, fps or world.fps, frames=frames)
-    options = RenderOptions(
-        spp=spp,
-        fps=schedule.fps,
-        seed=seed,
-        noise=noise,
-        sampler=sampler,
-        follow_specular=follow_specular,
-        max_depth=max_depth,
-        threads=threads,
-        device=render_device,
-        variances=True,
-        frames=schedule.total,
+    options = live_options(
+        config,
+        {
+            "scene": scene,
+            "duration_s": None if duration is None else parse.duration_s(duration),
+            "frame_count": frame_count,
+            "fps": fps,
+            "resolution": None if resolution is None else parse.resolution(resolution),
+            "threshold": None if threshold is None else parse.threshold(threshold),
+            "quality": quality,
+            "seed": seed,
+            "spp": spp,
+            "sampling": sampling,
+            "probe_spp": probe_spp,
+            "probe_every": probe_every,
+            "first_hit_rays": first_hit_rays,
+            "method": method,
+            "window": window,
+            "noise": noise,
+            "sampler": sampler,
+            "follow_specular": follow_specular,
+            "max_depth": max_depth,
+            "threads": threads,
+            "render_device": render_device,
+            "opencl": opencl,
+            "strict": strict,
+        },
     )
+    rendering = Rendering(options)
     writer = ExrWriter(out)
-    tracer = PathTracer(world, options)
-    frame = Frame(page_aligned((len(ALL_PLANES), tracer.height, tracer.width)), tracer.names)
     console = Console(stderr=True)
-    count = schedule.total or 0
-    for index in track(range(count), "rendering", console=console, disable=not sys.stderr.isatty()):
-        tracer.fill(index, frame)
+    say_about_scene(console, rendering.notes, rendering.warnings)
+    count, quiet = rendering.frame_count, not sys.stderr.isatty()
+    for frame in track(rendering.frames(), "rendering", count, console=console, disable=quiet):
         writer.write(frame)
-    tracer.close()
-    times_us = [schedule.time_us(k) for k in range(count)]
-    poses = [{"time_us": each, "camera_to_world": camera_pose(world.camera, each * 1e-6).tolist()} for each in times_us]
-    about = {"options": {"scene": scene, "spp": spp, "noise": noise, "seed": seed, "max_depth": max_depth}}
-    write_sidecar(out / "frames.json", about | {"camera": about_camera(world.camera), "poses": poses})
+    write_sidecar(out / "frames.json", rendering.about)
+    size = {"width": rendering.width, "height": rendering.height}
     if as_json:
-        typer.echo(json.dumps({"frames": count, "out": str(out), "width": tracer.width, "height": tracer.height}))
-    else:
-        console.print(f"{count} frames of {tracer.width}x{tracer.height} at {spp} spp → {out}", highlight=False)
+        typer.echo(json.dumps({"frames": rendering.frame_count, "out": str(out)} | size))
+        return
+    console.print(
+        f"{rendering.frame_count} frames of {rendering.width}x{rendering.height} ({options.point.text()}) → {out}",
+        highlight=False,
+        soft_wrap=True,
+    )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import JSON
+from clsim.cli.options import JSON, SENSOR_SIZE
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.files import open_source
@@ -19,8 +19,7 @@ from clsim.events.files import open_source
 def score(
     events: Annotated[str, typer.Argument(help="Events to judge: a file of any format that clsim reads.")],
     reference: Annotated[str, typer.Argument(help="Events held to be true.")],
-    width: Annotated[int | None, typer.Option(help="Width of the sensor [pixels]. [the files']")] = None,
-    height: Annotated[int | None, typer.Option(help="Height of the sensor [pixels]. [the files']")] = None,
+    resolution: SENSOR_SIZE = None,
     fps: Annotated[
         float | None, typer.Option(help="Frame rate by which both were made: a frame is ⌈t·fps⌉. [the sidecars']")
     ] = None,
@@ -36,16 +35,15 @@ def score(
     Precision is the share of EVENTS with a reference event near them; the ICIP 2023 paper calls that R(τ), and P(τ)
     what is recall here. F1 is the same.
 
-    Examples: `clsim score live.aedat4 reference.aedat4`, `clsim score a.raw b.raw --width 346 --height 260 --fps 120`
+    Examples: `clsim score live.aedat4 reference.aedat4`, `clsim score a.raw b.raw --resolution 346x260 --fps 120`
     """
     from clsim.score import Sampling, curves, plot_curves
     from clsim.score import score as score_events
 
     (found, found_told), (truth, truth_told) = _read(events), _read(reference)
     told = {events: found_told, reference: truth_told}
-    columns = int(_agreed("--width", width, told))
-    rows = int(_agreed("--height", height, told))
-    rate = _agreed("--fps", fps, told)
+    columns, rows = _agreed("--resolution", None if resolution is None else parse.resolution(resolution), told)
+    rate: float = _agreed("--fps", fps, told)
     result = score_events(found, truth, columns, rows, rate, tau, parse.windows_us(within, "--within"))
     if plot is not None:
         plot_curves({Path(events).stem: curves(found, truth, Sampling(columns, rows, rate))}, plot)
@@ -59,7 +57,7 @@ def score(
         typer.echo(f"{f'F1 within {window / 1000:g} ms':<20} {each.f1:.6g}")
 
 
-def _read(path: str) -> tuple[EventBatch, dict[str, float]]:
+def _read(path: str) -> tuple[EventBatch, dict[str, Any]]:
     """Return the events of a file, and the options that it or its sidecar tells."""
     from clsim.events.sidecar import read_sidecar, sidecar_size
 
@@ -69,14 +67,14 @@ def _read(path: str) -> tuple[EventBatch, dict[str, float]]:
     size = sidecar_size(about)
     if source.width is not None and source.height is not None:
         size = source.width, source.height
-    told: dict[str, float] = {} if size is None else {"--width": size[0], "--height": size[1]}
+    told: dict[str, Any] = {} if size is None else {"--resolution": size}
     fps = about.get("fps")
     if isinstance(fps, int | float) and 0 < fps < float("inf"):
         told["--fps"] = fps
     return batch, told
 
 
-def _agreed(option: str, given: float | None, told: dict[str, dict[str, float]]) -> float:
+def _agreed(option: str, given: Any, told: dict[str, dict[str, Any]]) -> Any:
     """Return an option as it was given, or else as the files tell it."""
     if given is not None:
         return given
@@ -84,6 +82,10 @@ def _agreed(option: str, given: float | None, told: dict[str, dict[str, float]])
     if not values:
         raise InputError(f"{option} is needed, for neither {' nor '.join(told)} tells it")
     if len(set(values.values())) > 1:
-        differing = ", but ".join(f"{path} has {value:g}" for path, value in values.items())
+        differing = ", but ".join(f"{path} has {_text(value)}" for path, value in values.items())
         raise InputError(f"{option}: {differing}; expected recordings that agree, or the option")
     return next(iter(values.values()))
+
+
+def _text(value: Any) -> str:
+    return f"{value[0]}x{value[1]}" if isinstance(value, tuple) else f"{value:g}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -109,19 +110,24 @@ def status_line(session: Session) -> Text:
 
 def _print_start(console: Console, session: Session) -> None:
     """Print where the events can be had, and what the user should know before he waits."""
-
-    def say(sentence: str, style: str | None = None) -> None:
-        console.print(f"clsim: {as_options(sentence)}", style=style, highlight=False, soft_wrap=True)
-
     for output in session.pipeline.outputs:
         if isinstance(output.sink, Exposed) and output.sink.warning:
-            say(output.sink.warning, "yellow")
+            _say(console, output.sink.warning, "yellow")
         if output.name.startswith("tcp://"):
-            say(f"events at {_served_at(output)}")
-    for note in session.notes:
-        say(note, "dim")
-    for sentence in session.warnings:
-        say(sentence, "yellow")
+            _say(console, f"events at {_served_at(output)}")
+    say_about_scene(console, session.notes, session.warnings)
+
+
+def say_about_scene(console: Console, notes: Sequence[str], warnings: Sequence[str]) -> None:
+    """Print what was chosen where a scene leaves it open, and what it asks for and will not get."""
+    for note in notes:
+        _say(console, note, "dim")
+    for sentence in warnings:
+        _say(console, sentence, "yellow")
+
+
+def _say(console: Console, sentence: str, style: str | None = None) -> None:
+    console.print(f"clsim: {as_options(sentence)}", style=style, highlight=False, soft_wrap=True)
 
 
 def _served_at(output: Output) -> str:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from clsim.cli import parse
+from clsim.cli.options import SENSOR_SIZE
 from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.errors import InputError
 from clsim.events.address import is_address
@@ -39,13 +40,11 @@ def view(
         typer.Option("--colours", "--colors", help="Colours of OFF and ON; each pair suits the colour-blind."),
     ] = "blue-orange",
     theme: Annotated[Literal["dark", "light"], typer.Option(help="Ground of the picture.")] = "dark",
-    scale: Annotated[int, typer.Option(help="Side of a sensor pixel in the picture.", min=1, max=16)] = 2,
-    fps: Annotated[float, typer.Option(help="Pictures per second of the video.")] = 30.0,
+    zoom: Annotated[int, typer.Option(help="Side of a sensor pixel in the picture.", min=1, max=16)] = 2,
+    video_fps: Annotated[float, typer.Option(help="Pictures per second of the video.")] = 30.0,
     speed: Annotated[float, typer.Option(help="Seconds of events in a second: 0.1 is slow motion.")] = 1.0,
     at: Annotated[str | None, typer.Option(help="Time of a .png, such as 0.5s. [where most happens]")] = None,
-    resolution: Annotated[
-        str | None, typer.Option(help="WIDTHxHEIGHT of the sensor, for files that do not tell. [found out]")
-    ] = None,
+    resolution: SENSOR_SIZE = None,
 ) -> int:
     """Look at an event file or a live stream.
 
@@ -53,7 +52,7 @@ def view(
     """
     from clsim.events.open import open_events, sensor_size
 
-    for option, value in (("--fps", fps), ("--speed", speed), ("--contrast", contrast)):
+    for option, value in (("--video-fps", video_fps), ("--speed", speed), ("--contrast", contrast)):
         if not 0 < value < float("inf"):
             raise InputError(f"{option} must be a positive number, got {value}")
     if to is None:
@@ -64,9 +63,9 @@ def view(
             from clsim.live.view.picture import Film, Look, write_picture
 
             accumulate_us = max(1, round(parse.duration_s(accumulate, "--accumulate") * 1e6))
-            look = Look(accumulate_us, decay, contrast, colours, theme, scale)
+            look = Look(accumulate_us, decay, contrast, colours, theme, zoom)
             at_us = None if at is None else round(parse.duration_s(at, "--at") * 1e6)
-            count = write_picture(to, source, size, look, Film(fps, speed), at_us)
+            count = write_picture(to, source, size, look, Film(video_fps, speed), at_us)
             typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
         elif where == "terminal":
             _in_terminal(events, source, size, speed)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO, get_args
 import typer
 from typer.core import TyperCommand
 
+from clsim.cli.options import advanced
 from clsim.cli.words import real_time_share
 from clsim.errors import InputError
 
@@ -28,7 +29,7 @@ VIEW = Annotated[
 ]
 PORT = Annotated[
     str | None,
-    typer.Option(help="Port of the page; HOST:PORT opens it to other machines. [8787 or a free one, for this machine]"),
+    advanced(help="Port of the page; HOST:PORT opens it to other machines. [8787 or a free one, for this machine]"),
 ]
 
 

@@ -19,13 +19,15 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from clsim.errors import InputError
-from clsim.frames.planes import ALBEDO, ALL_PLANES, COVERAGE, DEPTH, NORMAL, RADIANCE
+from clsim.frames.planes import ALBEDO, COVERAGE, DEPTH, NORMAL, RADIANCE, rendered_planes
 
 MissMark = Literal["none", "zero depth", "far depth", "zero position"]
 FAR_M = 1e9
 """Blender writes this depth or more where nothing was hit."""
 POSITION = ("Position.X", "Position.Y", "Position.Z")
 """Pseudo-planes of a layout that has positions instead of depth."""
+_FILE_PLANES = rendered_planes(first_hit_rays=True, variances=True).names
+"""Every plane that a file may give."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +50,13 @@ class Layout:
         return POSITION[0] in self.channels
 
     def planes(self, with_depth: bool) -> tuple[str, ...]:
-        """Return the planes that a file gives, in the order of `ALL_PLANES`; ``with_depth``: from positions too."""
+        """Return the planes that a file gives, in the order of frames; ``with_depth``: from positions too."""
         have = set(self.channels)
         if self.has_position and with_depth:
             have |= set(DEPTH)
         if self.miss == "zero position" or (self.miss != "none" and DEPTH[0] in have):
             have |= set(COVERAGE)
-        return tuple(name for name in ALL_PLANES if name in have)
+        return tuple(name for name in _FILE_PLANES if name in have)
 
 
 def recognise(channels: Iterable[str], file: str) -> Layout:
@@ -75,7 +77,7 @@ def recognise(channels: Iterable[str], file: str) -> Layout:
 def _planes(names: set[str], file: str) -> Layout | None:
     if not set(RADIANCE) <= names:
         return None
-    return Layout("planes", {name: name for name in ALL_PLANES if name in names})
+    return Layout("planes", {name: name for name in _FILE_PLANES if name in names})
 
 
 def _pbrt(names: set[str], file: str) -> Layout | None:

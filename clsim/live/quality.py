@@ -95,11 +95,6 @@ DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 
 
-def describe_qualities() -> str:
-    """Return one clause for each named point, for ``--help``."""
-    return "; ".join(f"{name}: {point.text()}" for name, point in QUALITIES.items())
-
-
 def setting_names() -> tuple[str, ...]:
     """Return the names of the settings that a point has."""
     return tuple(field.name for field in fields(Point))

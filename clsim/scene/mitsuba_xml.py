@@ -24,8 +24,6 @@ MAX_DEPTH = 64
 MAX_ELEMENTS = 1_000_000
 MAX_INCLUDES = 100
 MAX_TEXT = 1 << 16
-UNUSED = ("integrator", "sampler", "rfilter")
-"""Objects that change nothing here: their parameters need no values."""
 PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector")
 
 
@@ -96,7 +94,7 @@ def read_scene(path: Path) -> tuple[Plugin, bool]:
     if match is None:
         raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")
     legacy = int(match[0]) < 2
-    return _Reader(path.parent, legacy, root).plugin(root, path.parent, {}), legacy
+    return _Reader(path.parent, legacy).plugin(root, path.parent, {}), legacy
 
 
 def _parse(path: Path) -> Element:
@@ -142,11 +140,9 @@ def _parse(path: Path) -> Element:
 class _Reader:
     """Turns elements into plugins: parameters filled in, files included, references resolved."""
 
-    def __init__(self, folder: Path, legacy: bool, scene: Element) -> None:
-        self.root, self.legacy = folder, legacy
+    def __init__(self, root: Path, legacy: bool) -> None:
+        self.root, self.legacy = root, legacy
         self.named: dict[str, Plugin] = {}
-        self.later = {child.attributes["id"]: child for child in scene.children if "id" in child.attributes}
-        self.searched: list[Path] = []
         self.includes = 0
 
     def plugin(self, element: Element, folder: Path, defaults: dict[str, str]) -> Plugin:
@@ -168,8 +164,6 @@ class _Reader:
 
     def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: dict[str, str]) -> None:
         for child in element.children:
-            if child.tag in UNUSED:
-                continue
             if child.tag == "default":
                 attributes = _filled(child, defaults)
                 defaults.setdefault(attributes.get("name", ""), attributes.get("value", ""))
@@ -179,40 +173,25 @@ class _Reader:
             if child.tag == "include":
                 self._include(plugin, child, attributes, folder, defaults)
             elif child.tag == "ref":
-                plugin.children.append(self._reference(child, attributes, name, defaults))
+                plugin.children.append(self._reference(child, attributes, name))
             elif child.tag == "alias":
-                self.named[attributes.get("as", "")] = self._reference(child, attributes, "", defaults)
+                self.named[attributes.get("as", "")] = self._reference(child, attributes, "")
             elif child.tag in PROPERTIES:
                 setting = Setting(folder, self.legacy, plugin.kind in ("emitter", "luminaire"))
                 plugin.values[name] = value_of(child, attributes, setting)
-                if name == "filename":
-                    plugin.values[name] = self._found(plugin.values[name], folder)
             elif child.tag == "transform":
                 plugin.values[name] = _transform(child, defaults)
             elif child.tag == "animation":
                 plugin.values[name] = _animation(child, defaults)
             elif "type" in attributes:
                 plugin.children.append(self.plugin(child, folder, defaults))
-            elif child.tag == "path":
-                self.searched.append(folder / attributes.get("value", ""))
-            else:
+            elif child.tag != "path":
                 raise InputError(f"{child.place}: <{child.tag}> is neither a property nor an object with a type")
 
-    def _found(self, name: Any, folder: Path) -> Any:
-        """Return a file's name, with the folder that <path> tells of where it is not beside the scene."""
-        if isinstance(name, str) and not (folder / name).exists():
-            return next((str(other / name) for other in self.searched if (other / name).exists()), name)
-        return name
-
-    def _reference(self, element: Element, attributes: dict[str, str], name: str, defaults: dict[str, str]) -> Plugin:
-        wanted = attributes.get("id", "")
-        if wanted not in self.named and wanted in self.later:  # defined further down; each is tried once
-            self.plugin(self.later.pop(wanted), self.root, defaults)
-        target = self.named.get(wanted)
+    def _reference(self, element: Element, attributes: dict[str, str], name: str) -> Plugin:
+        target = self.named.get(attributes.get("id", ""))
         if target is None:
-            raise InputError(
-                f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined in the scene"
-            )
+            raise InputError(f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined before")
         return Plugin(target.kind, target.type, name, target.values, target.children, target.place, target.folder)
 
     def _include(

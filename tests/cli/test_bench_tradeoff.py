@@ -22,13 +22,15 @@ POINTS = [
 
 def test_the_files_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., Any]) -> None:
     monkeypatch.setattr(tradeoff, "quick_points", lambda seed: POINTS)
-    files = {name: tmp_path / f"out.{name}" for name in ("json", "csv", "plot", "markdown")}
-    outcome = clsim(
-        "bench", "tradeoff", "two-boxes", "--quick", "--resolution", "16x12", "--frames", 4, "--fps", 20,
+    files = {name: tmp_path / f"out.{name}" for name in ("csv", "plot", "markdown")}
+    command = (
+        "bench", "tradeoff", "two-boxes", "--quick", "--resolution", "16x12", "--frame-count", 4, "--fps", 20,
         "--reference-spp", 16, "--cache", tmp_path / "cache", *(x for n, f in files.items() for x in (f"--{n}", f)),
     )  # fmt: skip
+    outcome = clsim(*command)
     assert outcome.status == 0 and "ceiling" in outcome.stdout
-    stored = json.loads(files["json"].read_text())
+    again = clsim(*command, "--json")  # from the cache
+    stored = json.loads(again.stdout)
     rows = list(csv.DictReader(files["csv"].open()))
     assert [row["gate"] for row in rows] == ["", "radiance", "delta-r"]
     assert [float(row["f1"]) for row in rows] == [point["f1"] for point in stored["points"]]

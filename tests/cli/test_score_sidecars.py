@@ -35,7 +35,7 @@ def test_size_and_rate_come_from_the_sidecars(clsim, tmp_path: Path) -> None:
     found = record(tmp_path / "found.txt", [11_000], **size(8, 4), fps=50.0)
     truth = record(tmp_path / "truth.txt", [16_000], **size(8, 4), fps=50.0)
     f1 = []
-    for options in ([], ["--width", 8, "--height", 4, "--fps", 50], ["--fps", 200]):
+    for options in ([], ["--resolution", "8x4", "--fps", 50], ["--fps", 200]):
         outcome = clsim("score", found, truth, "--json", *options)
         assert outcome.status == 0, outcome.stderr
         f1.append(json.loads(outcome.stdout)["f1"])
@@ -62,13 +62,12 @@ def test_one_sidecar_is_enough(clsim, tmp_path: Path) -> None:
             {**size(8, 4), "fps": 50},
             {**size(8, 5), "fps": 60},
             ["--fps", "50"],
-            "--height: {}/a.txt has 4, but {}/b.txt has 5; expected recordings that agree, or the option",
+            "--resolution: {}/a.txt has 8x4, but {}/b.txt has 8x5; expected recordings that agree, or the option",
         ),
-        ({"fps": 50}, size(8, 4), ["--width", "8"], None),
+        ({"fps": 50}, {}, ["--resolution", "8x4"], None),
         (size(8, 4), {}, [], "--fps is needed, for neither {}/a.txt nor {}/b.txt tells it"),
-        ({"fps": 50}, {}, ["--width", "8"], "--height is needed, for neither {}/a.txt nor {}/b.txt tells it"),
         ({**size(8, 4), "fps": -1}, {}, [], "--fps is needed, for neither {}/a.txt nor {}/b.txt tells it"),
-        ({"camera": 3, "fps": 50}, {}, [], "--width is needed, for neither {}/a.txt nor {}/b.txt tells it"),
+        ({"camera": 3, "fps": 50}, {}, [], "--resolution is needed, for neither {}/a.txt nor {}/b.txt tells it"),
     ],
 )
 def test_what_cannot_be_known_is_asked_for(clsim, tmp_path: Path, found, truth, options, expected) -> None:
@@ -85,7 +84,7 @@ def test_a_file_beside_it_that_is_no_sidecar_tells_nothing(clsim, tmp_path: Path
     paths = [record(tmp_path / f"{name}.txt", [11_000]) for name in "ab"]
     (tmp_path / "b.txt.json").write_text(text)
     outcome = clsim("score", *paths)
-    assert outcome.status == 2 and "--width is needed" in outcome.stderr
+    assert outcome.status == 2 and "--resolution is needed" in outcome.stderr
 
 
 def test_detected_frames_tell_all_that_is_needed(clsim, tmp_path: Path) -> None:

@@ -48,7 +48,7 @@ def test_convert_a_broken_file(clsim: Callable[..., object], tmp_path: Path) -> 
 
 
 def test_view_to_a_picture(clsim: Callable[..., object], recording: Path, tmp_path: Path) -> None:
-    arguments = ("--colors", "grey", "--theme", "light", "--scale", "3", "--at", "500ms", "--decay")
+    arguments = ("--colors", "grey", "--theme", "light", "--zoom", "3", "--at", "500ms", "--decay")
     outcome = clsim("view", recording, "--to", tmp_path / "still.png", *arguments)
     assert outcome.status == 0
     with Image.open(tmp_path / "still.png") as picture:
@@ -59,9 +59,9 @@ def test_view_to_a_picture(clsim: Callable[..., object], recording: Path, tmp_pa
     ("arguments", "sentence"),
     [
         (["--to", "film.avi"], ".mp4"),
-        (["--to", "film.gif", "--fps", "0"], "--fps"),
+        (["--to", "film.gif", "--video-fps", "0"], "--video-fps"),
         (["--to", "film.gif", "--accumulate", "soon"], "--accumulate"),
-        (["--to", "film.gif", "--scale", "0"], "--scale"),
+        (["--to", "film.gif", "--zoom", "0"], "--zoom"),
         (["--to", "film.gif", "--resolution", "5"], "--resolution"),
         (["--port", "http"], "--port"),
         (["--port", "99999"], "--port"),

@@ -104,7 +104,7 @@ def play(url: str, *said: str, until: int) -> list[Any]:
 @pytest.fixture
 def player(tmp_path: Path) -> Iterator[Player]:
     sink = open_sink(tmp_path / "events.aedat4", 20, 10)
-    sink.write(EVENTS)
+    sink.write(EVENTS, 3_000_000)
     sink.close()
     opened = Player(lambda: open_source(tmp_path / "events.aedat4"), "a test", 20, 10, port=0)
     yield opened
@@ -168,7 +168,7 @@ def play_live(sink: ViewSink, *said: str) -> list[Any]:
             for text in said:
                 await stream.send_str(text)
             await asyncio.sleep(0.1)
-            sink.write(EVENTS)
+            sink.write(EVENTS, 3_000_000)
             while (message := await asyncio.wait_for(stream.receive(), 10)).type == aiohttp.WSMsgType.TEXT:
                 pass
             return [message.data]

@@ -44,7 +44,7 @@ def test_the_table_says_what_detect_and_score_say(folder, monkeypatch, clsim):  
     clsim("detect", folder / "clean", "--out", "ref.npz", "--method", "esim", *common)
     detected = clsim("detect", folder / "noisy", "--out", "got.npz", "--window", 9, "--history", 3, *common, "--json")
     solved = json.loads(detected.stdout)["solved_share"]
-    size = ["--width", 11, "--height", 9, "--fps", 100, "--json"]
+    size = ["--resolution", "11x9", "--fps", 100, "--json"]
     scores = json.loads(clsim("score", "got.npz", "ref.npz", *size).stdout)
     found = cells(second, "| radiance K9 T3 | noisy")
     number = paper_tables.number

@@ -1,0 +1,84 @@
+"""``--config``: the options of a run from a file, such as the sidecar of what an earlier run wrote."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clsim.errors import InputError
+
+if TYPE_CHECKING:
+    from clsim.live.options import LiveOptions
+
+_LENGTHS = ("duration_s", "frame_count")
+"""Two ways to say one thing: who gives one means it instead of the other."""
+
+
+def read_config(path: Path) -> dict[str, Any]:
+    """Return the options that a file holds: a JSON object of them, or with them under ``options``, as in a sidecar."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"--config {path}: cannot be read ({error.strerror})") from None
+    except ValueError as error:
+        raise InputError(f"--config {path}: is no JSON ({error})") from None
+    options = found.get("options", found) if isinstance(found, dict) else None
+    if not isinstance(options, dict):
+        raise InputError(f"--config {path}: holds no options; expected a JSON object, such as a sidecar")
+    return dict(options)
+
+
+def live_options(config: Path | None, given: Mapping[str, Any], files: Mapping[str, Any] | None = None) -> LiveOptions:
+    """Return the options of a run: those ``given`` on the command line (None: not given), else those of a file.
+
+    Where events go is never repeated: what is there already shall stay. Of how ``files`` are written, their time and
+    frames are, where they suit the new outputs; the format is told by their names.
+    """
+    from clsim.events.outputs import FileOptions
+    from clsim.live.options import LiveOptions
+    from clsim.live.quality import setting_names
+
+    chosen, written = _given(given), _given(files or {})
+    if config is None:
+        return LiveOptions(**_with_scene(chosen), files=FileOptions(**written))
+    base = {name: value for name, value in read_config(config).items() if name != "outputs"}
+    how = _suited(base.pop("files", {}), chosen.get("outputs", ()))
+    if "quality" in chosen:
+        base = {name: value for name, value in base.items() if name not in setting_names()}
+    if any(name in chosen for name in _LENGTHS):
+        base = {name: value for name, value in base.items() if name not in _LENGTHS}
+    if "scene" in chosen:
+        base["scene"] = chosen["scene"]
+    try:
+        repeated = LiveOptions.from_dict(_with_scene(base))
+    except InputError as error:
+        raise InputError(f"--config {config}: {error}") from None
+    return replace(repeated, **chosen, files=FileOptions(**(how | written)))
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _with_scene(options: dict[str, Any]) -> dict[str, Any]:
+    if "scene" not in options:
+        raise InputError("which scene? Name a bundled one (see `clsim scenes`), a scene file, or a --config")
+    return options
+
+
+def _suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
+    """Return the settings of ``files`` that concern one of the outputs."""
+    from clsim.events.outputs import FileOptions
+    from clsim.live.plain import from_plain
+
+    told = from_plain(FileOptions, files if isinstance(files, dict) else {})
+    suited: dict[str, Any] = {}
+    for alone in (FileOptions(text_time=told.text_time), FileOptions(frames=told.frames)):
+        with contextlib.suppress(InputError):
+            alone.check(outputs)
+            suited |= {name: value for name, value in vars(alone).items() if value}
+    return suited

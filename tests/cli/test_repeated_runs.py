@@ -1,0 +1,163 @@
+"""A run can be had again: from its sidecar, and from the frames that it would render."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from clsim.cli.config import live_options
+from clsim.errors import InputError
+from clsim.live.options import LiveOptions
+
+SMALL = ("two-boxes", "--resolution", "32x24", "--fps", "60", "--frame-count", "7", "--threshold", "0.15,0.25")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [(), ("--quality", "draft"), ("--quality", "published", "--spp", "2"), ("--method", "esim-ad", "--spp", "2")],
+    ids=lambda options: " ".join(options) or "balanced",
+)
+def test_rendered_and_detected_frames_give_the_events_of_the_live_run(
+    clsim: Callable[..., object], tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    live, detected = tmp_path / "live.txt", tmp_path / "detected.txt"
+    assert clsim("live", *SMALL, *options, "--seed", "3", "--out", live).status == 0
+    rendered = clsim("render", *SMALL, *options, "--seed", "3", "--out", tmp_path / "frames", "--json")
+    assert json.loads(rendered.stdout) == {
+        "frames": 7, "out": str(tmp_path / "frames"), "width": 32, "height": 24,
+    }  # fmt: skip
+    outcome = clsim("detect", tmp_path / "frames", "--out", detected)
+    assert outcome.status == 0, outcome.stderr
+    assert live.stat().st_size > 0 and detected.read_bytes() == live.read_bytes()
+
+
+def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: Path) -> None:
+    """Every option, so that the same frames can be had again, and what a detector needs."""
+    command = ("render", *SMALL, "--quality", "draft", "--sampler", "pcg", "--max-depth", "3")
+    assert clsim(*command, "--out", tmp_path / "a").status == 0
+    about = json.loads((tmp_path / "a" / "frames.json").read_text())
+    options = about["options"]
+    assert set(options) >= set(LiveOptions.__dataclass_fields__)
+    assert (options["sampler"], options["fps"], options["resolution"]) == ("pcg", 60.0, [32, 24])
+    assert (options["max_depth"], options["spp"], options["first_hit_rays"]) == (3, 1, 4)
+    assert about["fps"] == 60 and about["thresholds"] == {"on": 0.15, "off": 0.25}
+    assert about["detector"]["method"] == "irradiance" and len(about["poses"]) == 7
+    assert clsim("render", "--config", tmp_path / "a" / "frames.json", "--out", tmp_path / "b").status == 0
+    for file in sorted((tmp_path / "a").glob("*.exr")):
+        assert (tmp_path / "b" / file.name).read_bytes() == file.read_bytes()
+    given = clsim("detect", tmp_path / "a", "--method", "esim", "--threshold", "0.3", "--out", tmp_path / "x.txt")
+    assert given.status == 0
+    detector = json.loads((tmp_path / "x.txt.json").read_text())["options"]["config"]
+    assert (detector["method"], detector["window"], detector["threshold_on"]) == ("esim", None, 0.3)
+
+
+def test_a_render_prints_what_the_scene_will_not_get(clsim: Callable[..., object], tmp_path: Path) -> None:
+    scene = tmp_path / "scene.xml"
+    scene.write_text(
+        '<scene version="3.0.0"><sensor type="perspective"/><emitter type="constant"/>'
+        '<shape type="sphere"><bsdf type="phong"/></shape></scene>'
+    )
+    said = {}
+    for command in ("render", "live"):
+        out = tmp_path / ("frames" if command == "render" else "a.txt")
+        words = ("--method", "esim", "--spp", "1", "--resolution", "8x6", "--frame-count", "1", "--out", out)
+        outcome = clsim(command, scene, *words)
+        assert outcome.status == 0, outcome.stderr
+        said[command] = [line for line in outcome.stderr.splitlines() if line.startswith("clsim: ")]
+    assert said["render"] == said["live"] != []
+
+
+def test_a_broken_frames_json_is_refused(clsim: Callable[..., object], tmp_path: Path) -> None:
+    assert clsim("render", *SMALL[:-2], "--quality", "draft", "--out", tmp_path / "f").status == 0
+    for text, sentence in (
+        ("{", "frames.json: cannot be read"),
+        ('{"detector": {"metod": "esim"}}', "did you mean 'method'"),
+    ):
+        (tmp_path / "f" / "frames.json").write_text(text)
+        outcome = clsim("detect", tmp_path / "f", "--out", tmp_path / "x.txt")
+        assert outcome.status == 2 and sentence in outcome.stderr
+    (tmp_path / "f" / "frames.json").write_text("{}")
+    assert clsim("detect", tmp_path / "f", "--method", "esim", "--out", tmp_path / "x.txt").status == 0
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--quality", "draft"),
+        (),
+        ("--quality", "published", "--spp", "2", "--duration", "60ms"),
+        ("--loop", "--seed", "5"),
+    ],
+    ids=lambda options: " ".join(options) or "balanced",
+)
+def test_a_run_is_repeated_from_its_sidecar(
+    clsim: Callable[..., object], tmp_path: Path, options: tuple[str, ...]
+) -> None:
+    size = SMALL[:5] if "--duration" in options else SMALL
+    first, again = tmp_path / "events.aedat4", tmp_path / "again.aedat4"
+    assert clsim("live", *size, *options, "--out", first).status == 0
+    sidecar = tmp_path / "events.aedat4.json"
+    before = sidecar.read_bytes(), first.read_bytes()
+    outcome = clsim("live", "--config", sidecar, "--out", again)
+    assert outcome.status == 0, outcome.stderr
+    assert len(before[1]) > 1000 and again.read_bytes() == first.read_bytes()
+    assert (sidecar.read_bytes(), first.read_bytes()) == before, "what is repeated must not be touched"
+    told, retold = (json.loads(Path(f"{name}.json").read_text())["options"] for name in (first, again))
+    assert retold.pop("outputs") == [str(again)] and told.pop("outputs") and retold == told
+
+
+def config(tmp_path: Path, **options: object) -> Path:
+    path = tmp_path / "config.json"
+    path.write_text(json.dumps(options))
+    return path
+
+
+def test_options_given_win_over_the_file(tmp_path: Path) -> None:
+    run = LiveOptions("cornell", quality="accurate", duration_s=1.0, seed=4, fps=30.0, outputs=("a.txt",))
+    file = config(tmp_path, options=run.as_dict())
+    again = live_options(file, {"outputs": ("b.h5",), "fps": 60.0})
+    assert (again.scene, again.seed, again.fps, again.outputs) == ("cornell", 4, 60.0, ("b.h5",))
+    assert again.point == run.point
+    assert live_options(file, {}).outputs == ()
+    assert live_options(file, {"scene": "still"}).scene == "still"
+    # A quality means all its settings, not those of the file; a number of frames means no duration.
+    assert live_options(file, {"quality": "draft"}).point == LiveOptions("cornell", quality="draft").point
+    assert live_options(file, {"frame_count": 3}).duration_s is None
+    assert live_options(file, {"duration_s": 2.0}).duration_s == 2.0
+
+
+def test_how_files_are_written_is_repeated_where_it_suits(tmp_path: Path) -> None:
+    file = config(tmp_path, scene="still", files={"format": "evt2", "text_time": "s", "frames": True})
+    assert vars(live_options(file, {"outputs": ("a.txt",)}).files) == {
+        "format": None,
+        "text_time": "s",
+        "frames": False,
+    }
+    assert live_options(file, {"outputs": ("a.aedat4",)}).files.frames
+    assert not live_options(file, {"outputs": ("a.aedat4",)}, {"frames": False}).files.frames
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        (None, "cannot be read"),
+        ("{", "is no JSON"),
+        ("[]", "holds no options"),
+        ('{"options": 3}', "holds no options"),
+        ('{"scene": "still", "sppp": 3}', "did you mean 'spp'"),
+        ('{"scene": "still", "spp": "8"}', "`spp` must be"),
+        ('{"spp": 8}', "which scene"),
+    ],
+)
+def test_files_that_hold_no_options(tmp_path: Path, text: str | None, sentence: str) -> None:
+    path = tmp_path / "config.json"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises(InputError, match=sentence):
+        live_options(path, {})
+
+
+def test_a_scene_is_asked_for(clsim: Callable[..., object]) -> None:
+    outcome = clsim("live")
+    assert outcome.status == 2 and "which scene?" in outcome.stderr
