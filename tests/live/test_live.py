@@ -14,6 +14,8 @@ import pytest
 import clsim
 from clsim.events import SinkError
 from clsim.events.files import open_source
+from clsim.live.options import LiveOptions
+from clsim.live.session import open_live
 from clsim.score import score
 
 SIZE = (64, 48)
@@ -127,6 +129,83 @@ def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, m
     assert len(np.concatenate(list(open_source(out)))) == summary["events"]
     about = json.loads(out.with_name("events.aedat4.json").read_text())
     assert about["complete"] is False and about["summary"]["events"] == summary["events"]
+
+
+def test_an_interrupt_ends_within_a_second_though_nobody_reads(tmp_path: Path) -> None:
+    """A full pipe stalls the run; the file beside it is completed all the same, with all that was counted."""
+    out = tmp_path / "events.aedat4"
+    arguments = ["live", "two-boxes", "--resolution", "64x48", "--quality", "draft", "--loop", "--threshold", "0.02"]
+    run = subprocess.Popen(
+        [sys.executable, "-m", "clsim", *arguments, "--out", "-", "--out", str(out)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        size, deadline = -1, time.monotonic() + 100
+        while time.monotonic() < deadline:  # until nothing is written any longer
+            time.sleep(1.0)
+            if out.exists() and out.stat().st_size == size > 2000:
+                break
+            size = out.stat().st_size if out.exists() else -1
+        begun = time.monotonic()
+        run.send_signal(signal.SIGINT)
+        run.wait(20)
+        took_s = time.monotonic() - begun
+    finally:
+        run.kill()
+    assert run.returncode == 130
+    assert took_s < 2.5, "a second to stop, and what the interpreter takes to end"
+    about = json.loads((tmp_path / "events.aedat4.json").read_text())
+    assert about["complete"] is False
+    assert len(clsim.open(out).read()) == about["summary"]["events"] > 0
+    broken, whole = about["summary"]["outputs"]
+    assert "takes no more events" in broken["error"] and "error" not in whole
+
+
+def test_a_run_is_repeated_from_its_sidecar(tmp_path: Path) -> None:
+    again = {"outputs": [str(tmp_path / "b.aedat4")]}
+    given = {"resolution": (32, 24), "frame_count": 5, "fps": 60.0, "quality": "accurate", "spp": 6, "seed": 4}
+    open_live(LiveOptions("cornell", **given, outputs=(str(tmp_path / "a.aedat4"),))).run()
+    about = json.loads((tmp_path / "a.aedat4.json").read_text())
+    summary = open_live(LiveOptions.from_dict(about["options"] | again)).run()
+    assert (tmp_path / "a.aedat4").read_bytes() == (tmp_path / "b.aedat4").read_bytes()
+    assert summary.events == about["summary"]["events"] > 0
+    assert (tmp_path / "a.aedat4.poses.txt").read_text() == (tmp_path / "b.aedat4.poses.txt").read_text()
+
+
+def test_a_run_tells_of_an_output_that_failed(tmp_path: Path) -> None:
+    class Full:
+        def write(self, events: np.ndarray, end_us: int) -> None:
+            raise SinkError("full.txt: no space left")
+
+        def close(self) -> None:
+            pass
+
+    kept = tmp_path / "kept.npz"
+    options = LiveOptions("still", resolution=(16, 12), frame_count=2, outputs=(str(kept),))
+    with pytest.raises(SinkError, match=r"^full.txt: no space left$"):
+        open_live(options, extra_sinks=(Full(),)).run()
+    about = json.loads(kept.with_name("kept.npz.json").read_text())
+    assert about["complete"] and about["summary"]["frames"] == 2 and len(about["summary"]["outputs"]) == 2
+
+
+def test_processor_time_counts_processes_that_a_run_begins(tmp_path: Path) -> None:
+    class Busy:
+        """A sink that works in a process of its own."""
+
+        def write(self, events: np.ndarray, end_us: int) -> None:
+            pass
+
+        def close(self) -> None:
+            script = "import time\nwhile time.process_time() < 1.5: pass"
+            subprocess.run([sys.executable, "-c", script], check=True)
+
+    options = LiveOptions("still", resolution=(16, 12), frame_count=2, quality="draft")
+    session = open_live(options, extra_sinks=(Busy(),))
+    before_s = time.process_time()
+    summary = session.run()
+    assert summary.cpu_s >= 1.5 and time.process_time() - before_s < summary.cpu_s - 1.2
 
 
 def test_an_interrupt_while_kernels_are_built(tmp_path: Path) -> None:
