@@ -64,7 +64,8 @@ def test_python_in_the_page_on_the_library_runs(
 ) -> None:
     for library in re.findall(r"^(?:import|from) (\w+)", block, re.MULTILINE):
         pytest.importorskip(library, reason=f"{library} is not installed")
-    shutil.copy(recorded / "events.aedat4", tmp_path)
+    for name in ("events.aedat4", "events.aedat4.json"):
+        shutil.copy(recorded / name, tmp_path)
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for code in (READ_ALL, block):
