@@ -2,62 +2,68 @@
 //
 // Work-item: VW pixels. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH.
 
+#include "model.clh"
+#include "brightness.clh"
+
 static inline void decide(
-    __global real *state, int span, realv mask, realv ref, realv predicted, realv solve, real on, real off, int inside,
-    __global uchar *out_flags)
+    realv mask, realv ref, realv predicted, realv now, __global const real *before, realv solve, real on, real off,
+    int inside, __global real *out_level, __global uchar *out_flags)
 {
     realv low = ref - off, high = ref + on;
     realv level = predicted > high ? high : predicted;
     level = level < low ? low : level;
     const realv ready = ref == ref ? (realv)1 : (realv)0;
     const realv flag = mask > 0 ? (ready > 0 ? (realv)KEPT + solve : (realv)FRESH) : (realv)SKIPPED;
-    const realv before = LOAD(state + S_LEVEL * span);
-    STORE(state + S_LEVEL * span, flag == (realv)KEPT ? level : before);
+    level = flag == (realv)KEPT ? level : now;
+    STORE(out_level, flag == (realv)SKIPPED ? LOAD(before) : level);
     for (int lane = 0; lane < VW; lane++) out_flags[lane] = lane < inside ? (uchar)((real *)&flag)[lane] : SKIPPED;
 }
 
 // The level of every pixel is known (its log luminance, or a regression): those that reach a threshold may fire.
 __kernel void gate_level(
     __global const real *packed, long start, __global const real *level, long level_row, long level_start, int pitch, int span,
-    int width, real on, real off, __global real *state, __global uchar *out_flags)
+    int width, __global const real *references, real on, real off, __global const real *before, __global real *out_level,
+    __global uchar *out_flags)
 {
     const int x = get_global_id(0) * VW, y = get_global_id(1);
+    const size_t at = (size_t)y * span + x;
     const realv mask = LOAD(packed + start + (size_t)(y + BORDER) * PLANES * pitch + BORDER + x);
     const realv now = levels_of(LOAD(level + y * level_row + level_start + x));
-    state += (size_t)y * STATE_PLANES * span + x;
-    const realv ref = LOAD(state + S_REF * span), change = now - ref;
+    const realv ref = LOAD(references + at), change = now - ref;
     const realv solve = change >= on ? (realv)1 : (change <= -off ? (realv)1 : (realv)0);
-    decide(state, span, mask, ref, now, solve, on, off, width - x, out_flags + (size_t)y * span + x);
+    decide(mask, ref, now, now, before + at, solve, on, off, width - x, out_level + at, out_flags + at);
 }
 
 #ifdef MODEL
 // The closed form of the paper's test: dR = (beta.delta)^2 (Tsuji et al., ICIP 2023, proposition 1), counted from the
 // reference; with RADIANCE also what box means show beyond the features, and features that leave their old range.
 __kernel void gate_model(
-    __global const real *packed, long start, __global const real *boxes, int pitch, int span, int width, real on, real off,
-    real share, __global real *state, __global uchar *out_flags)
+    __global const real *packed, long start, __global const real *boxes, int pitch, int span, int width, real share,
+    __global const real *model, __global const real *references, real on, real off, __global const real *before,
+    __global real *out_level, __global uchar *out_flags)
 {
     const int x = get_global_id(0) * VW, y = get_global_id(1);
     packed += start + (size_t)(y + BORDER) * PLANES * pitch + BORDER + x;
     const realv mask = LOAD(packed);
-    state += (size_t)y * STATE_PLANES * span + x;
-    const realv ref = LOAD(state + S_REF * span);
+    model += (size_t)y * MODEL_PLANES * span + x;
+    const size_t at = (size_t)y * span + x;
+    const realv ref = LOAD(references + at);
     realv moved = 0, solve = 0;
 #ifdef RADIANCE
     boxes += (size_t)y * BOX_PLANES * span + x;
-    realv unexplained = LOAD(boxes + B_BRIGHTNESS * span) - LOAD(state + S_BOX * span);
-    unexplained -= LOAD(state + S_SLOPE * span) * LOAD(boxes + B_X * span);
-    unexplained -= LOAD(state + (S_SLOPE + 1) * span) * LOAD(boxes + B_Y * span);
+    realv unexplained = LOAD(boxes + B_BRIGHTNESS * span) - LOAD(model + M_BOX * span);
+    unexplained -= LOAD(model + M_SLOPE * span) * LOAD(boxes + B_X * span);
+    unexplained -= LOAD(model + (M_SLOPE + 1) * span) * LOAD(boxes + B_Y * span);
 #endif
 #pragma unroll
     for (int j = 0; j < F; j++) {
-        const realv slope = LOAD(state + (S_SLOPE + 2 + j) * span), centre = LOAD(state + (S_CENTRE + j) * span);
+        const realv slope = LOAD(model + (M_SLOPE + 2 + j) * span), centre = LOAD(model + (M_CENTRE + j) * span);
         realv v = LOAD(packed + (FEATURE + j) * pitch);
         // A miss takes the old window's largest depth, as it did in the regression.
-        if (MISSES && j == DEPTH) v = v < (realv)BIG ? v : LOAD(state + (S_HI + j) * span);
+        if (MISSES && j == DEPTH) v = v < (realv)BIG ? v : LOAD(model + (M_HI + j) * span);
         moved += slope * (v - centre);
 #ifdef RADIANCE
-        const realv lo = LOAD(state + (S_LO + j) * span), hi = LOAD(state + (S_HI + j) * span);
+        const realv lo = LOAD(model + (M_LO + j) * span), hi = LOAD(model + (M_HI + j) * span);
         realv mean = LOAD(boxes + (B_FEATURE + j) * span);
         if (MISSES && j == DEPTH) mean += LOAD(boxes + B_MISS * span) * hi;
         unexplained -= slope * (mean - centre);
@@ -66,7 +72,7 @@ __kernel void gate_model(
         solve = v < lo - margin ? (realv)1 : (v > hi + margin ? (realv)1 : solve);
 #endif
     }
-    moved += LOAD(state + S_ALPHA * span);
+    moved += LOAD(model + M_ALPHA * span);
     realv predicted = levels_of(moved);
     realv change = predicted - ref;
     solve = change > on ? (realv)1 : (change < -off ? (realv)1 : solve);
@@ -75,7 +81,19 @@ __kernel void gate_model(
     change = predicted - ref;
     solve = change > share * on ? (realv)1 : (change < -share * off ? (realv)1 : solve);
 #endif
-    decide(state, span, mask, ref, predicted, solve, on, off, width - x, out_flags + (size_t)y * span + x);
+    // Those that may fire get their level once it is regressed.
+    decide(mask, ref, predicted, LOAD(before + at), before + at, solve, on, off, width - x, out_level + at, out_flags + at);
+}
+
+// Work-item: CHUNK pixels of the list, which take the level that was regressed for them. fit: [H][1 + D][span].
+__kernel void take_levels(
+    __global const int *list, int count, __global const real *fit, int span, __global real *out_level)
+{
+    const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
+    for (int i = first; i < last; i++) {
+        const int x = list[i] % span, y = list[i] / span;
+        out_level[list[i]] = level_of(fit[(size_t)y * (1 + D) * span + x]);
+    }
 }
 #endif
 

@@ -1,5 +1,7 @@
 // Independent multiply-adds, as many as registers hold: what the device can do at best.
 
+#include "types.clh"
+
 #define CHAINS 12
 
 __kernel void peak(int rounds, real factor, real summand, __global real *out_sum)

@@ -21,7 +21,7 @@ import numpy as np
 
 from clsim.cli.parse import resolution as parse_resolution
 from clsim.detect.config import DetectorConfig
-from clsim.detect.recorded import recorded_detector
+from clsim.detector import recorded_detector
 from clsim.events import EventBatch
 from clsim.frames import BASE_PLANES, Frame, page_aligned
 from clsim.frames.exr import ExrSequence

@@ -15,14 +15,16 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import DetectorConfig, Precision
-from clsim.detect.detector import Detector
-from clsim.detect.engine import Engine
+from clsim.detect.estimator import BrightnessEstimator
+from clsim.detect.layout import BORDER
+from clsim.detect.methods.base import Stages
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference.fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
 from clsim.detect.reference.observation import Observation, feature_names, observe
+from clsim.detector import Detector
 from clsim.frames import Frame, frame_time_us
 from clsim.opencl.device import Device, choose_device
-from clsim.opencl.workplace import BORDER
+from clsim.opencl.workplace import Buffer
 from tools.stability_cases import F64, NAMES, Case, cases, frames
 
 FLOAT32_SMALLEST = 1e-37
@@ -54,40 +56,48 @@ class Row:
         return asdict(self)
 
 
-class FedDetector(Detector):
-    """A detector that takes y as it is given, where log luminance has a floor and the rounding of float32 frames."""
+class FedEstimator(BrightnessEstimator):
+    """An estimator that takes y as it is given, where log luminance has a floor and the rounding of float32 frames."""
 
     brightness: Sequence[F64] | None = None
     """``[H, W]`` for each frame, by its index; None leaves the frames' own."""
 
-    def _pack(self, frame: Frame, engine: Engine) -> Engine:
-        engine = super()._pack(frame, engine)
+    def _pack(self, frame: Frame, stages: Stages) -> Stages:
+        stages = super()._pack(frame, stages)
         if self.brightness is not None:
-            packed = engine.workplace.read(engine.pack.packed)
-            inside = packed[self._slot, BORDER : BORDER + self.height, :, BORDER : BORDER + self.width]
+            packed = stages.place.read(stages.pack.packed)
+            inside = packed[self._slot, BORDER : BORDER + frame.height, :, BORDER : BORDER + frame.width]
             inside[:, 1] = np.where(inside[:, 0] > 0, self.brightness[frame.index], 0.0)
-            engine.workplace.write(engine.pack.packed, packed)
-        return engine
+            stages.place.write(stages.pack.packed, packed)
+        return stages
+
+
+class FedDetector(Detector):
+    """A detector with such an estimator."""
+
+    estimator_type = FedEstimator
+    estimator: FedEstimator
 
     def levels(self) -> F64:
         """Return the level of each pixel, ``[H, W]``, in the kernels' precision; NaN where it has none."""
-        return self._state(1)
+        if self.estimator.levels is None:
+            raise ValueError("no frame yet")
+        return self._read(self.estimator.levels.end)
 
     def references(self) -> F64:
         """Return the level of each pixel's last event, ``[H, W]``."""
-        return self._state(0)
+        return self._read(self.sensor.references)
 
     def solved(self) -> Any:
         """Return which pixels the gate had solved in the last step, ``[H, W]``, new ones included."""
-        if self._engine is None:
+        if self.estimator.stages is None:
             raise ValueError("no frame yet")
-        return self._engine.workplace.read(self._engine.gate.flags)[:, : self.width] >= 2
+        return self._read(self.estimator.stages.gate.flags) >= 2
 
-    def _state(self, plane: int) -> F64:
-        if self._engine is None:
+    def _read(self, image: Buffer) -> F64:
+        if self.estimator.stages is None:
             raise ValueError("no frame yet")
-        state = self._engine.workplace.read(self._engine.state)
-        return np.asarray(state[:, plane, : self.width], dtype=np.float64)
+        return np.asarray(self.estimator.stages.place.read(image)[:, : self.width], dtype=np.float64)
 
 
 def stability(device: Device | None = None, only: Iterable[Case] | None = None) -> Iterator[Row]:
@@ -118,7 +128,7 @@ def _alpha_error(case: Case, precision: Precision, device: Device) -> tuple[floa
     first = case.frames[0]
     config = _config(case, method="wlr-esim", precision=precision)
     detector = FedDetector(config, first.width, first.height, first.names, device=device)
-    detector.brightness = case.brightness
+    detector.estimator.brightness = case.brightness
     history: list[Observation] = []
     largest, wrong = 0.0, 0
     for frame in case.frames:
@@ -142,7 +152,7 @@ def _flips(case: Case, precision: Precision, device: Device) -> tuple[int, int, 
     size = (first.width, first.height, first.names)
     config = _config(case, gate="radiance", precision=precision)
     detector, reference = FedDetector(config, *size, device=device), ReferenceDetector(config, *size)
-    detector.brightness = case.brightness
+    detector.estimator.brightness = case.brightness
     differ, tested, unsound = 0, 0, 0
     decided = np.zeros((first.height, first.width), dtype=bool)
     for frame in case.frames[:2]:

@@ -19,8 +19,8 @@ from clsim.bench.mismatch import Levels
 from clsim.bench.tradeoff_measure import render_each
 from clsim.bench.tradeoff_settings import DetectorSetting
 from clsim.detect.config import EventRule
-from clsim.detect.detector import Detector
-from clsim.detect.reference.observation import LUMINANCE_WEIGHTS
+from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detector import Detector
 from clsim.events import EventBatch
 from clsim.frames import BASE_PLANES, RADIANCE, Frame
 from clsim.opencl.device import Device

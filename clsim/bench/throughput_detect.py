@@ -8,11 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from clsim.detect.config import DetectorConfig, Precision
-from clsim.detect.engine import Engine
+from clsim.detect.gate import Levels
+from clsim.detect.methods.base import Setting
+from clsim.detect.methods.esim_ad import EsimAdStages
+from clsim.detect.pack import FrameMemory
 from clsim.detect.wlr import History
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, page_aligned
 from clsim.opencl.device import Device, choose_device
-from clsim.opencl.workplace import Layout, Workplace
+from clsim.opencl.workplace import Grid, Workplace
 
 PEAK_CHAINS = 12
 """Independent chains of multiply-adds in peak.cl."""
@@ -80,28 +83,42 @@ class _Bench:
             best, spent = min(best, taken), spent + taken
         return count / best
 
+    def esim_ad(self, config: DetectorConfig) -> EsimAdStages:
+        """Build the stages of method esim-ad, with all features."""
+        frame = self.frame
+        double = config.precision == "float64"
+        lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
+        grid = Grid(frame.width, frame.height, lanes, np.dtype(config.precision))
+        return EsimAdStages(Setting(config, frame.names, grid, self.device, self.device.queue()), _FEATURES, ())
+
     def stages(self, precision: Precision) -> dict[str, float]:
         """Measure every stage of one precision."""
         frame, pixels = self.frame, self.frame.width * self.frame.height
         config = DetectorConfig(gate="delta-r", window=self.window, precision=precision)
-        engine = Engine(config, (frame.width, frame.height), frame.names, _FEATURES, (), self.device)
+        engine = self.esim_ad(config)
         radiance = DetectorConfig(gate="radiance", window=self.window, precision=precision)
-        boxed = Engine(radiance, (frame.width, frame.height), frame.names, _FEATURES, (), self.device)
-        fit, gate = engine.regression, engine.gate
-        assert fit is not None
-        queue, history = engine.workplace.queue, History(0, 1, False)
+        boxed = self.esim_ad(radiance)
+        boxes = boxed.boxes
+        assert boxes is not None
+        fit, gate = engine.fit, engine.gate
+        queue, history = engine.place.queue, History(0, 1, False)
+        memory = FrameMemory(self.device, queue)
+        levels, references = [], []
         for each in (engine, boxed):
-            each.pack.run(each.memory.lend(frame), 0)
-            each.memory.take_back(frame)
+            each.pack.run(memory.lend(frame), 0)
+            memory.take_back(frame)
+            images = [each.place.allocate(each.place.layout.image_shape) for _ in range(3)]
+            levels.append(Levels(images[0], images[1], config.threshold_on, config.threshold_off))
+            references.append(images[2])
         fit.prepare(0)
         rng = np.random.default_rng(0)
         chosen = np.flatnonzero(rng.random(pixels) < 0.1)
-        span = engine.workplace.layout.span
-        engine.workplace.write(gate.pixels, chosen // frame.width * span + chosen % frame.width)
+        span = engine.place.layout.span
+        engine.place.write(gate.pixels, chosen // frame.width * span + chosen % frame.width)
 
         def pack() -> None:
-            engine.pack.run(engine.memory.lend(frame), 0)
-            engine.memory.take_back(frame)
+            engine.pack.run(memory.lend(frame), 0)
+            memory.take_back(frame)
 
         repeat = 20
 
@@ -113,16 +130,16 @@ class _Bench:
             return run
 
         def test() -> None:
-            gate.test_models(engine.pack.packed, 0, engine.state)
+            engine.test(0, levels[0], references[0])
 
         def test_radiance() -> None:
-            boxed.gate.test_models(boxed.pack.packed, 0, boxed.state)
+            boxed.test(0, levels[1], references[1])
 
         def collect() -> None:
             gate.collect()
 
         many = float(pixels * repeat)
-        finish, finish_boxed = queue.finish, boxed.workplace.queue.finish
+        finish, finish_boxed = queue.finish, boxed.place.queue.finish
         result = {
             "fits_per_cpu_second": self.rate(lambda: fit.dense(history), finish, pixels),
             "sparse_fits_per_cpu_second": self.rate(
@@ -133,12 +150,11 @@ class _Bench:
             "pack_pixels_per_cpu_second": self.rate(pack, finish, pixels),
             "minmax_pixels_per_cpu_second": self.rate(repeated(lambda: fit.prepare(0)), finish, many),
             "box_pixels_per_cpu_second": self.rate(
-                repeated(lambda: boxed.gate.average(boxed.pack.packed, 0)), finish_boxed, many
+                repeated(lambda: boxes.average(boxed.pack.packed, 0)), finish_boxed, many
             ),
             "list_pixels_per_cpu_second": self.rate(repeated(collect), finish, many),
         }
-        engine.memory.close()
-        boxed.memory.close()
+        memory.close()
         return result
 
     def peak(self, precision: Precision) -> float:
@@ -146,7 +162,7 @@ class _Bench:
         real = np.dtype(precision)
         lanes = self.device.lanes if precision == "float32" else max(1, self.device.lanes // 2)
         items, rounds = (64, 100_000) if self.device.is_cpu else (1 << 20, 1000)
-        place = Workplace(self.device, Layout(1, 1, 0, lanes, real), {"DEPTH": -1, "MISSES": 0})
+        place = Workplace(self.device, Grid(1, 1, lanes, real), self.device.queue())
         (kernel,) = place.kernels("peak", ("peak",))
         out = place.allocate((items * lanes,))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.bench.stopwatch import Stopwatch, peak_memory_bytes, reset_peak_memory
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
+from clsim.detector import Detector
 from clsim.events import EventBatch
 from clsim.frames import Frame, InterestBoard, page_aligned, rendered_planes
 from clsim.opencl.device import Device

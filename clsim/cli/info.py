@@ -54,8 +54,8 @@ def _scene(what: str) -> dict[str, Any]:
 def _frames(what: str) -> dict[str, Any]:
     """Return what the files hold, and what `clsim detect --features auto` makes of the first one."""
     from clsim.detect.config import DetectorConfig
+    from clsim.detect.features import FEATURE_PLANES, feature_names
     from clsim.detect.pack import first_features
-    from clsim.detect.reference.observation import FEATURE_PLANES, feature_names
     from clsim.frames import Frame, page_aligned
     from clsim.frames.exr import ExrSequence
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
+from clsim.detect.methods import method_of
 from clsim.errors import InputError, require_choice
 
+if TYPE_CHECKING:
+    from clsim.detect.methods.base import Method as MethodObject
+
 Method = Literal["esim", "wlr-esim", "esim-ad", "irradiance"]
-REGRESSING: tuple[Method, ...] = ("wlr-esim", "esim-ad")
-"""Methods that regress brightness on features."""
 Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
 EventRule = Literal["interpolated", "frame"]
 Kernel = Literal["gaussian", "epanechnikov"]
@@ -25,20 +27,6 @@ LARGEST_THRESHOLD = 1e30
 LARGEST_SHRINK = 100.0
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
-KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
-"""Gates that need the window of each pixel's last event, and so recorded frames."""
-_OF_GATES = ("gate", "gate_scale", "box")
-_OF_REGRESSIONS = (
-    "stride",
-    "history",
-    "kernel",
-    "bandwidth_h",
-    "bandwidth",
-    "ridge",
-    "regress",
-    "shrink",
-    "features",
-)
 
 
 @dataclass(frozen=True)
@@ -126,35 +114,24 @@ class DetectorConfig:
             raise InputError(f"`shrink` needs `regress` linear, got {self.regress}")
         if self.shrink > 0 and self.bandwidth != "fixed":
             raise InputError(f"`shrink` needs `bandwidth` fixed, got {self.bandwidth}")
-        if self.regress == "linear" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
-            raise InputError(f"`gate` {self.gate} needs `regress` log, got {self.regress}")
-        if self.bandwidth != "fixed" and self.method == "esim-ad" and self.gate in KEPT_WINDOW_GATES:
-            raise InputError(f"`gate` {self.gate} needs `bandwidth` fixed, got {self.bandwidth}")
+        self.strategy.check(self)
+
+    @property
+    def strategy(self) -> MethodObject:
+        """The method as an object."""
+        return method_of(self.method)
 
     @property
     def side(self) -> int:
         """Side K of the window [pixels], as chosen or the method's own."""
-        if self.window is not None:
-            return self.window
-        return 7 if self.method == "irradiance" else 13
+        return self.strategy.window if self.window is None else self.window
 
     def unused(self) -> tuple[str, ...]:
         """Return the fields that are not the default's but change nothing."""
-        names: tuple[str, ...] = ()
-        if self.method == "esim":
-            names += ("window",)
-        if self.method not in REGRESSING:
-            names += _OF_REGRESSIONS
-        if self.method != "esim-ad":
-            names += _OF_GATES
-        elif self.gate != "radiance":
-            names += ("gate_scale", "box")
-            if self.gate == "published":
-                names += ("kernel",)
         defaults = {field.name: field.default for field in fields(self)}
-        return tuple(name for name in names if getattr(self, name) != defaults[name])
+        return tuple(name for name in self.strategy.unused(self) if getattr(self, name) != defaults[name])
 
     @property
     def linear(self) -> bool:
         """Whether luminance is what is packed, regressed and remembered, instead of log brightness."""
-        return self.regress == "linear" and self.method in REGRESSING
+        return self.regress == "linear" and self.strategy.regresses

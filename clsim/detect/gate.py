@@ -1,13 +1,14 @@
-"""Host side of gate.cl and box.cl: which pixels may fire, and need a new regression."""
+"""Host side of gate.cl: which pixels may fire, and the level of those that cannot."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from clsim.detect.config import DetectorConfig
-from clsim.opencl.workplace import Buffer, Workplace
+from clsim.detect.layout import CHUNK, Place
+from clsim.opencl.workplace import Buffer
 
 
 @dataclass(frozen=True)
@@ -34,85 +35,108 @@ class Counts:
         return self.solved + self.fresh
 
 
-def model_macros(config: DetectorConfig) -> dict[str, object]:
-    """Return the macros of kernels that know what pixels remember of their last event."""
-    if config.method != "esim-ad":
-        return {}
-    return {"MODEL": 1, "RADIANCE": 1} if config.gate == "radiance" else {"MODEL": 1}
+@dataclass
+class Levels:
+    """Levels of all pixels at both ends of a time step, ``[H, span]`` [natural-log units], and the thresholds.
+
+    Attributes:
+        start: at the last frame; NaN before a pixel's first.
+        end: at this frame.
+        threshold_on: contrast threshold of ON events.
+        threshold_off: contrast threshold of OFF events.
+    """
+
+    start: Buffer
+    end: Buffer
+    threshold_on: float
+    threshold_off: float
+
+    def advance(self) -> None:
+        """Let the end of a step be the start of the next."""
+        self.start, self.end = self.end, self.start
 
 
 class Gate:
     """Sorts a frame's pixels into those that may fire and those that cannot.
 
     Attributes:
-        flags: ``[H, span]`` bytes, what becomes of each pixel (common.clh).
-        pixels: ``[H·span]``, after `test` the pixels that may fire or are new, in raster order, as y·span + x.
-        boxes: box means of the radiance gate.
+        flags: ``[H, span]`` bytes, what becomes of each pixel (packed.clh).
+        pixels: ``[H·span]``, after `collect` the pixels that may fire or are new, in raster order, as y·span + x.
     """
 
-    def __init__(self, workplace: Workplace, config: DetectorConfig) -> None:
-        """Build the kernels of the method and gate."""
-        self._workplace = workplace
-        self._config = config
-        layout = workplace.layout
-        self._radiance = config.method == "esim-ad" and config.gate == "radiance"
-        test = "gate_model" if config.method == "esim-ad" else "gate_level"
-        self._test, self._count, self._list = workplace.kernels(
-            "gate", (test, "count_flags", "list_pixels"), model_macros(config)
-        )
-        self.flags = workplace.allocate((layout.height, layout.span), np.uint8)
-        self.pixels = workplace.allocate((layout.height * layout.span,), np.int32)
-        self._counts = workplace.allocate((layout.height, 4), np.int32)
-        self._start = workplace.allocate((layout.height,), np.int32)
+    def __init__(self, place: Place, test: str, macros: Mapping[str, object] | None = None) -> None:
+        """Build the kernels, with the one called ``test`` to tell which pixels may fire."""
+        self._place = place
+        layout = place.layout
+        self._macros = {"CHUNK": CHUNK, **(macros or {})}
+        self._test, self._count, self._list = place.kernels("gate", (test, "count_flags", "list_pixels"), self._macros)
+        self.flags = place.allocate(layout.image_shape, np.uint8)
+        self.pixels = place.allocate((layout.height * layout.span,), np.int32)
+        self._counts = place.allocate((layout.height, 4), np.int32)
+        self._start = place.allocate((layout.height,), np.int32)
         self._host_counts = np.zeros((layout.height, 4), dtype=np.int32)
         self._host_start = np.zeros(layout.height, dtype=np.int32)
-        planes = layout.features + 4
-        self.boxes = workplace.allocate(layout.image_shape(planes) if self._radiance else (1,))
-        if self._radiance:
-            self._box_rows, self._box_columns = workplace.kernels("box", ("box_rows", "box_columns"))
-            self._row_sums = workplace.allocate(layout.image_shape(planes + 1))
-
-    def average(self, packed: Buffer, start: int) -> None:
-        """Take the box means of the packed frame that starts at ``start``."""
-        if not self._radiance:
-            return
-        layout, reach = self._workplace.layout, self._config.box // 2
-        self._workplace.launch(
-            self._box_rows, layout.vectors, packed, np.int64(start), layout.pitch, layout.span, reach, self._row_sums
-        )
-        self._workplace.launch(
-            self._box_columns, layout.vectors, self._row_sums, layout.height, layout.span, reach, self.boxes
-        )
-
-    def test_levels(self, packed: Buffer, start: int, level: Level, state: Buffer) -> None:
-        """Flag pixels whose known level reaches a threshold."""
-        layout, config = self._workplace.layout, self._config
-        self._workplace.launch(
-            self._test, layout.vectors, packed, np.int64(start), level.values, np.int64(level.row),
-            np.int64(level.start), layout.pitch, layout.span, layout.width, config.threshold_on, config.threshold_off,
-            state, self.flags,
-        )  # fmt: skip
-
-    def test_models(self, packed: Buffer, start: int, state: Buffer) -> None:
-        """Flag pixels whose model of the last event predicts that a threshold may be reached."""
-        layout, config = self._workplace.layout, self._config
-        self._workplace.launch(
-            self._test, layout.vectors, packed, np.int64(start), self.boxes, layout.pitch, layout.span,
-            layout.width, config.threshold_on, config.threshold_off, config.gate_scale, state, self.flags,
-        )  # fmt: skip
 
     def collect(self) -> Counts:
         """Count the flags and list the pixels that may fire or are new."""
-        layout = self._workplace.layout
-        self._workplace.launch(self._count, (layout.height,), self.flags, layout.width, layout.span, self._counts)
-        counts = self._workplace.read(self._counts, self._host_counts)
+        layout = self._place.layout
+        self._place.launch(self._count, (layout.height,), self.flags, layout.width, layout.span, self._counts)
+        counts = self._place.read(self._counts, self._host_counts)
         listed = counts[:, 2] + counts[:, 3]
         np.cumsum(listed[:-1], out=self._host_start[1:])
         totals = [int(total) for total in counts.sum(axis=0)]
         result = Counts(totals[0], totals[1], totals[2], totals[3])
         if result.listed:
-            self._workplace.write(self._start, self._host_start)
-            self._workplace.launch(
+            self._place.write(self._start, self._host_start)
+            self._place.launch(
                 self._list, (layout.height,), self.flags, self._start, layout.width, layout.span, self.pixels
             )
         return result
+
+
+class LevelGate(Gate):
+    """The level of every pixel is known: those that reach a threshold may fire."""
+
+    def __init__(self, place: Place) -> None:
+        """Build the kernels."""
+        super().__init__(place, "gate_level")
+
+    def test(self, packed: Buffer, start: int, level: Level, levels: Levels, references: Buffer) -> None:
+        """Flag pixels by their ``level`` and write it into ``levels``; the packed frame is at ``start``."""
+        layout = self._place.layout
+        self._place.launch(
+            self._test, layout.vectors, packed, np.int64(start), level.values, np.int64(level.row),
+            np.int64(level.start), layout.pitch, layout.span, layout.width, references, levels.threshold_on,
+            levels.threshold_off, levels.start, levels.end, self.flags,
+        )  # fmt: skip
+
+
+class ModelGate(Gate):
+    """Pixels whose model of the last event predicts that a threshold may be reached may fire."""
+
+    def __init__(self, place: Place, macros: Mapping[str, object]) -> None:
+        """Build the kernels; ``macros`` as `clsim.detect.models.model_macros` gives them."""
+        super().__init__(place, "gate_model", macros)
+        (self._take,) = place.kernels("gate", ("take_levels",), self._macros)
+        self._no_boxes = place.allocate((1,))
+
+    def test(
+        self, packed: Buffer, start: int, boxes: Buffer | None, share: float, model: Buffer, levels: Levels,
+        references: Buffer,
+    ) -> None:  # fmt: skip
+        """Flag pixels, and write into ``levels`` what is predicted for those that cannot fire.
+
+        ``boxes`` are box means; with them a pixel may fire where they have moved by ``share`` of a threshold.
+        """
+        layout = self._place.layout
+        self._place.launch(
+            self._test, layout.vectors, packed, np.int64(start), self._no_boxes if boxes is None else boxes,
+            layout.pitch, layout.span, layout.width, share, model, references, levels.threshold_on,
+            levels.threshold_off, levels.start, levels.end, self.flags,
+        )  # fmt: skip
+
+    def take_levels(self, count: int, fit: Buffer, levels: Levels) -> None:
+        """Let the first ``count`` listed pixels take the level that was regressed for them."""
+        self._place.launch(
+            self._take, (-(-count // CHUNK),), self.pixels, count, fit, self._place.layout.span, levels.end
+        )

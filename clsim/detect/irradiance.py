@@ -14,11 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.irradiance import detail_noise
-from clsim.detect.reference.observation import LUMINANCE_WEIGHTS
+from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.layout import BORDER, Place
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES
-from clsim.opencl.workplace import BORDER, Buffer, Workplace
+from clsim.opencl.workplace import Buffer
 
 NEEDED_PLANES = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
 PACKED_PLANES = 9
@@ -40,29 +40,29 @@ def check_planes(names: tuple[str, ...]) -> None:
 class Demodulation:
     """Divides frames by their albedo and packs them with what the window's weights are made of."""
 
-    def __init__(self, workplace: Workplace, config: DetectorConfig, names: tuple[str, ...]) -> None:
+    def __init__(self, place: Place, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Prepare for frames with planes ``names``."""
-        self._workplace = workplace
-        (self._kernel,) = workplace.kernels("irradiance", ("demodulate",), _macros(config, names), _prefix(workplace))
+        self._place = place
+        (self._kernel,) = place.kernels("irradiance", ("demodulate",), _macros(config, names), _prefix(place))
         optional = [name for name in (*COVERAGE, *EMISSION, *SAMPLES) if name in names]
         planes = (*NEEDED_PLANES, *optional)
-        self._source = workplace.allocate((len(planes),), np.int32)
-        workplace.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
+        self._source = place.allocate((len(planes),), np.int32)
+        place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
         self._weights = LUMINANCE_WEIGHTS[config.luminance]
         self._scale = float(config.scale)
-        self.packed = workplace.allocate((1, *workplace.layout.packed_shape))
-        height = workplace.layout.height
-        self._invalid = workplace.allocate((height,), np.int32)
+        self.packed = place.allocate((1, *place.layout.packed_shape))
+        height = place.layout.height
+        self._invalid = place.allocate((height,), np.int32)
         self._host_invalid = np.zeros(height, dtype=np.int32)
 
     def run(self, memory: Any, slot: int) -> tuple[int, npt.NDArray[np.float32]]:
         """Pack one frame; return how many pixels are invalid, and no extremes: no plane is left out as constant."""
-        layout = self._workplace.layout
-        self._workplace.launch(
+        layout = self._place.layout
+        self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
             *self._weights, self._scale, self.packed, self._invalid,
         )  # fmt: skip
-        self._workplace.read(self._invalid, self._host_invalid)
+        self._place.read(self._invalid, self._host_invalid)
         return int(self._host_invalid.sum()), np.zeros((0, 2), dtype=np.float32)
 
     def offset(self, slot: int) -> int:
@@ -78,24 +78,24 @@ class Smoothing:
         error: ``[H, span]``, the standard error of the window's mean, as a share of brightness, where `run` was asked.
     """
 
-    def __init__(self, workplace: Workplace, config: DetectorConfig, names: tuple[str, ...]) -> None:
+    def __init__(self, place: Place, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Build the kernels for this window."""
-        self._workplace = workplace
+        self._place = place
         kernels = ("smooth_plain", "smooth_with_error", "sum_energies", "level_of_details")
-        self._plain, self._with_error, self._sum, self._level = workplace.kernels(
-            "irradiance", kernels, _macros(config, names), _prefix(workplace)
+        self._plain, self._with_error, self._sum, self._level = place.kernels(
+            "irradiance", kernels, _macros(config, names), _prefix(place)
         )
-        layout = workplace.layout
+        layout = place.layout
         rows = layout.height + 2 * BORDER
-        self._details = workplace.allocate((rows, _DETAIL_PLANES, layout.pitch))
-        self._energies = workplace.allocate((layout.height, _ENERGY_PLANES, layout.pitch))
-        self._sums = workplace.allocate((rows, _ENERGY_PLANES, layout.pitch))
-        self.level = workplace.allocate((layout.height, layout.span))
-        self.error = workplace.allocate((layout.height, layout.span))
+        self._details = place.allocate((rows, _DETAIL_PLANES, layout.pitch))
+        self._energies = place.allocate((layout.height, _ENERGY_PLANES, layout.pitch))
+        self._sums = place.allocate((rows, _ENERGY_PLANES, layout.pitch))
+        self.level = place.allocate((layout.height, layout.span))
+        self.error = place.allocate((layout.height, layout.span))
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
         """Smooth a packed frame."""
-        layout, launch = self._workplace.layout, self._workplace.launch
+        layout, launch = self._place.layout, self._place.launch
         kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
         launch(kernel, layout.vectors, packed, layout.pitch, layout.span, self._details, *out_error)
         launch(
@@ -104,8 +104,26 @@ class Smoothing:
         launch(self._level, layout.vectors, packed, self._details, self._sums, layout.pitch, layout.span, self.level)
 
 
+def _detail_noise(reach: int) -> tuple[float, float]:
+    """Return the variances of inner mean − window mean, and of pixel − inner mean, where irradiance is white noise.
+
+    The noise has variance 1; all weights are those of distance, as on one surface far from its edges. ``reach`` is half
+    the window's side [pixels].
+    """
+    steps = np.arange(-reach, reach + 1)
+    along = np.exp(-(steps**2) / (2 * (reach / 2) ** 2))
+    window = np.outer(along, along)
+    inner, pixel = np.zeros_like(window), np.zeros_like(window)
+    middle = slice(reach - 1, reach + 2)
+    inner[middle, middle] = window[middle, middle]
+    pixel[reach, reach] = 1.0
+    window /= window.sum()
+    inner /= inner.sum()
+    return float(np.square(inner - window).sum()), float(np.square(pixel - inner).sum())
+
+
 def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]:
-    coarse, fine = detail_noise(config.side // 2)
+    coarse, fine = _detail_noise(config.side // 2)
     return {
         "REACH": config.side // 2,
         "COARSE_NOISE": f"{coarse:.17e}",
@@ -116,9 +134,9 @@ def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]
     }
 
 
-def _prefix(workplace: Workplace) -> str:
+def _prefix(place: Place) -> str:
     """Return OpenCL source of ``exp2_fraction(f)`` = 2^f for |f| ≤ 1/2, as good as the precision."""
-    degree = 5 if workplace.real == np.float32 else 11
+    degree = 5 if place.real == np.float32 else 11
     polynomial = np.polynomial.Chebyshev.interpolate(np.exp2, degree, domain=[-0.5, 0.5]).convert(
         kind=np.polynomial.Polynomial
     )

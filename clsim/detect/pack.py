@@ -9,9 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.observation import LUMINANCE_WEIGHTS, VARIANCE
-from clsim.frames import COVERAGE, DEPTH, RADIANCE, Frame
-from clsim.opencl.workplace import Workplace
+from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.layout import Place
+from clsim.frames import COVERAGE, DEPTH, LUMINANCE_VARIANCE, RADIANCE, Frame
+from clsim.opencl.device import Device
 
 _CACHED_FRAMES = 8
 
@@ -23,9 +24,9 @@ class FrameMemory:
     slots are therefore registered once. Outside `lend` the memory belongs to the host (it is mapped).
     """
 
-    def __init__(self, workplace: Workplace) -> None:
+    def __init__(self, device: Device, queue: Any) -> None:
         """Start with nothing registered."""
-        self._workplace = workplace
+        self._device, self._queue = device, queue
         self._known: OrderedDict[tuple[int, int], tuple[Any, Any, Any]] = OrderedDict()
 
     def lend(self, frame: Frame) -> Any:
@@ -36,14 +37,14 @@ class FrameMemory:
         key = (planes.ctypes.data, planes.nbytes)
         if key in self._known:
             memory, _, mapped = self._known[key]
-            mapped.base.release(self._workplace.queue)
+            mapped.base.release(self._queue)
         else:
             flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
-            memory = cl.Buffer(self._workplace.device.context, flags, hostbuf=planes)
+            memory = cl.Buffer(self._device.context, flags, hostbuf=planes)
         self._known[key] = (memory, planes, None)
         self._known.move_to_end(key)
         if len(self._known) > _CACHED_FRAMES:
-            self._known.popitem(last=False)
+            self._let_go([self._known.popitem(last=False)[1]])
         return memory
 
     def take_back(self, frame: Frame) -> None:
@@ -54,40 +55,46 @@ class FrameMemory:
         key = (planes.ctypes.data, planes.nbytes)
         memory = self._known[key][0]
         flags: Any = cl.map_flags.READ | cl.map_flags.WRITE
-        mapped, _ = cl.enqueue_map_buffer(self._workplace.queue, memory, flags, 0, planes.shape, planes.dtype)
+        mapped, _ = cl.enqueue_map_buffer(self._queue, memory, flags, 0, planes.shape, planes.dtype)
         self._known[key] = (memory, planes, mapped)
 
     def close(self) -> None:
         """Forget all buffers."""
-        for memory, _, mapped in self._known.values():
-            if mapped is not None:
-                mapped.base.release(self._workplace.queue)
-            memory.release()
+        self._let_go(list(self._known.values()))
         self._known.clear()
+
+    def _let_go(self, entries: list[tuple[Any, Any, Any]]) -> None:
+        """Release buffers, and only then the arrays below them: the device has to be done with handing them back."""
+        for _, _, mapped in entries:
+            if mapped is not None:
+                mapped.base.release(self._queue)
+        self._queue.finish()
+        for memory, _, _ in entries:
+            memory.release()
 
 
 class Pack:
     """Packs frames into ring slots ``[slots][H + 2·border][planes][pitch]`` of mask, brightness and features."""
 
     def __init__(
-        self, workplace: Workplace, config: DetectorConfig, names: tuple[str, ...],
+        self, place: Place, config: DetectorConfig, names: tuple[str, ...],
         features: tuple[str, ...], quiet: tuple[str, ...], slots: int,
     ) -> None:  # fmt: skip
         """Prepare for frames with planes ``names``; ``quiet`` are candidates that have been constant so far."""
-        self._workplace = workplace
+        self._place = place
         self._quiet = quiet
         self._coverage = COVERAGE[0] in names
-        (self._kernel,) = workplace.kernels("pack", ("pack",))
+        (self._kernel,) = place.kernels("pack", ("pack",))
         planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
-        self._source = workplace.allocate((len(planes),), np.int32)
-        workplace.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
+        self._source = place.allocate((len(planes),), np.int32)
+        place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
         self._weights = [weight * config.scale for weight in LUMINANCE_WEIGHTS[config.luminance]]
-        self._variance = names.index(VARIANCE) if workplace.layout.extra else -1
+        self._variance = names.index(LUMINANCE_VARIANCE) if place.layout.extra else -1
         self._variance_scale = config.scale**2
-        height = workplace.layout.height
-        self.packed = workplace.allocate((slots, *workplace.layout.packed_shape))
-        self._invalid = workplace.allocate((height,), np.int32)
-        self._range = workplace.allocate((height, len(quiet), 2), np.float32)
+        height = place.layout.height
+        self.packed = place.allocate((slots, *place.layout.packed_shape))
+        self._invalid = place.allocate((height,), np.int32)
+        self._range = place.allocate((height, len(quiet), 2), np.float32)
         self._host_invalid = np.zeros(height, dtype=np.int32)
         self._host_range = np.zeros((height, len(quiet), 2), dtype=np.float32)
 
@@ -95,29 +102,24 @@ class Pack:
         """Pack one frame; return how many pixels are invalid and ``[quiet, 2]``, the extremes of each quiet plane."""
         import pyopencl as cl
 
-        layout = self._workplace.layout
+        layout = self._place.layout
         depth = self._quiet.index(DEPTH[0]) if DEPTH[0] in self._quiet else -1
-        self._workplace.launch(
+        self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
             len(self._quiet), depth, int(self._coverage), *self._weights, self._variance, self._variance_scale,
             np.int64(self.offset(slot)),
             self.packed, self._invalid, self._range,
         )  # fmt: skip
-        cl.enqueue_copy(self._workplace.queue, self._host_invalid, self._invalid.memory)
+        cl.enqueue_copy(self._place.queue, self._host_invalid, self._invalid.memory)
         if not self._quiet:
             return int(self._host_invalid.sum()), np.zeros((0, 2), dtype=np.float32)
-        cl.enqueue_copy(self._workplace.queue, self._host_range, self._range.memory)
+        cl.enqueue_copy(self._place.queue, self._host_range, self._range.memory)
         lo, hi = self._host_range[..., 0].min(axis=0), self._host_range[..., 1].max(axis=0)
         return int(self._host_invalid.sum()), np.stack([lo, hi], axis=1)
 
-    @property
-    def slot_size(self) -> int:
-        """Values from one slot to the next."""
-        return int(np.prod(self._workplace.layout.packed_shape))
-
     def offset(self, slot: int) -> int:
         """Where a slot starts, in values."""
-        return slot * self.slot_size
+        return slot * self._place.layout.packed_size
 
 
 def first_features(frame: Frame, candidates: tuple[str, ...]) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.opencl.workplace import Buffer, Workplace
+from clsim.detect.layout import Place
+from clsim.opencl.workplace import Buffer
 
 _TILE = {16: 5, 8: 3, 4: 3, 1: 3}
 """Side of the register tile by vector width: CPUs with 512-bit registers have twice as many of them."""
@@ -47,73 +48,68 @@ class Regression:
         extremes: ``[slots, H, 2F, span]``: least and largest value of each feature in each window of each frame.
     """
 
-    def __init__(self, workplace: Workplace, config: DetectorConfig, packed: Buffer, slots: int) -> None:
+    def __init__(self, place: Place, config: DetectorConfig, packed: Buffer, slots: int) -> None:
         """Build the kernels for this window, kernel function and bandwidth."""
-        self._workplace = workplace
+        self._place = place
         self._config = config
         self._packed = packed
         self.slots = slots
-        layout = workplace.layout
+        layout = place.layout
         reach = config.side // 2 // config.stride * config.stride
         macros: dict[str, object] = {"REACH": reach, "STEP": config.stride, "TAPS": 2 * (reach // config.stride) + 1}
         names = ("minmax_columns", "minmax_rows")
-        run, strip = (_RUN, _STRIP) if workplace.device.is_cpu else (1, 1)
-        self._columns, self._rows = workplace.kernels("minmax", names, {**macros, "RUN": run, "STRIP": strip})
+        run, strip = (_RUN, _STRIP) if place.device.is_cpu else (1, 1)
+        self._columns, self._rows = place.kernels("minmax", names, {**macros, "RUN": run, "STRIP": strip})
         self._columns_size = (-(-layout.span // (strip * layout.lanes)), layout.features)
         self._rows_size = (-(-layout.span // (run * layout.lanes)), layout.height)
-        macros["TILE"] = _TILE[workplace.device.lanes]
+        macros["TILE"] = _TILE[place.device.lanes]
         prefix = ""
         if config.kernel == "epanechnikov":
             macros["EPANECHNIKOV"] = 1
         else:
-            prefix = root_source(2 + layout.features, config.bandwidth_h, workplace.real)
-        self._dense, self._sparse = workplace.kernels("wlr", ("wlr_dense", "wlr_sparse"), macros, prefix)
-        self._extremes_shape = layout.image_shape(2 * layout.features)
+            prefix = root_source(2 + layout.features, config.bandwidth_h, place.real)
+        self._dense, self._sparse = place.kernels("wlr", ("wlr_dense", "wlr_sparse"), macros, prefix)
+        self._extremes_shape = layout.planes_shape(2 * layout.features)
         # Outside the image there is no value: columns of border that no kernel writes.
-        self._column_extremes = workplace.allocate((layout.height, 2 * layout.features, layout.pitch))
-        nothing = np.full(self._column_extremes.shape, _BIG[workplace.real.name])
+        self._column_extremes = place.allocate((layout.height, 2 * layout.features, layout.pitch))
+        nothing = np.full(self._column_extremes.shape, _BIG[place.real.name])
         nothing[:, 1::2] *= -1
-        workplace.write(self._column_extremes, nothing)
-        self.extremes = workplace.allocate((slots, *self._extremes_shape))
-        self.fit = workplace.allocate(layout.image_shape(3 + layout.features))
+        place.write(self._column_extremes, nothing)
+        self.extremes = place.allocate((slots, *self._extremes_shape))
+        self.fit = place.allocate(layout.planes_shape(3 + layout.features))
 
     @property
     def extremes_size(self) -> int:
         """Values from one slot of `extremes` to the next."""
         return int(np.prod(self._extremes_shape))
 
-    @property
-    def packed_size(self) -> int:
-        """Values from one packed frame to the next."""
-        return int(np.prod(self._workplace.layout.packed_shape))
-
     def prepare(self, slot: int) -> None:
         """Find the extremes of the windows of the frame in ``slot``; needed before a fit uses that frame."""
-        layout = self._workplace.layout
+        layout = self._place.layout
         if layout.features == 0:
             return
-        self._workplace.launch(
+        self._place.launch(
             self._columns, self._columns_size, self._packed,
-            np.int64(slot * self.packed_size), layout.pitch, layout.span, layout.height, self._column_extremes,
+            np.int64(slot * layout.packed_size), layout.pitch, layout.span, layout.height, self._column_extremes,
         )  # fmt: skip
-        self._workplace.launch(
+        self._place.launch(
             self._rows, self._rows_size, self._column_extremes, layout.pitch, layout.span,
             np.int64(slot * self.extremes_size), self.extremes,
         )  # fmt: skip
 
     def dense(self, history: History) -> None:
         """Fit every pixel's window."""
-        self._workplace.launch(self._dense, self._workplace.layout.vectors, *self._input(history), self.fit)
+        self._place.launch(self._dense, self._place.layout.vectors, *self._input(history), self.fit)
 
     def sparse(self, history: History, pixels: Buffer, count: int) -> None:
         """Fit the windows of the first ``count`` pixels listed as y·span + x."""
-        size = (-(-count // self._workplace.layout.lanes),)
-        self._workplace.launch(self._sparse, size, *self._input(history), pixels, count, self.fit)
+        size = (-(-count // self._place.layout.lanes),)
+        self._place.launch(self._sparse, size, *self._input(history), pixels, count, self.fit)
 
     def _input(self, history: History) -> tuple[object, ...]:
-        layout = self._workplace.layout
+        layout = self._place.layout
         return (
-            self._packed, np.int64(self.packed_size), self.extremes, np.int64(self.extremes_size), history.frames,
+            self._packed, np.int64(layout.packed_size), self.extremes, np.int64(self.extremes_size), history.frames,
             history.slot, self.slots, layout.pitch, layout.span, layout.width, layout.height,
             int(history.any_invalid), 1.0 / self._config.bandwidth_h, self._config.ridge, self._config.shrink,
         )  # fmt: skip

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from clsim.detect.config import REGRESSING
 from clsim.events import Reporting, Sink, SinkError
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
@@ -175,7 +174,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         governed=governed,
         share_cores=options.render_device == "cpu",
     )
-    window = None if config.method == "esim" else config.side
+    window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
     return Session(
         world.name,
@@ -187,7 +186,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         stages.warnings,
         (*world.notes, *_settings_notes(options)),
         *started,
-        config.method in REGRESSING,
+        config.strategy.regresses,
         level,
         governed,
         world,
@@ -227,7 +226,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     about = about_run(options.as_dict(), options.config, schedule.fps)
     about["camera"] = {"width": source.width, "height": source.height}
     name = str(options.frames)
-    solves = options.config.method in REGRESSING
+    solves = options.config.strategy.regresses
     return Session(
         name,
         source.width,

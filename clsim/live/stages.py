@@ -98,10 +98,10 @@ def detector_maker(
 
     ``size`` is the width and height of the frames.
     """
-    from clsim.detect.recorded import needs_numpy, recorded_detector
+    from clsim.detector import recorded_detector
     from clsim.opencl.device import choose_device
 
-    device = None if needs_numpy(config) else choose_device(opencl)
+    device = None if config.strategy.needs_numpy(config) else choose_device(opencl)
 
     def make() -> Any:
         return recorded_detector(config, *size, planes, device=device)
@@ -114,8 +114,7 @@ def unused_options(config: DetectorConfig) -> tuple[str, ...]:
     unused = config.unused()
     if not unused:
         return ()
-    user = f"`method` {config.method}" if config.method != "esim-ad" else f"`gate` {config.gate}"
-    return (f"{user} has no use for {', '.join(f'`{name}`' for name in unused)}",)
+    return (f"{config.strategy.who(config)} has no use for {', '.join(f'`{name}`' for name in unused)}",)
 
 
 def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:

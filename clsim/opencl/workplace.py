@@ -1,4 +1,4 @@
-"""Builds the kernels in ``clsim.kernels`` for one choice of options, and lays out what they work on."""
+"""Builds the kernels in ``clsim.kernels`` for one choice of options, and keeps what they work on."""
 
 from __future__ import annotations
 
@@ -7,65 +7,50 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from clsim.opencl.device import Device
 
-BORDER = 32
-"""Columns and rows around a packed image (common.clh)."""
-FIRST_FEATURE = 2
-"""Planes of a packed image before the features: mask and brightness (common.clh)."""
-
 _NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
-_USES_BRIGHTNESS = re.compile(r"\b(natural_log|response|level_of|levels_of)\(")
+_INCLUDE = re.compile(r'^#include "(.+)".*$', re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Sizes of everything that the kernels share; the comments of common.clh say what they mean.
+class Grid:
+    """The pixels of an image as kernels see them (types.clh).
 
     Attributes:
         width: pixels along x.
         height: pixels along y.
-        features: feature planes besides pixel x and y.
         lanes: pixels that a work-item handles side by side.
         real: float32 or float64.
-        extra: planes of a packed image after the features: 1 if the variance of luminance is there.
     """
 
     width: int
     height: int
-    features: int
     lanes: int
     real: npt.DTypeLike
-    extra: int = 0
 
     @property
     def span(self) -> int:
-        """Columns of an image without border, a multiple of ``lanes``."""
+        """Columns of an image, a multiple of ``lanes``."""
         return -(-self.width // self.lanes) * self.lanes
 
     @property
-    def pitch(self) -> int:
-        """Columns of a packed image."""
-        return self.span + 2 * BORDER
-
-    @property
-    def packed_shape(self) -> tuple[int, int, int]:
-        """Shape of a packed frame."""
-        return (self.height + 2 * BORDER, FIRST_FEATURE + self.features + self.extra, self.pitch)
-
-    def image_shape(self, planes: int) -> tuple[int, int, int]:
-        """Shape of an image without border."""
-        return (self.height, planes, self.span)
+    def image_shape(self) -> tuple[int, int]:
+        """Shape of an image of one plane."""
+        return (self.height, self.span)
 
     @property
     def vectors(self) -> tuple[int, int]:
         """Global size of kernels whose work-item is ``lanes`` neighbours."""
         return (self.span // self.lanes, self.height)
+
+
+GridT = TypeVar("GridT", bound=Grid, covariant=True)
 
 
 @dataclass(frozen=True)
@@ -77,29 +62,32 @@ class Buffer:
     dtype: np.dtype[Any]
 
 
-class Workplace:
-    """A device with a queue and the macros that every kernel of one detector is built with."""
+class Workplace(Generic[GridT]):
+    """A device with a queue, a grid of pixels, and the macros that every kernel there is built with."""
 
-    def __init__(self, device: Device, layout: Layout, macros: dict[str, object]) -> None:
-        """Keep the options; nothing is compiled before `kernels` is called."""
+    def __init__(self, device: Device, layout: GridT, queue: Any, macros: Mapping[str, object] | None = None) -> None:
+        """Keep the options; nothing is compiled before `kernels` is called.
+
+        Those who hand buffers to each other share an in-order ``queue``, of `Device.queue`.
+        """
         self.device = device
         self.layout = layout
-        self.queue = device.queue()
+        self.queue = queue
         self.real = np.dtype(layout.real)
-        self._options = {"VW": layout.lanes, "F": layout.features, **macros}
+        self._options: dict[str, object] = {"VW": layout.lanes, **(macros or {})}
         if self.real == np.float64:
             self._options["DOUBLE"] = 1
 
     def kernels(
-        self, file: str, names: tuple[str, ...], macros: Mapping[str, object] | None = None, prefix: str = ""
+        self, file: str, names: tuple[str, ...], macros: Mapping[str, object] | None = None, generated: str = ""
     ) -> list[Any]:
-        """Build ``file``.cl, with ``prefix`` between the headers and it, and return its kernels of these names.
+        """Build ``file``.cl, with ``generated`` where it includes that, and return its kernels of these names.
 
         Macros that the text does not name are left out: OpenCL caches programs by text and options.
         """
         import pyopencl as cl
 
-        text = _text(file, prefix)
+        text = _text(file, generated)
         named = set(_NAME.findall(_COMMENT.sub("", text)))
         options = {key: value for key, value in {**self._options, **(macros or {})}.items() if key in named}
         program = _build(self.device.context, text, tuple(sorted(options.items())))
@@ -148,11 +136,19 @@ class Workplace:
         return value
 
 
-def _text(file: str, prefix: str) -> str:
-    """Return the text of a program: the headers that it needs, ``prefix``, and ``file``.cl."""
-    source = _read(f"{file}.cl")
-    headers = ["common.clh", *(["brightness.clh"] if _USES_BRIGHTNESS.search(source) else [])]
-    return "\n".join([*map(_read, headers), prefix, source])
+def _text(file: str, generated: str) -> str:
+    """Return the text of a program: ``file``.cl with what it includes in place, each file once."""
+    included: set[str] = set()
+
+    def resolved(name: str) -> str:
+        if name in included:
+            return ""
+        included.add(name)
+        if name == "generated":
+            return generated
+        return _INCLUDE.sub(lambda line: resolved(line[1]), _read(name))
+
+    return resolved(f"{file}.cl")
 
 
 @cache

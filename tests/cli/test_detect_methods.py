@@ -56,7 +56,7 @@ def test_numpy_does_what_no_kernel_does(clsim, folder, option, value):
 def test_luminance_is_regressed_on_request(clsim, folder):
     """As `Detector` does it; the frames' variance is read for --shrink, which changes the events again."""
     from clsim.detect.config import DetectorConfig
-    from clsim.detect.detector import Detector
+    from clsim.detector import Detector
     from clsim.frames.exr import ExrSequence
 
     found = [detect(clsim, folder)[1]]

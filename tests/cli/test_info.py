@@ -39,7 +39,7 @@ def test_frames_and_which_features_they_have(clsim, folder):
 
 def test_the_detector_uses_the_features_that_info_names(clsim, folder):
     from clsim.detect.config import DetectorConfig
-    from clsim.detect.detector import Detector
+    from clsim.detector import Detector
     from clsim.frames.exr import ExrSequence
 
     source = ExrSequence(folder)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
+from clsim.detector import Detector
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame
 
 SURFACE = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
@@ -17,10 +17,10 @@ def seen(frame, device=None, **options):
     """L and its standard error, ``[H, W]`` each, in the kernels' precision; NaN where the pixel is not valid."""
     detector = Detector(config_of(**options), frame.width, frame.height, frame.names, device=device)
     detector.step(frame)
-    engine = detector._engine
-    level = engine.workplace.read(engine.state)[:, 1, : frame.width].astype(np.float64)
+    estimator = detector.estimator
+    level = estimator.stages.place.read(estimator.levels.end)[:, : frame.width].astype(np.float64)
     detector.interest()
-    error = engine.workplace.read(engine.smoothing.error)[:, : frame.width].astype(np.float64)
+    error = estimator.stages.place.read(estimator.stages.error)[:, : frame.width].astype(np.float64)
     detector.close()
     return level, error
 

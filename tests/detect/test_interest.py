@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference.irradiance import smoothed_level
+from clsim.detector import Detector
 from tests.detect.irradiance_scenes import textured_room
 from tests.detect.reference_scenes import make_frame, random_frames
 

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference.irradiance import smoothed_level
+from clsim.detector import Detector
 from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.opencl.device import choose_device

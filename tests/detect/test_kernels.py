@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from clsim.detect import detector as detector_module
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
-from clsim.detect.recorded import recorded_detector
+from clsim.detect.methods import esim_ad as detector_module
 from clsim.detect.reference import ReferenceDetector
+from clsim.detector import Detector, recorded_detector
 from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.opencl.device import choose_device
@@ -62,8 +61,8 @@ def both(config, frames, device=None):
 
 def levels(detector):
     """The level of each pixel after the last step, NaN where it has none."""
-    engine = detector._engine
-    return engine.workplace.read(engine.state)[:, 1, : detector.width]
+    estimator = detector.estimator
+    return estimator.stages.place.read(estimator.levels.end)[:, : detector.width]
 
 
 def keep(events, where):
@@ -354,8 +353,8 @@ def test_how_bright_a_luminance_is_makes_no_new_programs_but_where_it_matters(mo
     for options in ({}, {"floor": 0.01}, {"response": "lin-log"}, {"regress": "linear"}):
         built.append(set())
         run(Detector(config_of(**options), 11, 9, frames[0].names), frames)
-    assert [len(each) for each in built] == [6] * 4
-    assert len(set.intersection(*built)) == 3
+    assert [len(each) for each in built] == [7] * 4
+    assert len(set.intersection(*built)) == 5
 
 
 @pytest.mark.parametrize("gate", ["delta-r-exact", "published"])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
 from clsim.detect.reference import ReferenceDetector
+from clsim.detector import Detector
 from tests.detect.reference_scenes import random_frames
 
 

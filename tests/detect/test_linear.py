@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
-from clsim.detect.recorded import recorded_detector
 from clsim.detect.reference import ReferenceDetector
+from clsim.detector import Detector, recorded_detector
 from clsim.errors import InputError
 from tests.detect.reference_scenes import make_frame, random_frames
 
@@ -117,7 +116,7 @@ def test_options_that_do_not_fit_are_refused(options, message):
 
 def test_frames_without_the_variance_are_refused():
     config = DetectorConfig(regress="linear", shrink=1.5)
-    for each in (ReferenceDetector, Detector, recorded_detector):
+    for each in (Detector, recorded_detector):
         with pytest.raises(InputError, match=r"`shrink` needs the plane 'Variance\.Luminance'"):
             each(config, 8, 8, ("R", "G", "B", "Depth"))
-    ReferenceDetector(DetectorConfig(method="esim", regress="linear", shrink=1.5), 8, 8, ("R", "G", "B"))
+    Detector(DetectorConfig(method="esim", regress="linear", shrink=1.5), 8, 8, ("R", "G", "B"))

@@ -11,6 +11,7 @@ from reference_scenes import make_frame, random_frames, run
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
 from clsim.detect.reference.observation import observe
+from clsim.detector import NumpyDetector
 from clsim.errors import InputError
 
 METHODS = [
@@ -295,4 +296,4 @@ def test_wrong_input_is_named():
     with pytest.raises(InputError, match="5×3"):
         detector.step(make_frame(np.zeros((3, 5)), 1))
     with pytest.raises(InputError, match="Depth"):
-        ReferenceDetector(DetectorConfig(features=("Depth",)), 4, 3, frame.names)
+        NumpyDetector(DetectorConfig(features=("Depth",)), 4, 3, frame.names)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.detector import Detector
+from clsim.detector import Detector
 from tools import tradeoff_experiments as tables
 from tools import tradeoff_prototypes as tool
 

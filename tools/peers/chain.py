@@ -17,8 +17,8 @@ import numpy as np
 
 from clsim.bench.stopwatch import Stopwatch
 from clsim.detect.config import DetectorConfig
-from clsim.detect.recorded import NumpyDetector
 from clsim.detect.reference.observation import feature_names, observe
+from clsim.detector import NumpyDetector
 from clsim.events import EventBatch
 from clsim.frames import Frame, page_aligned
 from clsim.render import RenderOptions

@@ -24,7 +24,7 @@ import numpy.typing as npt
 
 from clsim.bench.stopwatch import Stopwatch
 from clsim.bench.tradeoff_measure import warm_renderer
-from clsim.detect.reference.observation import LUMINANCE_WEIGHTS
+from clsim.detect.features import LUMINANCE_WEIGHTS
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.frames import RADIANCE, SAMPLES, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from clsim.detect.config import KEPT_WINDOW_GATES, REGRESSING, DetectorConfig
+from clsim.detect.config import DetectorConfig
 from clsim.detect.reference.bandwidth import SOLVERS
 from clsim.detect.reference.fit import Fit, Pixels, fit_pixels
 from clsim.detect.reference.gate import Boxes, Model, Verdict, box_means, delta_r, level_of, radiance
@@ -20,10 +20,10 @@ from clsim.detect.reference.irradiance import observe_irradiance
 from clsim.detect.reference.kept import KeptWindows, delta_r_exact, published
 from clsim.detect.reference.observation import (
     F64,
+    REGRESSING,
     Mask,
     Observation,
     add_variances,
-    check_variance,
     feature_names,
     observe,
 )
@@ -32,6 +32,8 @@ from clsim.detect.stats import DetectorStats
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.frames import Frame
+
+KEPT_WINDOW_GATES = ("delta-r-exact", "published")
 
 
 class ReferenceDetector:
@@ -49,10 +51,7 @@ class ReferenceDetector:
         The gate `published` always has the authors' Epanechnikov kernel. The bandwidths `tsvd` and `optimised` are
         chosen per pixel (see `clsim.detect.reference.bandwidth`) and need the variance planes.
 
-        Raises:
-            InputError: a feature asked for, or the variance that ``shrink`` needs, is not among the planes.
         """
-        check_variance(config, names)
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
         self.config = config

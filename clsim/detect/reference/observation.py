@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from clsim.detect.config import REGRESSING, DetectorConfig
+from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, NORMAL, RADIANCE, Frame
+
+REGRESSING = ("wlr-esim", "esim-ad")
+"""Methods that regress brightness on features."""
 
 F64 = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -52,29 +55,9 @@ class Observation:
 
 
 def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the planes to regress on, in the order of ``names``.
-
-    Raises:
-        InputError: a plane asked for in ``config.features`` is missing, or cannot be a feature.
-    """
+    """Return the planes to regress on, in the order of ``names``."""
     wanted = FEATURE_PLANES if config.features is None else config.features
-    if config.features is not None:
-        for name in config.features:
-            if name not in FEATURE_PLANES:
-                raise InputError(f"`features`: {name!r} is unknown; expected some of {', '.join(FEATURE_PLANES)}")
-            if name not in names:
-                raise InputError(f"`features`: {name!r} is not among the frames' planes {', '.join(names)}")
     return tuple(name for name in names if name in wanted)
-
-
-def check_variance(config: DetectorConfig, names: tuple[str, ...]) -> None:
-    """Refuse frames without the variance that ``config.shrink`` weighs with.
-
-    Raises:
-        InputError: it is missing.
-    """
-    if config.shrink > 0 and config.method in REGRESSING and VARIANCE not in names:
-        raise InputError(f"`shrink` needs the plane {VARIANCE!r}, which the frames lack")
 
 
 def scaled_luminance(rgb: F64, config: DetectorConfig) -> F64:

@@ -1,0 +1,59 @@
+"""Method irradiance: what falls on surfaces is smoothed, and their albedo is not (see `clsim.detect.irradiance`)."""
+
+from __future__ import annotations
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.gate import Counts, Level, LevelGate, Levels
+from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing, check_planes
+from clsim.detect.methods.base import Method, Setting, Stages
+from clsim.detect.wlr import History
+from clsim.opencl.workplace import Buffer
+
+
+class IrradianceStages(Stages):
+    """Smoothing of every pixel."""
+
+    gate: LevelGate
+
+    def __init__(self, setting: Setting) -> None:
+        """Build the kernels."""
+        self.place = setting.place(PACKED_PLANES)
+        self.pack: Demodulation = Demodulation(self.place, setting.config, setting.names)
+        self.smoothing = Smoothing(self.place, setting.config, setting.names)
+        self.gate = LevelGate(self.place)
+        self._error_known = False
+
+    def observe(self, history: History, levels: Levels, references: Buffer, *, with_error: bool) -> Counts:
+        """Smooth and test what comes out."""
+        self.smoothing.run(self.pack.packed, with_error=with_error)
+        self._error_known = with_error
+        level = Level(self.smoothing.level, 0, self.place.layout.span)
+        self.gate.test(self.pack.packed, self.pack.offset(history.slot), level, levels, references)
+        return self.gate.collect()
+
+    @property
+    def error(self) -> Buffer:
+        """Standard error of the window's mean; taken now if the last `observe` was not asked for it."""
+        if not self._error_known:
+            self.smoothing.run(self.pack.packed, with_error=True)
+            self._error_known = True
+        return self.smoothing.error
+
+
+class Irradiance(Method):
+    """ESIM on smoothed irradiance."""
+
+    name = "irradiance"
+    window = 7
+
+    def check_planes(self, config: DetectorConfig, names: tuple[str, ...]) -> None:
+        """Refuse frames that do not tell albedo, normal and depth."""
+        super().check_planes(config, names)
+        check_planes(names)
+
+    def build(self, setting: Setting, features: tuple[str, ...], quiet: tuple[str, ...]) -> Stages:
+        """Build the stages."""
+        return IrradianceStages(setting)
+
+
+METHOD = Irradiance()

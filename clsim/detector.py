@@ -1,0 +1,160 @@
+"""The detector: frames in, events out. It joins what estimates brightness and what turns brightness into events."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.estimator import BrightnessEstimator
+from clsim.detect.stats import DetectorStats
+from clsim.events import EventBatch
+from clsim.frames import Frame, InterestMap
+from clsim.frames.frame import FloatArray
+from clsim.opencl.device import Device, choose_device
+from clsim.opencl.workplace import Grid, Workplace
+from clsim.sensor import IdealPixels, Thresholds
+
+
+class Detector:
+    """Turns frames into events by the method, gate and rule of a `DetectorConfig`, in OpenCL.
+
+    `clsim.detect.reference` is the same in float64 numpy.
+    """
+
+    estimator_type: ClassVar[type[BrightnessEstimator]] = BrightnessEstimator
+
+    def __init__(
+        self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...], *, device: Device | None = None
+    ) -> None:
+        """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
+
+        Raises:
+            InputError: a plane is missing, the gate needs recorded frames, or there is no OpenCL device.
+        """
+        config.strategy.check_stream(config)
+        self.config = config
+        self.width, self.height, self.names = width, height, names
+        self.device = device or choose_device()
+        self.stats = DetectorStats()
+        self._queue = self.device.queue()
+        double = config.precision == "float64"
+        lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
+        self._grid = Grid(width, height, lanes, np.float64 if double else np.float32)
+        self.estimator = self.estimator_type(config, self._grid, names, self.device, self._queue)
+        self._sensor: IdealPixels | None = None
+
+    @property
+    def features(self) -> tuple[str, ...]:
+        """Planes in the regression; those that have been constant so far are left out."""
+        return self.estimator.features
+
+    @property
+    def sensor(self) -> IdealPixels:
+        """The pixels; built when they are first wanted."""
+        if self._sensor is None:
+            config = self.config
+            thresholds = Thresholds(config.threshold_on, config.threshold_off, config.event_rule == "frame")
+            self._sensor = IdealPixels(Workplace(self.device, self._grid, self._queue), thresholds)
+        return self._sensor
+
+    def reset(self) -> None:
+        """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""
+        self.estimator.reset()
+        if self._sensor is not None:
+            self._sensor.forget()
+
+    def close(self) -> None:
+        """Release the device's memory; safe to call twice."""
+        self.estimator.close()
+        self._sensor = None
+
+    def step(self, frame: Frame) -> EventBatch:
+        """Process one frame and return its events, sorted by t, then (y, x).
+
+        Raises:
+            InputError: the frame has another size or other planes, or is not later than the one before.
+        """
+        sensor = self.sensor
+        path, counts = self.estimator.observe(frame, sensor.references)
+        fired = sensor.step(path)
+        self.estimator.learn(path, fired.crossings)
+        stats = self.stats
+        stats.frames += 1
+        stats.events += len(fired.events)
+        stats.initialised += counts.fresh
+        stats.masked += counts.invalid
+        stats.tested += counts.kept + counts.solved
+        stats.solved += self.config.strategy.solved(counts)
+        stats.many_crossings += fired.many_crossings
+        stats.most_crossings = max(stats.most_crossings, fired.most_crossings)
+        stats.capped += fired.capped
+        return fired.events
+
+    def level(self) -> FloatArray:
+        """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``, for people to look at.
+
+        NaN before a pixel's first valid frame.
+        """
+        return self.estimator.level()
+
+    def interest(self) -> InterestMap:
+        """Return how close each pixel is to firing after the last frame; ask after every frame, from the first on.
+
+        Raises:
+            ValueError: there was no frame yet.
+        """
+        return self.estimator.interest(self.stats.frames - 1, self.sensor.references)
+
+
+class NumpyDetector:
+    """What the kernels leave to float64 numpy: gates that need old windows, and bandwidths chosen per pixel.
+
+    They serve to check and to reproduce, not to stream: a gate keeps a window per pixel, and all of it is slow.
+    """
+
+    def __init__(self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...]) -> None:
+        """Prepare for frames of ``width`` × ``height`` with the planes ``names``.
+
+        Raises:
+            InputError: a plane is missing.
+        """
+        from clsim.detect.reference import ReferenceDetector
+
+        config.strategy.check_planes(config, names)
+        config.strategy.candidates(config, names)
+        self._reference = ReferenceDetector(config, width, height, names)
+
+    def step(self, frame: Frame) -> EventBatch:
+        """Process one frame and return its events, sorted by t, then (y, x)."""
+        return self._reference.step(frame)
+
+    def reset(self) -> None:
+        """Forget all references: the next frame initialises again and fires nothing."""
+        self._reference.reset()
+
+    def level(self) -> FloatArray:
+        """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``."""
+        return self._reference.level.astype(np.float32)
+
+    def close(self) -> None:
+        """Release nothing; here so that all detectors end alike."""
+
+    @property
+    def stats(self) -> DetectorStats:
+        """Counts since the start."""
+        return self._reference.stats
+
+
+def recorded_detector(
+    config: DetectorConfig, width: int, height: int, names: tuple[str, ...], *, device: Device | None = None
+) -> Detector | NumpyDetector:
+    """Return the detector of ``config`` for recorded frames; ``device`` is for those that run in OpenCL.
+
+    Raises:
+        InputError: a plane is missing, or there is no OpenCL device where one is needed.
+    """
+    if config.strategy.needs_numpy(config):
+        return NumpyDetector(config, width, height, names)
+    return Detector(config, width, height, names, device=device)
