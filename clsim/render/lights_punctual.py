@@ -14,21 +14,27 @@ import warp as wp
 from clsim.render.features import Features
 from clsim.render.shutter import key_steps, position_between, shutter_key, shutter_weight
 from clsim.scene import PunctualLight
+from clsim.scene.world import Falloff
 
 _FAR = wp.constant(1.0e30)
+CURVES: dict[Falloff, int] = {"squared": 0, "linear": 1, "smooth": 2}
+_LINEAR = wp.constant(CURVES["linear"])
+_SMOOTH = wp.constant(CURVES["smooth"])
 
 
 @wp.struct
 class Punctual:
     """The lights; positions and axes (where a light shines) light by light for each key of the exposure.
 
-    A spot's falloff is ``clamp(cos·scale + offset)²``; a point has scale 0 and offset 1.
+    A spot fades as ``clamp(x·scale + offset)``, of which ``curve`` makes its falloff; x is the cosine to its axis, and
+    the angle [rad] where the curve is linear. A point has scale 0 and offset 1.
     """
 
     count: int
     directional: wp.array(dtype=int)
     intensity: wp.array(dtype=wp.vec3)
     falloff: wp.array(dtype=wp.vec2)
+    curve: wp.array(dtype=int)
     positions: wp.array(dtype=wp.vec3)
     steps: wp.array(dtype=wp.vec3)
     axes: wp.array(dtype=wp.vec3)
@@ -78,17 +84,32 @@ def make_punctual(features: Features) -> Any:
             sample.distance = wp.max(wp.length(away), 1.0e-15)
             sample.direction = away / sample.distance
             falloff = lights.falloff[index]
-            cone = wp.clamp(wp.dot(-sample.direction, axis) * falloff[0] + falloff[1], 0.0, 1.0)
-            sample.irradiance = sample.irradiance * (cone * cone / (sample.distance * sample.distance))
+            x = wp.dot(-sample.direction, axis)
+            curve = lights.curve[index]
+            if curve == _LINEAR:
+                x = wp.acos(wp.clamp(x, -1.0, 1.0))
+            cone = wp.clamp(x * falloff[0] + falloff[1], 0.0, 1.0)
+            share = cone * cone
+            if curve == _LINEAR:
+                share = cone
+            if curve == _SMOOTH:
+                share = share * (3.0 - 2.0 * cone)
+            sample.irradiance = sample.irradiance * (share / (sample.distance * sample.distance))
         return sample
 
     return towards_punctual
 
 
 def falloff(light: PunctualLight) -> tuple[float, float]:
-    """Return scale and offset of a light's cone (KHR_lights_punctual, "Inner and outer cone angles")."""
+    """Return scale and offset of a light's cone, on the cosine or the angle.
+
+    Source: KHR_lights_punctual, "Inner and outer cone angles"; Mitsuba 3's and pbrt-v4's manuals.
+    """
     if light.kind != "spot":
         return 0.0, 1.0
+    if light.falloff == "linear":
+        scale = 1.0 / math.radians(max(light.outer_deg - light.inner_deg, 1e-3))
+        return -scale, math.radians(light.outer_deg) * scale
     inner, outer = math.cos(math.radians(light.inner_deg)), math.cos(math.radians(light.outer_deg))
     scale = 1.0 / max(inner - outer, 0.001)
     return scale, -outer * scale
@@ -102,6 +123,11 @@ def power(light: PunctualLight, radius_m: float) -> npt.NDArray[np.float64]:
     if light.kind == "point":
         return intensity * (4 * math.pi)
     scale, offset = falloff(light)
+    if light.falloff != "squared":
+        cosine = np.linspace(math.cos(math.radians(light.outer_deg)), 1.0, 257)
+        cone = np.clip((np.arccos(cosine) if light.falloff == "linear" else cosine) * scale + offset, 0.0, 1.0)
+        share = cone if light.falloff == "linear" else cone * cone * (3.0 - 2.0 * cone)
+        return intensity * (2 * math.pi * float(share.mean() * (cosine[-1] - cosine[0])))
     # The integral of the squared ramp from the outer cone to where it reaches 1, then the full cone.
     full = (1.0 - offset) / scale
     return intensity * (2 * math.pi * (1.0 / (3.0 * scale) + 1.0 - min(full, 1.0)))

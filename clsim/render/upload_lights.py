@@ -134,6 +134,7 @@ class LightData:
         table.directional = array([int(light.kind == "directional") for light in lights], wp.int32, self._device)
         table.intensity = array([light.intensity for light in lights], wp.vec3, self._device)
         table.falloff = array([lights_punctual.falloff(light) for light in lights], wp.vec2, self._device)
+        table.curve = array([lights_punctual.CURVES[light.falloff] for light in lights], wp.int32, self._device)
         table.positions = array(positions, wp.vec3, self._device)
         table.steps = array(steps_m, wp.vec3, self._device)
         table.axes = array(axes, wp.vec3, self._device)

@@ -204,7 +204,7 @@ class _Reader:
             outer = emitter.get("cutoff_angle", 20.0)
             inner = emitter.get("beam_width", outer * 3 / 4)
             turned = Nested(_rigid(motion), Static(TURN_ROUND))
-            light = PunctualLight("spot", _radiance(emitter, "intensity"), turned, min(inner, outer), outer)
+            light = PunctualLight("spot", _radiance(emitter, "intensity"), turned, min(inner, outer), outer, "linear")
             self.punctual_lights.append(light)
         elif kind == "directional":
             turned_motion: Motion = Nested(_rigid(motion), Static(TURN_ROUND))

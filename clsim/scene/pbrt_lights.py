@@ -60,7 +60,7 @@ def read_punctual(kind: str, materials: MaterialReader, parameters: Parameters, 
         motion = Static(look_at(position, aim))
         if kind == "distant":
             return PunctualLight("directional", color, motion)
-        return PunctualLight("spot", color, motion, inner, outer)
+        return PunctualLight("spot", color, motion, inner, outer, "smooth")
 
     return placed
 

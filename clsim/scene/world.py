@@ -20,6 +20,7 @@ Wrap = Literal["repeat", "clamp", "mirror"]
 Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
 AlphaMode = Literal["opaque", "mask", "blend"]
 Back = Literal["same", "black", "culled"]
+Falloff = Literal["squared", "linear", "smooth"]
 
 
 class Deformation(Protocol):
@@ -164,6 +165,8 @@ class PunctualLight:
         kind: ``point``, ``spot`` or ``directional``.
         intensity: radiant intensity [W·sr⁻¹] of a point or spot, irradiance [W·m⁻²] of a directional light.
         inner_deg, outer_deg: half angles of a spot's cone: full inside, none outside.
+        falloff: how a spot fades between them: the ``squared`` ramp of the cosine (glTF), ``linear`` in the angle
+            (Mitsuba), or the ``smooth`` step of the cosine, 3x² − 2x³ (pbrt).
     """
 
     kind: Literal["point", "spot", "directional"]
@@ -171,6 +174,7 @@ class PunctualLight:
     motion: Motion
     inner_deg: float = 0.0
     outer_deg: float = 45.0
+    falloff: Falloff = "squared"
 
 
 @dataclass(frozen=True)

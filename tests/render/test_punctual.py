@@ -48,15 +48,36 @@ def test_a_directional_light_gives_its_irradiance_times_the_cosine_wherever_it_s
     assert np.all(irradiance(floor_under(below)) == 0)
 
 
+FALLOFFS = {
+    "squared": lambda a, i, o: np.clip((np.cos(a) - np.cos(o)) / (np.cos(i) - np.cos(o)), 0, 1) ** 2,
+    "linear": lambda a, i, o: np.clip((o - a) / (o - i), 0, 1),
+    "smooth": lambda a, i, o: smooth_step(np.clip((np.cos(a) - np.cos(o)) / (np.cos(i) - np.cos(o)), 0, 1)),
+}
+"""As KHR_lights_punctual, Mitsuba and pbrt define them, of the angle and the cones."""
+
+
+def smooth_step(x):
+    return x * x * (3 - 2 * x)
+
+
+@pytest.mark.parametrize("curve", FALLOFFS)
 @pytest.mark.parametrize("off_axis_deg", [0.0, 15.0, 24.0, 29.5, 30.5])
-def test_a_spot_fades_from_the_inner_to_the_outer_cone(off_axis_deg):
-    """KHR_lights_punctual's falloff, written out; the light is 2 m over the origin and its axis tilted."""
+def test_a_spot_fades_from_the_inner_to_the_outer_cone(curve, off_axis_deg):
+    """The falloff, written out; the light is 2 m over the origin and its axis tilted."""
     inner, outer = 20.0, 30.0
     tilt = np.tan(np.radians(off_axis_deg)) * 2.0
-    light = PunctualLight("spot", INTENSITY, shining((0, 2, 0), (tilt, 0, 0)), inner, outer)
-    c, ci, co = (np.cos(np.radians(a)) for a in (off_axis_deg, inner, outer))
-    ramp = np.clip((c - co) / (ci - co), 0, 1) ** 2
+    light = PunctualLight("spot", INTENSITY, shining((0, 2, 0), (tilt, 0, 0)), inner, outer, curve)
+    ramp = FALLOFFS[curve](*(np.radians(a) for a in (off_axis_deg, inner, outer)))
     np.testing.assert_allclose(irradiance(floor_under(light)), np.array(INTENSITY) / 4 * ramp, rtol=5e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("curve", ["linear", "smooth"])
+@pytest.mark.parametrize(("inner", "outer"), [(0.0, 45.0), (20.0, 30.0), (0.0, 90.0)])
+def test_the_power_of_other_spots_is_the_integral_of_their_falloff(inner, outer, curve):
+    light = PunctualLight("spot", (1.0, 0.0, 0.0), hw.IDENTITY, inner, outer, curve)
+    c = np.linspace(0, 1, 200_001)
+    expected = 2 * np.pi * np.trapezoid(FALLOFFS[curve](np.arccos(c), *np.radians((inner, outer))), c)
+    np.testing.assert_allclose(power(light, 1.0)[0], expected, rtol=0.01)
 
 
 @pytest.mark.parametrize(("inner", "outer"), [(0.0, 45.0), (20.0, 30.0), (30.0, 30.0), (0.0, 90.0)])

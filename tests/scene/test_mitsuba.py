@@ -193,7 +193,7 @@ def test_lights(tmp_path):
     assert point.intensity == (4, 4, 4)
     np.testing.assert_allclose(point.motion.pose(0)[:3, 3], (1, 2, 3))
     np.testing.assert_allclose(-spot.motion.pose(0)[:3, 2], (0, -1, 0), atol=1e-12)
-    assert (spot.inner_deg, spot.outer_deg) == (30, 40)
+    assert (spot.inner_deg, spot.outer_deg, spot.falloff) == (30, 40, "linear")
     np.testing.assert_allclose(-sun.motion.pose(0)[:3, 2], np.array((1, -1, 0)) / np.sqrt(2), atol=1e-12)
     (ball,) = world.sphere_lights
     assert (ball.radius_m, ball.radiance) == (1.0, (1, 2, 3))

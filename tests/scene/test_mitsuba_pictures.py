@@ -95,3 +95,11 @@ def test_reflectance_spectra(mi, tmp_path, spectrum):
 def test_radiance_spectra(mi, tmp_path, spectrum):
     lamp = panel(DIFFUSE, f'<spectrum name="radiance" {spectrum}/>')
     assert_alike(mi, tmp_path, FLOOR + lamp, mean=0.02)
+
+
+@pytest.mark.parametrize("beam", ["", '<float name="beam_width" value="5"/>'])
+def test_spots_fade_linearly_in_the_angle(mi, tmp_path, beam):
+    place = '<transform name="to_world"><lookat origin="0, 3, 1" target="0, 0, 0" up="0, 0, 1"/></transform>'
+    spot = f"""<emitter type="spot"><rgb name="intensity" value="9, 8, 7"/>
+        <float name="cutoff_angle" value="35"/>{beam}{place}</emitter>"""
+    assert_alike(mi, tmp_path, FLOOR + spot, spp=512)

@@ -210,7 +210,7 @@ def test_lights(tmp_path):
     np.testing.assert_allclose(-sun.motion.pose(0)[:3, 2], (0, -1, 0), atol=1e-12)
     assert np.dot(sun.intensity, (0.2126, 0.7152, 0.0722)) == pytest.approx(1, rel=1e-3)
     np.testing.assert_allclose(-spot.motion.pose(0)[:3, 2], (0, 0, -1), atol=1e-12)
-    assert (spot.inner_deg, spot.outer_deg) == (20, 30)
+    assert (spot.inner_deg, spot.outer_deg, spot.falloff) == (20, 30, "smooth")
     lamp = world.materials[world.meshes[0].material_ids[0]]
     assert (lamp.emission, lamp.emits_behind, lamp.back) == ((4, 5, 6), False, "same")
     a, b, c = corners(world)
