@@ -68,9 +68,7 @@ def live(
     as_json: JSON = False,
     frames: Annotated[
         bool | None,
-        advanced(
-            "--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files (needs the [dv] extra)."
-        ),
+        advanced("--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files."),
     ] = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,

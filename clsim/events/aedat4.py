@@ -15,11 +15,13 @@ from pathlib import Path
 
 import lz4.frame
 import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
 from clsim.events.dv_stream import (
     AEDAT4_MAGIC,
+    FRAMES_STREAM,
     MAX_HEADER_BYTES,
     MAX_PACKET_BYTES,
     MAX_SIDE,
@@ -41,29 +43,46 @@ _LZ4_MAGIC = 0x184D2204
 class Aedat4Sink(FileSink):
     """Writes one packet a flush; the data table follows at close."""
 
-    def __init__(self, path: Path, width: int, height: int, flush: FlushPolicy) -> None:
-        """Create the file with its header; raises InputError when it cannot be."""
+    def __init__(self, path: Path, width: int, height: int, flush: FlushPolicy, *, frames: bool = False) -> None:
+        """Create the file with its header, for ``frames`` too if wanted; raises InputError when it cannot be."""
         super().__init__(path, width, height, LIMITS, flush)
-        self._encoder = DvEncoder(width, height)
-        self._table: list[tuple[int, int, int, int, int]] = []  # offset, size, count, first t, last t
+        self._frames = frames
+        self._encoder = DvEncoder(width, height, frames=frames)
+        self._table: list[tuple[int, ...]] = []  # stream, size, offset, count, first t, last t
         self._file = ByteFile(path, AEDAT4_MAGIC + self._encoder.header)
 
     def _store(self, events: EventBatch) -> None:
         times = events["t"]
         done = 0
         for packet, count in self._encoder.packets(events):
-            # DV counts offsets from the payload, behind the packet's head.
-            offset, size = self._file.size + PACKET_HEAD.size, len(packet) - PACKET_HEAD.size
-            self._file.write(packet)
-            self._table.append((offset, size, count, int(times[done]), int(times[done + count - 1])))
+            self._append(0, packet, count, int(times[done]), int(times[done + count - 1]))
             done += count
+
+    def write_image(self, time_us: int, image: npt.NDArray[np.uint8]) -> None:
+        """Take an image ``[H, W, 3]``, in the order blue, green, red that DV keeps; events before it go first.
+
+        Raises SinkError when the medium fails.
+        """
+        self._check_open()
+        if image.shape != (self.height, self.width, 3) or image.dtype != np.uint8:
+            raise ValueError(f"expected 8 bits [{self.height}, {self.width}, 3], got {image.dtype} {image.shape}")
+        self.flush()
+        packet = self._encoder.frame_packet(time_us, image)
+        with self._noting_failures():
+            self._append(FRAMES_STREAM, packet, 1, time_us, time_us)
+
+    def _append(self, stream: int, packet: bytes, count: int, first_us: int, last_us: int) -> None:
+        # DV counts offsets from the payload, behind the packet's head.
+        offset, size = self._file.size + PACKET_HEAD.size, len(packet) - PACKET_HEAD.size
+        self._file.write(packet)
+        self._table.append((stream, size, offset, count, first_us, last_us))
 
     def _finish(self) -> None:
         try:
             if self._file.seekable():
                 position = self._file.size
                 self._file.write(lz4.frame.compress(_data_table(self._table)))
-                header = pack_header(self.width, self.height, Compression.LZ4, position)
+                header = pack_header(self.width, self.height, Compression.LZ4, position, frames=self._frames)
                 self._file.write_at(len(AEDAT4_MAGIC), header)
         finally:
             self._file.close()
@@ -127,8 +146,8 @@ def _read_with_faery(path: Path, start: int, header: StreamHeader) -> Iterator[E
                 yield packet.astype(EVENT_DTYPE)
 
 
-def _data_table(packets: list[tuple[int, int, int, int, int]]) -> bytes:
-    """Return the size-prefixed FTAB flatbuffer of (offset, size, count, first t, last t) of every packet.
+def _data_table(packets: list[tuple[int, ...]]) -> bytes:
+    """Return the size-prefixed FTAB flatbuffer of (stream, size, offset, count, first t, last t) of every packet.
 
     Laid out by hand, all tables sharing one vtable: long recordings have 10⁵ packets, too many for a builder in Python.
     """
@@ -154,7 +173,7 @@ def _data_table(packets: list[tuple[int, int, int, int, int]]) -> bytes:
     definitions["vtable"] = places - 20
     if packets:
         columns = np.array(packets, np.int64).T
-        for name, column in zip(("offset", "size", "count", "first_us", "last_us"), columns, strict=True):
+        for name, column in zip(("stream", "size", "offset", "count", "first_us", "last_us"), columns, strict=True):
             definitions[name] = column
     total = tables + definitions.nbytes
     head = struct.pack(

@@ -20,6 +20,7 @@ from xml.etree import ElementTree
 
 import lz4.frame
 import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
@@ -51,7 +52,13 @@ _WIRE_DTYPE = np.dtype(
 # Size prefix, offset of the root table, identifier, padding, vtable (its size, the table's size, field 0), table (back
 # offset to the vtable, offset of the vector), length of the vector. The events follow at byte 32.
 _EVENTS_HEAD = struct.Struct("<II4s2x3HiII")
-# The same, with the vtable's three fields: compression, data table position, description.
+# A frame: the vtable names time, format, width, height and pixels, of 11 fields; then the table and the pixels' length.
+_FRAME_HEAD = struct.Struct("<II4s6x13HiqhhIb3xI")
+_FRAME_VTABLE = (26, 24, 4, 0, 0, 0, 0, 20, 12, 14, 0, 0, 16)
+_BLUE_GREEN_RED = 16
+FRAMES_STREAM = 1
+"""Stream id of frames beside the events, which are stream 0."""
+# The same as of events, with the vtable's three fields: compression, data table position, description.
 _HEADER_HEAD = struct.Struct("<II4s6x5HiiIq4xI")
 
 
@@ -81,15 +88,17 @@ class StreamHeader:
 class DvEncoder:
     """Turns batches into packets of one event stream; buffers are reused, so one thread at a time."""
 
-    def __init__(self, width: int, height: int, compression: Compression = Compression.LZ4) -> None:
-        """Prepare the header for a sensor of ``width`` × ``height`` pixels.
+    def __init__(
+        self, width: int, height: int, compression: Compression = Compression.LZ4, *, frames: bool = False
+    ) -> None:
+        """Prepare the header for a sensor of ``width`` × ``height`` pixels, with a stream of ``frames`` if wanted.
 
         Raises:
             InputError: a side is not within 1 … 32768.
         """
         if not (0 < width <= MAX_SIDE and 0 < height <= MAX_SIDE):
             raise InputError(f"a DV stream's coordinates are int16: {width}x{height} is not within 1x1 … 32768x32768")
-        self.header = pack_header(width, height, compression)
+        self.header = pack_header(width, height, compression, frames=frames)
         """The first bytes every client gets."""
         self._limits = (width, height)
         self._compression = compression
@@ -105,6 +114,16 @@ class DvEncoder:
         for start in range(0, len(batch), EVENTS_PER_PACKET):
             part = batch[start : start + EVENTS_PER_PACKET]
             yield self._packet(part), len(part)
+
+    def frame_packet(self, time_us: int, image: npt.NDArray[np.uint8]) -> bytes:
+        """Return the packet of an image ``[H, W, 3]`` of 8 bits, in the order blue, green, red."""
+        height, width, _ = image.shape
+        table = (26, time_us, width, height, 8, _BLUE_GREEN_RED, image.size)
+        head = _FRAME_HEAD.pack(_FRAME_HEAD.size - 4 + image.size, 40, b"FRME", *_FRAME_VTABLE, *table)
+        payload = head + image.tobytes()
+        if self._compression is not Compression.NONE:
+            payload = lz4.frame.compress(payload)
+        return PACKET_HEAD.pack(FRAMES_STREAM, len(payload)) + payload
 
     def _packet(self, part: EventBatch) -> bytes:
         count = len(part)
@@ -124,25 +143,39 @@ class DvEncoder:
         return PACKET_HEAD.pack(0, len(payload)) + payload
 
 
-def pack_header(width: int, height: int, compression: Compression, data_table_position: int = -1) -> bytes:
-    """Return the header of one event stream; a file that is complete names the position of its data table in it."""
-    description = f"""<dv version="2.0">
-    <node name="outInfo" path="/outInfo/">
-        <node name="0" path="/outInfo/0/">
-            <attr key="compression" type="string">{compression.name}</attr>
+_STREAM = """        <node name="{id}" path="/outInfo/{id}/">
+            <attr key="compression" type="string">{compression}</attr>
             <attr key="originalModuleName" type="string">clsim</attr>
-            <attr key="originalOutputName" type="string">events</attr>
-            <attr key="typeDescription" type="string">Array of events (polarity ADDRESS-EVENTs).</attr>
-            <attr key="typeIdentifier" type="string">EVTS</attr>
-            <node name="info" path="/outInfo/0/info/">
+            <attr key="originalOutputName" type="string">{name}</attr>
+            <attr key="typeDescription" type="string">{type}</attr>
+            <attr key="typeIdentifier" type="string">{mark}</attr>
+            <node name="info" path="/outInfo/{id}/info/">
                 <attr key="sizeX" type="int">{width}</attr>
                 <attr key="sizeY" type="int">{height}</attr>
                 <attr key="source" type="string">clsim</attr>
             </node>
         </node>
-    </node>
-</dv>
-""".encode()
+"""
+
+
+def pack_header(
+    width: int, height: int, compression: Compression, data_table_position: int = -1, *, frames: bool = False
+) -> bytes:
+    """Return the header of a stream of events, and one of ``frames`` if wanted.
+
+    A file that is complete names the position of its data table in it.
+    """
+    kinds = [("events", "Array of events (polarity ADDRESS-EVENTs).", "EVTS")]
+    kinds += [("frames", "Standard frame (8-bit image).", "FRME")] if frames else []
+    streams = "".join(
+        _STREAM.format(
+            id=index, compression=compression.name, name=name, type=text, mark=mark, width=width, height=height
+        )
+        for index, (name, text, mark) in enumerate(kinds)
+    )
+    description = (
+        f'<dv version="2.0">\n    <node name="outInfo" path="/outInfo/">\n{streams}    </node>\n</dv>\n'
+    ).encode()
     padding = bytes(4 - len(description) % 4)  # at least the one NUL that ends a FlatBuffers string
     size = _HEADER_HEAD.size + len(description) + len(padding)
     layout = (10, 24, 4, 12, 8, 10)

@@ -31,8 +31,11 @@ class FileFormat:
 
     def check_library(self, path: Path) -> None:
         """Raise InputError if the library it needs is missing."""
-        if self.library is not None:
-            need_library(path, self.name.capitalize(), self.library, self.name)
+        if self.library is not None and importlib.util.find_spec(self.library) is None:
+            raise InputError(
+                f"{path}: {self.name.capitalize()} needs {self.library}; "
+                f"install it with: pip install 'clsim[{self.name}]'"
+            )
 
     def load(self) -> Any:
         """Import the module: LIMITS, ``open_sink(path, width, height, flush, **options)`` and ``open_source(path)``."""
@@ -112,13 +115,6 @@ def format_of(path: Path) -> FileFormat:
             return candidate
     endings = ", ".join(ending for candidate in FORMATS for ending in candidate.endings)
     raise InputError(f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {endings}')
-
-
-def need_library(path: Path, user: str, library: str, extra: str) -> None:
-    """Raise InputError if ``library``, which ``user`` needs and an extra of clsim brings, is missing."""
-    if importlib.util.find_spec(library) is None:
-        name = library.replace("_", "-")
-        raise InputError(f"{path}: {user} needs {name}; install it with: pip install 'clsim[{extra}]'")
 
 
 def format_named(name: str) -> FileFormat:

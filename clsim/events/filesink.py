@@ -84,8 +84,7 @@ class FileSink(abc.ABC):
 
     def write(self, events: EventBatch, end_us: int) -> None:
         """Take the events until ``end_us``; see Sink.write."""
-        if self._closed or self._failed:
-            raise SinkError(f"{self.path}: cannot be written any more; it was closed or writing failed before")
+        self._check_open()
         if len(events):
             self._check(events)
         if end_us < self._last_us:
@@ -110,12 +109,8 @@ class FileSink(abc.ABC):
         self._flushed_us = self._end_us
         count, self._count = self._count, 0
         if count:
-            try:
-                with naming_failures(self.path):
-                    self._store(self._pending[:count])
-            except SinkError:
-                self._failed = True
-                raise
+            with self._noting_failures():
+                self._store(self._pending[:count])
 
     def close(self) -> None:
         """Flush, complete the file and release it; safe to call twice.
@@ -134,6 +129,19 @@ class FileSink(abc.ABC):
         finally:
             with naming_failures(self.path):
                 self._finish()
+
+    def _check_open(self) -> None:
+        if self._closed or self._failed:
+            raise SinkError(f"{self.path}: cannot be written any more; it was closed or writing failed before")
+
+    @contextlib.contextmanager
+    def _noting_failures(self) -> Iterator[None]:
+        try:
+            with naming_failures(self.path):
+                yield
+        except SinkError:
+            self._failed = True
+            raise
 
     def _check(self, batch: EventBatch) -> None:
         """Refuse what the format would wrap silently."""

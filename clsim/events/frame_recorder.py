@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsim.events import EventBatch
-from clsim.events.aedat4_frames import Aedat4FramesSink
+from clsim.events.aedat4 import Aedat4Sink
 from clsim.frames import Frame
 from clsim.frames.planes import RADIANCE
 from clsim.frames.tonemap import ToneMap
@@ -19,7 +19,7 @@ class FrameRecorder:
 
     planes = RADIANCE
 
-    def __init__(self, sink: Aedat4FramesSink) -> None:
+    def __init__(self, sink: Aedat4Sink) -> None:
         """Record to ``sink``, which is closed with the recorder."""
         self.recorded_frames = 0
         self._sink = sink

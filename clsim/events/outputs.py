@@ -11,7 +11,8 @@ from typing import Any, Literal
 from clsim.errors import InputError
 from clsim.events import Sink
 from clsim.events.address import is_address, is_standard_output, parse_address
-from clsim.events.files import FORMATS, format_named, format_of, need_library, open_sink
+from clsim.events.files import FORMATS, format_named, format_of, open_sink
+from clsim.events.filesink import FlushPolicy
 
 TextTime = Literal["us", "s"]
 
@@ -87,8 +88,6 @@ def check_output(name: str, width: int, height: int, options: FileOptions) -> No
         chosen = format_named(kind)
         chosen.load().LIMITS.check_size(path, width, height)
         chosen.check_library(path)
-        if kind == "aedat4" and options.frames:
-            need_library(path, "`frames`", "dv_processing", "dv")
     if path.is_dir():
         raise InputError(f"{name} is a folder, expected a file for events")
     if not path.parent.is_dir():
@@ -101,10 +100,10 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-`` for events; raises InputError if it cannot be."""
     kind = options.format_of(name)
     if kind == "aedat4" and options.frames and not is_address(name):
-        from clsim.events.aedat4_frames import Aedat4FramesSink
+        from clsim.events.aedat4 import Aedat4Sink
         from clsim.events.frame_recorder import FrameRecorder
 
-        return FrameRecorder(Aedat4FramesSink(Path(name), width, height))
+        return FrameRecorder(Aedat4Sink(Path(name), width, height, FlushPolicy(), frames=True))
     text: dict[str, Any] = {"time_unit": options.text_time} if kind == "text" and options.text_time is not None else {}
     if is_address(name):
         from clsim.events.sockets import open_socket_sink
