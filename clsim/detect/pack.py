@@ -68,9 +68,12 @@ class FrameMemory:
         for _, _, mapped in entries:
             if mapped is not None:
                 mapped.base.release(self._queue)
-        self._queue.finish()
+        self._finish()
         for memory, _, _ in entries:
             memory.release()
+
+    def _finish(self) -> None:
+        self._queue.finish()
 
 
 class Pack:
