@@ -14,7 +14,7 @@ from clsim.scene import gltf_schema as schema
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_draco import unpacked
 from clsim.scene.gltf_materials import MaterialReader
-from clsim.scene.world import F32, I32
+from clsim.scene.world import F32, I32, Vec3
 
 Array = npt.NDArray[Any]
 
@@ -66,10 +66,8 @@ def read_geometry(
         if primitive.mode < 4:
             warn("points and lines are left out")
             continue
-        if any(name.startswith("COLOR_") for name in primitive.attributes):
-            warn("vertex colours are left out")
         place = f"meshes[{index}].primitives[{k}]"
-        part = _read_primitive(file, place, unpacked(file, place, primitive), materials)
+        part = _read_primitive(file, place, unpacked(file, place, primitive), materials, warn)
         if len(part.triangles):
             parts.append(part)
     if not parts:
@@ -79,7 +77,9 @@ def read_geometry(
     return parts[0] if len(parts) == 1 else _joined(file, f"meshes[{index}]", parts)
 
 
-def _read_primitive(file: GltfFile, place: str, primitive: schema.Primitive, materials: MaterialReader) -> Geometry:
+def _read_primitive(
+    file: GltfFile, place: str, primitive: schema.Primitive, materials: MaterialReader, warn: Callable[[str], None]
+) -> Geometry:
     attributes = primitive.attributes
     if "POSITION" not in attributes:
         raise InputError(f"{file.path}: {place} has no POSITION")
@@ -95,7 +95,8 @@ def _read_primitive(file: GltfFile, place: str, primitive: schema.Primitive, mat
 
     positions = np.ascontiguousarray(values(attributes, "POSITION", "VEC3"), np.float32)
     normals = _unit(values(attributes, "NORMAL", "VEC3"))
-    material = materials.index(primitive.material)
+    tint = _tint(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn)
+    material = materials.index(primitive.material, tint)
     coordinates = values(attributes, f"TEXCOORD_{materials.texcoord(primitive.material)}", "VEC2")
     uvs = None
     if coordinates is not None:
@@ -125,6 +126,17 @@ def _read_primitive(file: GltfFile, place: str, primitive: schema.Primitive, mat
         joints=np.concatenate(joints, axis=1) if joints else np.zeros((n, 0), np.int32),
         weights=_normalised(np.concatenate(weights, axis=1)) if weights else np.zeros((n, 0), np.float32),
     )
+
+
+def _tint(colors: Array | None, warn: Callable[[str], None]) -> Vec3:
+    """Return the mean of vertex colours, which multiply the base colour; they are linear."""
+    if colors is None or not len(colors):
+        return 1.0, 1.0, 1.0
+    rgb = np.clip(colors[:, :3].astype(np.float64), 0.0, 1.0)
+    if np.ptp(rgb, axis=0).max() > 1 / 256:
+        warn("vertex colours are averaged over each mesh")
+    r, g, b = rgb.mean(axis=0).tolist()
+    return r, g, b
 
 
 def _triangles(file: GltfFile, place: str, primitive: schema.Primitive, n: int) -> I32:

@@ -119,9 +119,8 @@ class MaterialReader:
     def _read_dielectric(self, bsdf: Plugin) -> Material:
         specular, _ = self._color(bsdf, "specular_reflectance", 1.0, plain=True)
         through, _ = self._color(bsdf, "specular_transmittance", 1.0, plain=True)
-        if through != WHITE:
-            self._warn("the specular_transmittance of glass is left out")
-        return Material(kind="dielectric", color=WHITE, ior=self._ior(bsdf, "bk7"), specular_color=specular)
+        passed = _reflectance(through)
+        return Material(kind="dielectric", color=passed, ior=self._ior(bsdf, "bk7"), specular_color=specular)
 
     def _read_roughdielectric(self, bsdf: Plugin) -> Material:
         return self._roughened(self._read_dielectric(bsdf), bsdf)

@@ -155,3 +155,17 @@ def test_uneven_texture_transforms_scale_then_turn_then_shift(tmp_path):
         x, y = x * math.cos(angle) + y * math.sin(angle), y * math.cos(angle) - x * math.sin(angle)
         expected = x + offset[0], 1 - (y + offset[1])
         np.testing.assert_allclose(np.array(texture.uv_matrix) @ (u, 1 - v, 1), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("dtype", ["<f4", "u1"])
+def test_vertex_colours_tint_a_mesh(tmp_path, dtype):
+    tree = gltf(materials=[{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 1, 1]}}])
+    primitive = tree["meshes"][0]["primitives"][0]
+    primitive["material"] = 0
+    one = 255 if dtype == "u1" else 1.0
+    even, mixed = [(one, 0, one, one)] * 3, [(one, 0, one, one), (0, 0, one, one), (0, one, one, one)]
+    for colors, expected, warned in ((even, (0.5, 0, 1), False), (mixed, (0.5 / 3, 0.5 / 3, 1), True)):
+        primitive["attributes"]["COLOR_0"] = add(tree, colors, dtype, normalized=dtype == "u1")
+        world = load_gltf(write_gltf(tmp_path, tree))
+        assert world.materials[0].color == pytest.approx(expected)
+        assert ["vertex colours are averaged" in warning for warning in world.warnings] == [True] * warned

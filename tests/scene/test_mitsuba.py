@@ -463,3 +463,9 @@ def test_black_bodies_have_the_radiance_of_plancks_law(tmp_path):
 def test_wrong_spectra_get_one_sentence(tmp_path, spectrum, part):
     bsdf = f'<bsdf type="diffuse"><spectrum name="reflectance" {spectrum}/></bsdf>'
     assert part in complaint(scene(tmp_path, SENSOR + f'<shape type="cube">{bsdf}</shape>'))
+
+
+def test_glass_keeps_what_it_lets_pass(tmp_path):
+    bsdf = '<bsdf type="dielectric"><rgb name="specular_transmittance" value="0.5, 0.05, 0"/></bsdf>'
+    found, world = material(tmp_path, bsdf)
+    assert (found.color, found.specular_color) == ((0.5, 0.05, 0), (1, 1, 1)) and not world.warnings

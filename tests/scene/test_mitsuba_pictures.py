@@ -103,3 +103,18 @@ def test_spots_fade_linearly_in_the_angle(mi, tmp_path, beam):
     spot = f"""<emitter type="spot"><rgb name="intensity" value="9, 8, 7"/>
         <float name="cutoff_angle" value="35"/>{beam}{place}</emitter>"""
     assert_alike(mi, tmp_path, FLOOR + spot, spp=512)
+
+
+@pytest.mark.parametrize("kind", ["dielectric", "thindielectric", "roughdielectric"])
+def test_glass_dims_by_its_transmittance(mi, tmp_path, kind):
+    """A ball, or a pane, before the floor: red passes by half, green hardly, and blue not at all."""
+    tint = '<rgb name="specular_transmittance" value="0.5, 0.05, 0"/>'
+    rough = (
+        '<float name="alpha" value="0.2"/><string name="distribution" value="ggx"/>'
+        if kind == "roughdielectric"
+        else ""
+    )
+    place = '<transform name="to_world"><scale value="0.6"/><translate y="0.9" z="1"/></transform>'
+    shape = "rectangle" if kind == "thindielectric" else "sphere"
+    ball = f'<shape type="{shape}">{place}<bsdf type="{kind}">{tint}{rough}</bsdf></shape>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + ball, spp=1024)
