@@ -74,6 +74,7 @@ class ListSink:
 
     def write(self, batch: EventBatch, end_us: int) -> None:
         if self.fail_after is not None and len(self.batches) >= self.fail_after:
+            self.fail_after = None  # what it is given later it would take
             raise self.error
         self.batches.append(batch.copy())
 
@@ -342,6 +343,22 @@ def test_real_pace_with_drops_shows_the_frame_that_is_due() -> None:
     assert source.filled == sorted(set(source.filled)) and source.filled[-1] == 99
     assert pipeline.progress.dropped_frames + pipeline.progress.frames == 100
     assert pipeline.progress.dropped_frames > 0
+
+
+def test_real_pace_never_runs_ahead_of_the_clock() -> None:
+    """The first frames, which load kernels, wait for nothing."""
+    begun_s: list[float] = []
+
+    class Timed(CountingSource):
+        def fill(self, index: int, out: Frame) -> None:
+            begun_s.append(time.perf_counter())
+            super().fill(index, out)
+
+    pipeline, _, _ = run(plan(1.0, 20.0, frames=12), Timed(), pace="real")
+    pipeline.start()
+    assert pipeline.wait(20)
+    assert all(begun_s[k] - begun_s[4] >= (k - 4) / 20 - 1e-3 for k in range(5, 12))
+    assert pipeline.progress.dropped_frames == 0
 
 
 def test_both_threads_end() -> None:

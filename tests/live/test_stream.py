@@ -1,8 +1,12 @@
 """`clsim.stream`: checked when called, complete however it ends."""
 
 import gc
+import importlib
 import inspect
 import json
+import pkgutil
+import subprocess
+import sys
 import threading
 from dataclasses import fields
 from pathlib import Path
@@ -91,6 +95,22 @@ def test_a_run_that_is_left_ends_and_completes_its_files(tmp_path: Path, ends: s
     assert about["complete"] is False and about["summary"]["frames"] >= 1
 
 
+def test_ctrl_c_ends_the_run_and_completes_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = clsim.stream("two-boxes", **SMALL, loop=True, outputs=(str(tmp_path / "a.npz"),))
+    next(run)
+
+    def interrupted(timeout_s: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(run._queue, "get", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        next(run)
+    assert not threads() and next(run, None) is None
+    about = json.loads((tmp_path / "a.npz.json").read_text())
+    assert about["complete"] is False
+    assert len(clsim.open(tmp_path / "a.npz").read()) == about["summary"]["events"]
+
+
 def test_a_run_that_never_began_leaves_its_file_readable(tmp_path: Path) -> None:
     with clsim.stream("still", **SMALL, outputs=(str(tmp_path / "a.npz"),)):
         pass
@@ -105,6 +125,22 @@ def test_a_sidecar_that_cannot_be_written_leaves_no_output_open(tmp_path: Path) 
         next(run)
     assert len(clsim.open(tmp_path / "a.npz").read()) == 0
     assert not threads()
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    script = (
+        "import sys, clsim; dir(clsim); print(sorted({'numpy', 'warp', 'pyopencl', 'clsim.live'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", script], capture_output=True, text=True).stdout == "[]\n"
+
+
+def test_all_errors_derive_from_one() -> None:
+    for module in pkgutil.walk_packages(clsim.__path__, "clsim."):
+        if ".bench" in module.name or ".cli" in module.name or module.name.endswith("__main__"):
+            continue
+        for kind in vars(importlib.import_module(module.name)).values():
+            if isinstance(kind, type) and issubclass(kind, Exception) and kind.__module__.startswith("clsim"):
+                assert issubclass(kind, clsim.Error), kind
 
 
 def test_what_the_package_shows() -> None:
