@@ -89,7 +89,9 @@ class FileSink(abc.ABC):
             self._check(events)
         if end_us < self._last_us:
             raise InputError(f"{self.path}: `end_us` is {end_us}, before the event at {self._last_us} µs")
-        self._end_us = max(self._end_us, end_us)
+        if end_us < self._end_us:
+            raise InputError(f"{self.path}: `end_us` goes back from {self._end_us} to {end_us}")
+        self._end_us = end_us
         done = 0
         while done < len(events):
             taken = min(len(events) - done, len(self._pending) - self._count)

@@ -9,9 +9,9 @@ from event_data import ENDINGS, HEIGHT, WIDTH, read
 
 import clsim
 from clsim.errors import InputError
-from clsim.events import EVENT_DTYPE
+from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.filesink import FileSink, FlushPolicy, Limits
 from clsim.events.queue_sink import QueueSink
 
 NOTHING = np.empty(0, EVENT_DTYPE)
@@ -27,6 +27,42 @@ def test_events_after_the_end_they_claim_are_refused(tmp_path: Path, ending: str
     with pytest.raises(InputError, match=r"`end_us` is 99, before the event at 100 µs"):
         sink.write(at(100), 99)
     sink.close()
+
+
+class Toy(FileSink):
+    """Holds little, so that each limit is near."""
+
+    def __init__(self) -> None:
+        limits = Limits("toys", size=4, end_us=1000, gap_us=100, span_us=300)
+        super().__init__(Path("a.toy"), 4, 4, limits, FlushPolicy(interval_us=0))
+        self.stored = NOTHING
+
+    def _store(self, events: EventBatch) -> None:
+        self.stored = np.concatenate([self.stored, events])
+
+    def _finish(self) -> None:
+        pass
+
+
+def test_each_limit_is_met_exactly() -> None:
+    toy = Toy()
+    with pytest.raises(InputError, match="100 µs without an event are too long for toys, which bridges at most 99 µs"):
+        toy.write(at(100), 100)
+    toy.write(at(99), 99)
+    with pytest.raises(InputError, match="100 µs without an event"):
+        toy.write(at(199), 199)
+    with pytest.raises(InputError, match="100 µs without an event"):
+        toy.write(at(150, 250), 250)
+    for t in (198, 297, 396, 398):  # a gap is from event to event, a span from the first to the last
+        toy.write(at(t), t)
+    with pytest.raises(InputError, match="399 µs is too late for toys that begins at 99 µs, which spans at most 299"):
+        toy.write(at(399), 399)
+    with pytest.raises(InputError, match="1000 µs is too late for toys, which ends at 999 µs"):
+        toy.write(at(1000), 1000)
+    toy.write(NOTHING, 5000)
+    with pytest.raises(InputError, match="`end_us` goes back from 5000 to 4999"):
+        toy.write(NOTHING, 4999)
+    assert np.array_equal(toy.stored, at(99, 198, 297, 396, 398))
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
