@@ -255,6 +255,8 @@ def t64(*times_us: int) -> bytes:
 def test_a_datagram_that_was_overtaken_is_dropped_and_counted() -> None:
     times, source = received([t64(10, 20), t64(30, 40), t64(25, 35, 41), t64(50)], "t64")
     assert times == [10, 20, 30, 40, 41, 50] and source.dropped_events == 2
+    times, source = received([t64(10, 20), t64(20, 30)], "t64")
+    assert times == [10, 20, 20, 30] and source.dropped_events == 0  # the same time is not too late
 
 
 def test_a_time_far_ahead_that_nobody_follows_blocks_nothing() -> None:
