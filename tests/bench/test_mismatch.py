@@ -7,6 +7,7 @@ import pytest
 
 from clsim.bench import mismatch
 from clsim.bench.mismatch import Levels, MismatchScale, fire, mismatch_scale
+from clsim.bench.reference_cache import log_brightness
 from clsim.bench.tradeoff_settings import ESIM
 from clsim.detect.reference import ReferenceDetector
 from clsim.frames import RADIANCE, Frame
@@ -78,3 +79,10 @@ def test_thresholds_stay_positive() -> None:
     cameras = mismatch._cameras(SENSOR, SIZE, 5.0, 0)
     assert len(cameras) == mismatch.DRAWS and min(each.min() for each in cameras) == pytest.approx(0.15 * 0.01)
     assert np.std(mismatch._cameras(SENSOR, (100, 100), 0.03, 1)[0][1]) == pytest.approx(0.15 * 0.03, rel=0.05)
+
+
+def test_brightness_has_the_sensors_scale_and_floor() -> None:
+    """Luminance 1, of green alone .7152, and none."""
+    planes = np.array([[[1, 0, 0]], [[1, 1, 0]], [[1, 0, 0]]], np.float32)
+    level = log_brightness(Frame(planes, RADIANCE), Sensor(scale=3.0, floor=0.5))
+    np.testing.assert_allclose(level, np.log([[3.0, 3 * 0.7152, 0.5]]), rtol=1e-5)

@@ -206,7 +206,7 @@ def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPa
         return passes[-1]
 
     monkeypatch.setattr(tradeoff_measure, "_pass", keep)
-    world, point = load_world("moving-light", resolution=(16, 12)), named_points(0)["balanced"]
+    world, point = load_world("two-boxes", resolution=(16, 12)), named_points(0)["balanced"]
     given = RenderOptions(spp=8, probe_spp=1, first_hit_rays=16, sampler="sobol", frames=6, fps=20.0)
     tradeoff_measure.run_point(world, given, point.detector.config(world.sensor), choose_device(), lambda: None)
     assert len(passes) > 1
@@ -214,9 +214,10 @@ def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPa
         assert np.array_equal(each.events, passes[0].events) and each.paths == passes[0].paths
 
 
-def test_a_still_scene_has_nothing_to_score(tmp_path: Path) -> None:
-    wanted = TradeoffOptions("still", tmp_path, points=POINTS[:1], reference_spp=1, resolution=(16, 12), frames=2)
-    with pytest.raises(InputError, match="no event fires in 2 frames of still"):
+def test_where_nothing_happens_there_is_nothing_to_score(tmp_path: Path) -> None:
+    """Two frames a microsecond apart."""
+    wanted = options(tmp_path, points=POINTS[:1], reference_spp=1, frames=2, fps=1e6)
+    with pytest.raises(InputError, match="no event fires in 2 frames of two-boxes"):
         run_tradeoff(wanted, ignore)
 
 

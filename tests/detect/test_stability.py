@@ -37,7 +37,9 @@ BOUNDS = {
 there directions of feature space are so nearly dependent that the ridge alone, or with small ones rounding, sets α."""
 
 
-@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name.startswith("λ") else name for name in ROWS]
+)
 def test_errors_flips_and_bad_values(name):
     row = bench.measure(ROWS[name], choose_device())
     single, flips, double = BOUNDS.get(name, USUAL)

@@ -6,10 +6,11 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
 from clsim.score import Sampling, score
 from clsim.score.assignment import assign
@@ -61,6 +62,7 @@ def by_brute_force(times, others, within):
 _times = st.lists(st.integers(1, 60), max_size=6)
 
 
+@settings(max_examples=40)
 @given(_times, _times, st.integers(1, 30))
 def test_one_pixel_against_brute_force(times, others, within):
     late = one_to_one(at_one_pixel(*times), at_one_pixel(*others), SAMPLING, within)
@@ -68,6 +70,7 @@ def test_one_pixel_against_brute_force(times, others, within):
     assert (np.abs(late) <= within).all()
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(0, 40), st.integers(0, 40), st.sampled_from([1, 30, 400, 20_000]))
 def test_many_pixels_against_scipys_assignment(seed, count, other_count, within):
     rng = np.random.default_rng(seed)
@@ -77,6 +80,7 @@ def test_many_pixels_against_scipys_assignment(seed, count, other_count, within)
     assert (len(late), int(np.abs(late).sum())) == by_scipy(events, others, near)
 
 
+@settings(max_examples=40)
 @given(st.integers(0, 10**6), st.integers(0, 40), st.integers(0, 40))
 def test_frames_against_scipys_assignment(seed, count, other_count):
     rng = np.random.default_rng(seed)
@@ -156,3 +160,9 @@ def test_empty_sets_within_windows():
         result = score(a, b, 4, 3, 100.0, within_us=(7,))
         assert (result.within[7].precision, result.within[7].recall, result.within[7].f1) == (0, 0, 0)
         assert result.dt_bias_us is None
+
+
+@pytest.mark.parametrize("window", [0, -1])
+def test_windows_must_hold_something(window):
+    with pytest.raises(InputError, match=f"`within_us` must be at least 1 µs, got {window}"):
+        score(batch(), batch(), 4, 3, 100.0, within_us=(5, window))

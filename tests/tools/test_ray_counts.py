@@ -13,6 +13,8 @@ from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Material, World, load_world
 from tools.ray_counts import RaysPerPath, rays_per_path
 
+pytestmark = pytest.mark.slow  # where counts lie is built into the kernels, so none of them is ever kept
+
 
 @pytest.fixture(scope="module")
 def wall() -> World:
