@@ -19,7 +19,6 @@ from clsim.cli.watch import BareViewCommand
 app = typer.Typer(
     help="Live event-camera simulation from path-traced 3-D scenes.",
     invoke_without_command=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},

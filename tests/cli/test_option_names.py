@@ -1,6 +1,9 @@
 """What cannot work is named as Python spells it there, and as the command line spells it here."""
 
 import inspect
+import os
+import subprocess
+import sys
 from typing import get_args, get_type_hints
 
 import pytest
@@ -101,3 +104,10 @@ def test_one_name_means_one_thing() -> None:
     assert several == {}
     assert kinds["--json"].keys() == {frozenset({bool})} and kinds["--resolution"].keys() == {frozenset({str})}
     assert "--width" not in kinds and "--height" not in kinds
+
+
+def test_a_shell_completes_commands() -> None:
+    asked = {"COMP_WORDS": "clsim li", "COMP_CWORD": "1", "_CLSIM_COMPLETE": "complete_bash"}
+    command = [sys.executable, "-c", "from clsim.cli import main; main()"]
+    told = subprocess.run(command, env=os.environ | asked, capture_output=True, text=True, timeout=60)
+    assert told.stdout.split() == ["live"]

@@ -75,5 +75,21 @@ def test_python_in_the_page_on_the_library_runs(
 
 def test_python_in_the_readme_runs() -> None:
     for block in re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL):
-        shortened = block.replace("spp=8, duration_s=0.1", "spp=1, frame_count=2, resolution=(16, 12)")
+        shortened = block.replace("duration_s=0.1", 'quality="draft", frame_count=2, resolution=(16, 12)')
+        assert shortened != block
         exec(compile(shortened, "README.md", "exec"), {})
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=lambda p: p.name)
+def test_commands_name_options_that_exist(page: Path) -> None:
+    """Every `clsim COMMAND --option` of a block of commands is one that the command has."""
+    import typer.main
+
+    from clsim.cli.app import app
+
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL):
+        for line in re.findall(r"^clsim (\w+)(.*)$", block, re.MULTILINE):
+            known = {name for each in commands[line[0]].params for name in (*each.opts, *each.secondary_opts)}
+            used = {word for word in line[1].partition("#")[0].split() if word.startswith("--")}
+            assert used <= known, (line, used - known)
