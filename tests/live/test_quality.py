@@ -165,6 +165,7 @@ def test_any_run_can_be_repeated_from_its_sidecar(given: dict[str, object]) -> N
         ({}, "`scene` is missing"),
         ({"scene": "still", "spp": "8"}, "`spp` must be a whole number or null, got '8'"),
         ({"scene": "still", "spp": True}, "`spp` must be a whole number or null, got True"),
+        ({"scene": "still", "fps": True}, "`fps` must be a number or null, got True"),
         ({"scene": "still", "loop": 1}, "`loop` must be true or false, got 1"),
         ({"scene": "still", "resolution": [4]}, "`resolution` must be a list of 2 numbers or null, got [4]"),
         ({"scene": "still", "outputs": "a.txt"}, "`outputs` must be a list of texts, got 'a.txt'"),

@@ -17,6 +17,7 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
+from clsim.live.session import open_live
 from clsim.live.summary import Summary
 
 SMALL = {"resolution": (32, 24), "spp": 1, "fps": 60.0}
@@ -125,6 +126,10 @@ def test_a_sidecar_that_cannot_be_written_leaves_no_output_open(tmp_path: Path) 
         next(run)
     assert len(clsim.open(tmp_path / "a.npz").read()) == 0
     assert not threads()
+    session = open_live(LiveOptions("still", resolution=(16, 12), outputs=(str(tmp_path / "a.npz"),)))
+    with pytest.raises(InputError, match=r"a\.npz\.json"):
+        session.start()
+    assert all(output.closed for output in session.pipeline.outputs)
 
 
 def test_importing_the_package_imports_nothing_heavy() -> None:

@@ -8,6 +8,7 @@ import pytest
 
 import clsim
 from clsim.errors import Error, InputError
+from clsim.render import RenderCancelled
 
 SIZE, FPS, FRAMES = (48, 36), 60.0, 8
 
@@ -74,3 +75,33 @@ def test_what_cannot_be_is_told() -> None:
     for use in (lambda: run.step(30_000), run.reset):
         with pytest.raises(Error, match="the simulator is closed"):
             use()
+
+
+def test_settings_reach_the_stages() -> None:
+    """Each would go unseen where both drivers lost it alike."""
+    end_us = round((FRAMES - 1) * 1e6 / FPS)
+    with simulator("still", method="esim", noise="independent") as noisy, simulator("still", method="esim") as quiet:
+        assert len(noisy.step(end_us)) > 0 == len(quiet.step(end_us))
+    found = {}
+    for name, options in {
+        "seed 0": {},
+        "seed 1": {"seed": 1},
+        "frame rule": {"event_rule": "frame"},
+        "deaf to OFF": {"threshold": (0.2, 50.0)},
+        "shallow": {"max_depth": 1},
+    }.items():
+        with simulator("two-boxes", method="esim", **options) as run:
+            found[name] = run.step(end_us)
+    assert len({events.tobytes() for events in found.values()}) == len(found)
+    on_grid = {round(k * 1e6 / FPS) for k in range(FRAMES)}
+    assert set(found["frame rule"]["t"].tolist()) <= on_grid < set(found["seed 0"]["t"].tolist()) | on_grid
+    assert found["deaf to OFF"]["on"].all() and not found["seed 0"]["on"].all()
+
+
+def test_a_reset_lets_go_of_what_was_built() -> None:
+    with simulator("two-boxes") as run:
+        run.step(0)
+        before = run._view
+        run.reset()
+        with pytest.raises(RenderCancelled):
+            before.fill(1, run._frame)
