@@ -100,6 +100,20 @@ def test_what_fired_is_told_for_each_listed_pixel():
     assert (fired.many_crossings, fired.most_crossings, fired.capped) == (1, 4, 0)
 
 
+def test_three_crossings_are_not_many():
+    strip = Strip(2)
+    strip.step(0.0, 0.0)
+    assert strip.step(0.0, [0.75, 1.0]).many_crossings == 1
+
+
+def test_a_portion_may_fill_the_buffers_to_the_last():
+    strip = Strip(64, Thresholds(1e-3, 1e-3))
+    strip.step(0.0, 0.0)
+    fired = strip.step(0.0, 2.0)
+    assert len(fired.events) == strip.pixels._capacity == 64_000
+    assert np.bincount(fired.events["x"]).tolist() == [1000] * 64
+
+
 def test_events_are_sorted_by_time_and_then_by_place():
     strip = Strip(300)
     strip.step(0.0, 0.0)
