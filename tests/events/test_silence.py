@@ -108,6 +108,18 @@ def test_prophesee_files_last_as_long_as_their_recording(tmp_path: Path, ending:
         assert laps << 24 | highs[-1] << 12 == end_us >> 12 << 12
 
 
+@pytest.mark.parametrize(("ending", "end_us"), [(".raw", 1 << 34), (".evt3.raw", 1 << 40)])
+def test_a_silence_beyond_the_clock_leaves_the_file_as_it_was(tmp_path: Path, ending: str, end_us: int) -> None:
+    files = []
+    for name, last_us in (("short", 1_000), ("long", end_us)):
+        path = tmp_path / f"{name}{ending}"
+        with clsim.write(path, WIDTH, HEIGHT) as out:
+            out.write(at(1_000), 1_000)
+            out.write(NOTHING, last_us)
+        files.append(path.read_bytes())
+    assert files[0] == files[1]
+
+
 def test_a_queue_hands_silence_on() -> None:
     queue = QueueSink(4)
     queue.write(at(3), 10)
