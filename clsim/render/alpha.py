@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, offset_origin
+from clsim.render.geometry import Geometry, Hit, origin_beyond
 from clsim.render.materials import OPAQUE, Materials
 from clsim.render.sampling import uniform_of
 
@@ -45,8 +45,7 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
     def beyond(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> wp.vec3:
         """Return the origin of a ray that goes on behind the surface."""
         point = surface_of(geometry, hit, time)
-        behind = wp.where(wp.dot(point.normal, direction) < 0.0, -point.normal, point.normal)
-        return offset_origin(point.position, behind, point.reach_m)
+        return origin_beyond(point.position, point.normal, direction, point.reach_m)
 
     @wp.func
     def pierce(

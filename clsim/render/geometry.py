@@ -124,6 +124,12 @@ def offset_origin(position: wp.vec3, normal: wp.vec3, reach_m: float) -> wp.vec3
 
 
 @wp.func
+def origin_beyond(position: wp.vec3, normal: wp.vec3, direction: wp.vec3, reach_m: float) -> wp.vec3:
+    """Return where a ray goes on behind a surface: off it as by ``offset_origin``, yet on the ray, which drifts not."""
+    return position + direction * (_OFFSET * reach_m / wp.max(wp.abs(wp.dot(normal, direction)), 0.05))
+
+
+@wp.func
 def xyz(v: wp.vec4) -> wp.vec3:
     """Return the first three."""
     return wp.vec3(v[0], v[1], v[2])
