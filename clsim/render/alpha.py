@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, origin_beyond
+from clsim.render.geometry import Geometry, Hit, step_beyond
 from clsim.render.materials import OPAQUE, Materials
 from clsim.render.sampling import uniform_of
 
@@ -42,10 +42,10 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
         return culled
 
     @wp.func
-    def beyond(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> wp.vec3:
-        """Return the origin of a ray that goes on behind the surface."""
+    def past(geometry: Geometry, hit: Hit, direction: wp.vec3, time: float) -> float:
+        """Return the way to just behind the surface; counted from a ray's start, so that no error adds up."""
         point = surface_of(geometry, hit, time)
-        return origin_beyond(point.position, point.normal, direction, point.reach_m)
+        return hit.t + step_beyond(point.normal, direction, point.reach_m)
 
     @wp.func
     def pierce(
@@ -59,6 +59,7 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
     ) -> Hit:
         hit = closest(geometry, origin, direction, time)
         layer = int(0)
+        passed = float(0.0)
         while hit.triangle >= 0 and layer < _MOST_LAYERS:
             opaque = share(geometry, materials, hit, time)
             if wp.static(features.culled_backs):
@@ -66,10 +67,10 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
                     opaque = 0.0
             if opaque >= 1.0 or uniform_of(word, layer) < opaque:
                 break
-            start = beyond(geometry, hit, direction, time)
-            hit = closest(geometry, start, direction, time)
-            hit.t += wp.dot(start - origin, direction)
+            passed = passed + past(geometry, hit, direction, time)
+            hit = closest(geometry, origin + direction * passed, direction, time)
             layer += 1
+        hit.t = passed + hit.t
         return hit
 
     @wp.func
@@ -77,10 +78,9 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
         geometry: Geometry, materials: Materials, origin: wp.vec3, direction: wp.vec3, far: float, time: float
     ) -> float:
         left = float(1.0)
-        start = origin
         passed = float(0.0)
         for layer in range(_MOST_LAYERS + 1):
-            hit = closest(geometry, start, direction, time)
+            hit = closest(geometry, origin + direction * passed, direction, time)
             if passed + hit.t >= far:
                 break
             if hit.triangle < 0 or layer == _MOST_LAYERS:
@@ -89,8 +89,7 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
             left = left * (1.0 - share(geometry, materials, hit, time))
             if left <= 0.0:
                 break
-            start = beyond(geometry, hit, direction, time)
-            passed = wp.dot(start - origin, direction)
+            passed = passed + past(geometry, hit, direction, time)
         return left
 
     return pierce, transmittance

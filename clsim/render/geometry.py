@@ -124,9 +124,9 @@ def offset_origin(position: wp.vec3, normal: wp.vec3, reach_m: float) -> wp.vec3
 
 
 @wp.func
-def origin_beyond(position: wp.vec3, normal: wp.vec3, direction: wp.vec3, reach_m: float) -> wp.vec3:
-    """Return where a ray goes on behind a surface: off it as by ``offset_origin``, yet on the ray, which drifts not."""
-    return position + direction * (_OFFSET * reach_m / wp.max(wp.abs(wp.dot(normal, direction)), 0.05))
+def step_beyond(normal: wp.vec3, direction: wp.vec3, reach_m: float) -> float:
+    """Return how far behind a surface a ray goes on, on its own line: as far off it as by ``offset_origin``."""
+    return _OFFSET * reach_m / wp.max(wp.abs(wp.dot(normal, direction)), 0.05)
 
 
 @wp.func
