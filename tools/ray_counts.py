@@ -13,8 +13,9 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.alpha import make_alpha
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, Tree, make_intersection
+from clsim.render.geometry import Geometry, Hit, Tree
 from clsim.render.integrator import build_kernel
+from clsim.render.intersection import make_intersection
 from clsim.scene import World
 
 _SPP = 4

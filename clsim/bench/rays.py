@@ -6,8 +6,9 @@ import warp as wp
 
 from clsim.render.camera import CameraState
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Tree, face, make_intersection
+from clsim.render.geometry import Geometry, Tree
 from clsim.render.integrator import kernel_options
+from clsim.render.intersection import face, make_intersection
 
 
 @wp.kernel(enable_backward=False)

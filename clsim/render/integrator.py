@@ -17,7 +17,8 @@ from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
-from clsim.render.geometry import Geometry, Hit, Surface, Tree, face, make_intersection, make_sphere_at, offset_origin
+from clsim.render.geometry import Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
+from clsim.render.intersection import face, make_intersection
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
