@@ -10,6 +10,8 @@ from clsim.detector import Detector
 from tools import tradeoff_experiments as tables
 from tools import tradeoff_prototypes as tool
 
+pytestmark = pytest.mark.slow  # many kernels, for a tool of research
+
 SIZE = (16, 12)
 
 
@@ -84,7 +86,6 @@ def test_tables_have_a_row_and_column_for_everything(tmp_path, monkeypatch):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
 def test_every_row_runs(case):
     """At 4 samples of a tiny picture figures mean nothing, but a row that cannot run shows."""
     clean = case.sibling()
