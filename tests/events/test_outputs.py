@@ -53,6 +53,20 @@ def test_a_missing_library_is_told_before_anything_is_touched(tmp_path: Path, mo
     assert (tmp_path / "old.txt").read_bytes() == OLD
 
 
+def test_an_output_that_fails_while_it_opens_costs_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("old.txt").write_bytes(OLD)
+    taken = TcpSink("tcp://127.0.0.1:0", 4, 4)
+    with pytest.raises(InputError, match="cannot be used"):
+        open_outputs(["old.txt", "new.txt", f"tcp://127.0.0.1:{taken.port}"], 4, 4, FileOptions())
+    taken.close()
+    assert Path("old.txt").read_bytes() == OLD and not Path("new.txt").exists()
+    Path("full.dat").symlink_to("/dev/full")
+    with pytest.raises(InputError, match="No space left"):
+        open_outputs(["new.txt", "full.dat"], 4, 4, FileOptions())
+    assert not Path("new.txt").exists()
+
+
 def test_standard_output_is_taken_once() -> None:
     with pytest.raises(InputError, match=r"-\?format=aedat4: is the same output as -"):
         open_outputs(["-", "-?format=aedat4"], 4, 4, FileOptions())
