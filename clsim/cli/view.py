@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -88,11 +89,16 @@ def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int
         announce(page.url)
         _pump(source, page)
         return
-    from clsim.events.files import open_source
+    from clsim.events.files import format_of, open_source
     from clsim.live.view.player import Player
 
     source.close()
-    player = Player(lambda: open_source(name), Path(name).name, *size, **host_and_port(port))
+    frames = None
+    if format_of(Path(name)).name == "aedat4":
+        from clsim.events.aedat4 import read_frames
+
+        frames = partial(read_frames, Path(name))
+    player = Player(lambda: open_source(name), Path(name).name, *size, **host_and_port(port), read_frames=frames)
     _warn(player.warning)
     announce(player.url)
     try:

@@ -9,8 +9,10 @@ Source: https://docs.inivation.com/software/software-advanced-usage/file-formats
 
 from __future__ import annotations
 
+import contextlib
+import os
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import lz4.frame
@@ -30,6 +32,7 @@ from clsim.events.dv_stream import (
     DvEncoder,
     StreamHeader,
     pack_header,
+    parse_frame,
     parse_header,
     parse_packet,
 )
@@ -95,6 +98,32 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Aedat4
 
 def open_source(path: Path) -> EventSource:
     """Open the first event stream of an AEDAT4 file."""
+    header, start = _read_header(path)
+    read = _read_with_faery if header.compression >= Compression.ZSTD else _read_packets
+    return EventSource(path, header.width, header.height, read(path, start, header))
+
+
+def read_frames(path: Path) -> Iterator[tuple[int, npt.NDArray[np.uint8]]]:
+    """Yield the time [µs] and the image ``[H, W, 3]``, red, green and blue, of each frame, one at a time.
+
+    None come of files without frames, and of those compressed with Zstandard.
+
+    Raises:
+        InputError: the file cannot be read, or is damaged.
+    """
+    header, start = _read_header(path)
+    if header.compression >= Compression.ZSTD:
+        return
+    for owner, place, payload in _payloads(path, start, header):
+        if owner != header.stream_id:
+            with _naming_packet(path, place):
+                frame = parse_frame(payload(), header.compression)
+            if frame is not None:
+                yield frame
+
+
+def _read_header(path: Path) -> tuple[StreamHeader, int]:
+    """Return a file's header and where its packets start."""
     with open_binary(path) as file:
         if file.read(len(AEDAT4_MAGIC)) != AEDAT4_MAGIC:
             raise damaged(path, f"expected it to begin with {AEDAT4_MAGIC!r}")
@@ -108,11 +137,27 @@ def open_source(path: Path) -> EventSource:
         header = parse_header(raw, accept_zstd=True)
     except InputError as error:  # does not know the file
         raise damaged(path, error) from None
-    read = _read_with_faery if header.compression >= Compression.ZSTD else _read_packets
-    return EventSource(path, header.width, header.height, read(path, start, header))
+    return header, start
 
 
 def _read_packets(path: Path, start: int, header: StreamHeader) -> Iterator[EventBatch]:
+    for owner, place, payload in _payloads(path, start, header):
+        if owner == header.stream_id:
+            with _naming_packet(path, place):
+                events = parse_packet(payload(), header)
+            yield events
+
+
+@contextlib.contextmanager
+def _naming_packet(path: Path, place: int) -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise damaged(path, f"the packet at byte {place}: {error}") from None
+
+
+def _payloads(path: Path, start: int, header: StreamHeader) -> Iterator[tuple[int, int, Callable[[], bytes]]]:
+    """Yield the stream of each packet that is whole, its place, and a function that reads it; else it is skipped."""
     end = header.data_table_position
     with open_binary(path) as file:
         file.seek(start)
@@ -125,16 +170,11 @@ def _read_packets(path: Path, start: int, header: StreamHeader) -> Iterator[Even
                 return  # the writer was killed between data table and header: this is the table
             if not 0 <= size <= MAX_PACKET_BYTES:
                 raise damaged(path, f"a packet of {size} bytes at byte {file.tell() - len(head)}")
-            if owner != header.stream_id:
-                file.seek(size, 1)
-                continue
-            payload = file.read(size)
-            if len(payload) < size:
+            place = file.tell()
+            if place + size > os.fstat(file.fileno()).st_size:
                 return
-            try:
-                yield parse_packet(payload, header)
-            except InputError as error:
-                raise damaged(path, f"the packet at byte {file.tell() - size}: {error}") from None
+            yield owner, place, lambda size=size: file.read(size)  # type: ignore[misc]
+            file.seek(place + size)
 
 
 def _read_with_faery(path: Path, start: int, header: StreamHeader) -> Iterator[EventBatch]:

@@ -56,6 +56,8 @@ _EVENTS_HEAD = struct.Struct("<II4s2x3HiII")
 _FRAME_HEAD = struct.Struct("<II4s6x13HiqhhIb3xI")
 _FRAME_VTABLE = (26, 24, 4, 0, 0, 0, 0, 20, 12, 14, 0, 0, 16)
 _BLUE_GREEN_RED = 16
+_CHANNELS = {0: 1, _BLUE_GREEN_RED: 3, 24: 4}
+"""Channels of OpenCV's types of 8 bits: grey, blue, green and red, and those with opacity."""
 FRAMES_STREAM = 1
 """Stream id of frames beside the events, which are stream 0."""
 # The same as of events, with the vtable's three fields: compression, data table position, description.
@@ -301,6 +303,37 @@ def parse_packet(payload: bytes | bytearray, header: StreamHeader) -> EventBatch
     if (batch["t"][1:] < batch["t"][:-1]).any():
         batch = batch[np.argsort(batch["t"], kind="stable")]
     return batch
+
+
+def parse_frame(payload: bytes | bytearray, compression: Compression) -> tuple[int, npt.NDArray[np.uint8]] | None:
+    """Read the payload of a packet of a frame; None if it is something else.
+
+    Returns:
+        The frame's time [µs], and the image ``[H, W, 3]`` in the order red, green, blue.
+
+    Raises:
+        InputError: it is malformed, or not of 8 bits with 1, 3 or 4 channels.
+    """
+    if compression is not Compression.NONE:
+        payload = _decompress(payload)
+    if bytes(payload[8:12]) != b"FRME":
+        return None
+    table = _Table(payload, b"FRME")
+
+    def number(index: int, layout: str) -> int:
+        field = table.field(index)
+        return 0 if field is None else table.read(layout, field)
+
+    kind, width, height = number(5, "<b"), number(6, "<h"), number(7, "<h")
+    if kind not in _CHANNELS:
+        raise InputError(f"a frame's pixels are of OpenCV's type {kind}, expected {', '.join(map(str, _CHANNELS))}")
+    start, count = table.vector(10, 1)
+    channels = _CHANNELS[kind]
+    if min(width, height) < 1 or count != width * height * channels:
+        raise InputError(f"a frame of {width}x{height} pixels and {channels} channels has {count} bytes")
+    pixels = np.frombuffer(payload, np.uint8, count, start).reshape(height, width, channels)
+    image = pixels.repeat(3, axis=2) if channels == 1 else pixels[:, :, 2::-1]
+    return number(0, "<q"), image
 
 
 def _decompress(payload: bytes | bytearray) -> bytearray:

@@ -8,7 +8,9 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
+from clsim.events.aedat4 import Aedat4Sink, read_frames
 from clsim.events.files import open_sink, open_source
+from clsim.events.filesink import FlushPolicy
 from tests.live.view_events import random_events
 
 pytest.importorskip("aiohttp", reason="the page is an extra")
@@ -16,6 +18,7 @@ pytest.importorskip("aiohttp", reason="the page is an extra")
 from clsim.live.view import playback as playback_module
 from clsim.live.view.commands import Seek, Speed, Switch
 from clsim.live.view.hub import Hub
+from clsim.live.view.packets import HEADER, NOISY
 from clsim.live.view.playback import Playback
 from clsim.live.view.player import OVERVIEW_BINS, Overview, Player
 from clsim.live.view.pump import Pump, paced
@@ -32,9 +35,16 @@ class Browser(Hub):
         self.events: list[EventBatch] = []
         self.seeks: list[int] = []
         self.errors: list[BaseException] = []
+        self.shown: list[tuple[int, bytes]] = []
+        """Times and pixels of images."""
 
     def offer(self, batch: EventBatch, now_us: int) -> None:
         self.events.append(batch.copy())
+
+    def show(self, kind: int, packet: bytes) -> None:
+        head = HEADER.unpack_from(packet)
+        assert (kind, head[0], head[1], head[4:]) == (NOISY, NOISY, 3, (WIDTH, HEIGHT))
+        self.shown.append((head[3], packet[HEADER.size :]))
 
     def seek(self, now_us: int) -> None:
         self.seeks.append(now_us)
@@ -58,6 +68,31 @@ def recording(tmp_path: Path) -> Path:
 @pytest.fixture
 def browser() -> Browser:
     return Browser()
+
+
+def test_recorded_frames_are_shown_when_their_time_has_come(tmp_path: Path, browser: Browser) -> None:
+    sink = Aedat4Sink(tmp_path / "both.aedat4", WIDTH, HEIGHT, FlushPolicy(), frames=True)
+    images = np.random.default_rng(1).integers(0, 256, (4, HEIGHT, WIDTH, 3), dtype=np.uint8)
+    times_us = (3_000_000, 3_600_000, 4_200_000, 4_800_000)
+    for time_us, image, begin_us in zip(times_us, images, (0, *times_us), strict=False):
+        part = EVENTS[(EVENTS["t"] >= begin_us) & (EVENTS["t"] < time_us)]
+        sink.write(part, time_us)
+        sink.write_image(time_us, image)
+    sink.write(EVENTS[EVENTS["t"] >= times_us[-1]], 5_000_000)
+    sink.close()
+    path = tmp_path / "both.aedat4"
+    assert np.array_equal(np.concatenate(list(open_source(path))), EVENTS)
+    player = Playback(lambda: open_source(path), browser, browser.errors.append, lambda: read_frames(path))
+    player.control(Switch("play", False))
+    expected = []
+    for target, number in ((4_300_000, 2), (4_900_000, 3), (3_700_000, 1), (4_300_000, 2)):
+        player.control(Seek(target))
+        expected.append((times_us[number], images[number][:, :, ::-1].tobytes()))  # red first, as pages want it
+        wait_until(lambda: len(browser.seeks) == len(expected) and player._seek_us is None)
+        wait_until(lambda: [each for each in browser.shown if each[0] >= 3_600_000][-1:] == expected[-1:])
+    player.close()
+    player.join(5)
+    assert not browser.errors
 
 
 @pytest.fixture

@@ -8,12 +8,17 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.filesource import EventSource
 from clsim.live.view.commands import Control, Seek, Speed, Switch
 from clsim.live.view.hub import Hub
+from clsim.live.view.packets import NOISY, image_packet
+
+TimedImages = Iterator[tuple[int, npt.NDArray[np.uint8]]]
+"""Times [µs] and images ``[H, W, 3]``, red, green and blue."""
 
 PERIOD_S = 1 / 60
 PREROLL_US = 1_000_000
@@ -28,10 +33,15 @@ class Playback:
     """
 
     def __init__(
-        self, open_source: Callable[[], EventSource], hub: Hub, on_error: Callable[[BaseException], None]
+        self,
+        open_source: Callable[[], EventSource],
+        hub: Hub,
+        on_error: Callable[[BaseException], None],
+        read_frames: Callable[[], TimedImages] | None = None,
     ) -> None:
-        """Start to play."""
+        """Start to play; ``read_frames`` begins to read the frames that were recorded along with the events."""
         self._open, self._hub, self._on_error = open_source, hub, on_error
+        self._frames = None if read_frames is None else _Frames(read_frames)
         self._changed = threading.Condition()
         self._playing, self._loop = True, True
         self._speed = 1.0
@@ -124,6 +134,13 @@ class Playback:
         else:
             self._position_us = until_us
         self._hub.offer(empty_batch(0), self._position_us)
+        self._show_frame()
+
+    def _show_frame(self) -> None:
+        """Show the last frame until now, unless the page has it."""
+        frame = None if self._frames is None else self._frames.last_until(self._position_us)
+        if frame is not None:
+            self._hub.show(NOISY, image_packet(NOISY, np.ascontiguousarray(frame[1]), frame[0]))
 
     def _jump(self, reader: _Reader, target_us: int) -> _Reader:
         target_us = max(target_us, reader.begin_us)
@@ -143,7 +160,32 @@ class Playback:
         self._hub.seek(self._position_us)
         for batch in recent:
             self._hub.offer(batch[-PREROLL_EVENTS:], self._position_us)
+        self._show_frame()
         return reader
+
+
+class _Frames:
+    """Recorded frames, read forward; who goes back begins anew."""
+
+    def __init__(self, read: Callable[[], TimedImages]) -> None:
+        self._read = read
+        self._begin()
+
+    def _begin(self) -> None:
+        self._rest = self._read()
+        self._next = next(self._rest, None)
+        self._shown_us = -1
+
+    def last_until(self, time_us: int) -> tuple[int, npt.NDArray[np.uint8]] | None:
+        """Return the last frame at or before a time, if it is another than was returned before."""
+        if time_us < self._shown_us:
+            self._begin()
+        found = None
+        while self._next is not None and self._next[0] <= time_us:
+            found, self._next = self._next, next(self._rest, None)
+        if found is not None:
+            self._shown_us = found[0]
+        return found
 
 
 class _Reader:

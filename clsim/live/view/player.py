@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesource import EventSource
 from clsim.live.view.hub import Hub
-from clsim.live.view.playback import Playback
+from clsim.live.view.playback import Playback, TimedImages
 from clsim.live.view.server import PageServer
 
 OVERVIEW_BINS = 512
@@ -35,9 +35,14 @@ class Player:
         *,
         host: str = "127.0.0.1",
         port: int | None = None,
+        read_frames: Callable[[], TimedImages] | None = None,
     ) -> None:
-        """Start the server; raises InputError if aiohttp is missing or the port cannot be used."""
-        self._open = open_source
+        """Start the server; ``read_frames`` begins to read the frames that were recorded along, if there are any.
+
+        Raises:
+            InputError: aiohttp is missing, or the port cannot be used.
+        """
+        self._open, self._read_frames = open_source, read_frames
         self._changed = threading.Condition()
         self._closing = False
         self._error: BaseException | None = None
@@ -71,7 +76,7 @@ class Player:
 
     def _play(self, hub: Hub) -> Playback:
         self._playbacks = [playback for playback in self._playbacks if playback.alive]
-        self._playbacks.append(Playback(self._open, hub, self._fail))
+        self._playbacks.append(Playback(self._open, hub, self._fail, self._read_frames))
         return self._playbacks[-1]
 
     def _fail(self, error: BaseException) -> None:

@@ -66,6 +66,7 @@ function takeText(message) {
     $("title").textContent = `${message.title} · ${message.width} × ${message.height}`;
     document.title = `${message.title} · clsim`;
     document.body.classList.toggle("live", message.live);
+    $("noisy-caption").textContent = message.live ? "rendered, noisy" : "recorded frame";
     setState(message.live ? "live" : "recording", "on");
     fit();
   } else if (message.type === "status") {
@@ -100,7 +101,7 @@ function takePacket(buffer) {
     store.clear(nowUs);
     shown = 0;
     heldUs = null;
-  } else if ((kind === NOISY || kind === DENOISED) && !paused) {
+  } else if ((kind === NOISY || kind === DENOISED) && !(hello.live && paused)) {
     takeImage(kind, new Uint8Array(buffer, HEADER_BYTES), header.getUint32(24, true), header.getUint32(28, true), count);
   }
   dirty = true;
