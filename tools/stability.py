@@ -28,7 +28,7 @@ from clsim.opencl.workplace import Buffer
 from tools.stability_cases import F64, NAMES, Case, cases, frames
 
 FLOAT32_SMALLEST = 1e-37
-"""A range that is no larger is none in float32: 1/range would not be a number (SMALLEST in common.clh)."""
+"""A range that is no larger is none in float32: 1/range would not be a number (SMALLEST in types.clh)."""
 _FRAMES_OF_TIME = 10**6
 _ODD_FPS = 60000 / 1001
 

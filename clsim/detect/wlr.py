@@ -22,7 +22,7 @@ _RUN = 8
 _STRIP = 4
 """Vectors of a row that go down the columns together on a CPU."""
 _BIG = {"float32": 3e38, "float64": 1e300}
-"""Larger than any value (BIG in common.clh)."""
+"""Larger than any value (BIG in types.clh)."""
 
 
 @dataclass(frozen=True)
