@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.motion import Orbit, Static, compose
-from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
+from clsim.scene.world import Camera, Instance, Material, Mesh, SphereLight, Vec3
 
 F64 = npt.NDArray[np.float64]
 MAX_COORDINATE = 1e15
@@ -50,6 +50,28 @@ def bounds(path: Path, meshes: Sequence[Mesh], instances: Sequence[Instance]) ->
         raise InputError(f"{path}: has no extent, expected triangles that span a finite space")
     x, y, z = ((low + high) / 2).tolist()
     return (x, y, z), high - low
+
+
+def glow_lights(
+    meshes: Sequence[Mesh], instances: Sequence[Instance], materials: Sequence[Material], size: F64
+) -> bool:
+    """Tell whether surfaces that emit light a scene, rather than only being seen to glow.
+
+    They do where they send out a hundredth of what the default environment sends into the box around everything.
+    Emission that a texture shapes may be anything, and counts as none.
+    """
+    emission = np.array([m.emission if m.emission_texture < 0 else (0.0, 0.0, 0.0) for m in materials]).reshape(-1, 3)
+    power = 0.0
+    for instance in instances:
+        mesh = meshes[instance.mesh]
+        local = mesh.triangles[emission[mesh.material_ids].any(axis=1)]
+        if not len(local):
+            continue
+        corners = (mesh.vertices.astype(np.float64) @ instance.motion.pose(0.0)[:3, :3].T)[local]
+        areas = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+        power += float(areas @ emission[mesh.material_ids[emission[mesh.material_ids].any(axis=1)]].mean(axis=1))
+    around = 2 * float(size[0] * size[1] + size[1] * size[2] + size[2] * size[0])
+    return power > 0 and power >= 0.01 * ENVIRONMENT[0] * around
 
 
 def lamp(center: Vec3, size: F64) -> SphereLight:

@@ -111,7 +111,10 @@ class GltfFile:
             raise InputError(f"{place} is {accessor.type}, expected {' or '.join(types)} for {use}")
         if index not in self._decoded:
             self._decoded[index] = self._decode(accessor, place)
-        return self._decoded[index]
+        found = self._decoded[index]
+        if use != "NORMAL" and found.dtype.kind == "f" and not np.isfinite(found).all():
+            raise InputError(f"{place} holds a number that is not finite")
+        return found
 
     def provide(self, index: int, values: Array) -> None:
         """Set an accessor's values, where they come compressed; raises InputError unless they are of its shape."""
@@ -121,7 +124,7 @@ class GltfFile:
         if values.shape != shape:
             raise InputError(f"{place} has the shape {values.shape} when unpacked, expected {shape}")
         self.claim(values.nbytes, place)
-        self._decoded[index] = _meant(accessor, place, values)
+        self._decoded[index] = _meant(accessor, values)
 
     def view(self, index: int) -> memoryview:
         """Return the bytes of a buffer view."""
@@ -181,7 +184,7 @@ class GltfFile:
             )
         if accessor.sparse is not None:
             self._replace_sparse(accessor.sparse, place, values)
-        return _meant(accessor, place, values)
+        return _meant(accessor, values)
 
     def _has_view(self, accessor: schema.Accessor) -> bool:
         return accessor.bufferView is not None and accessor.bufferView < len(self.json.bufferViews)
@@ -210,12 +213,9 @@ class GltfFile:
         )
 
 
-def _meant(accessor: schema.Accessor, place: str, values: Array) -> Array:
-    """Return finite numbers; normalized integers stand for shares of 1."""
-    if values.dtype.kind == "f":
-        if not np.isfinite(values).all():
-            raise InputError(f"{place} holds a number that is not finite")
-    elif accessor.normalized and accessor.componentType != 5125:
+def _meant(accessor: schema.Accessor, values: Array) -> Array:
+    """Return numbers; normalized integers stand for shares of 1."""
+    if values.dtype.kind != "f" and accessor.normalized and accessor.componentType != 5125:
         values = np.maximum(values.astype(np.float32) / np.iinfo(DTYPES[accessor.componentType]).max, -1.0)
     return values
 

@@ -25,7 +25,7 @@ def unpacked(file: GltfFile, place: str, primitive: schema.Primitive) -> schema.
     try:
         import DracoPy
     except ImportError:
-        if DRACO not in file.json.extensionsRequired:
+        if DRACO not in file.json.extensionsRequired and _is_plain(file, primitive):
             return primitive
         raise InputError(f"{file.path}: {place} is compressed with Draco: pip install 'clsim[draco]'") from None
     try:
@@ -44,3 +44,9 @@ def unpacked(file: GltfFile, place: str, primitive: schema.Primitive) -> schema.
     if primitive.indices is not None:
         file.provide(primitive.indices, corners)
     return primitive.model_copy(update={"mode": 4})
+
+
+def _is_plain(file: GltfFile, primitive: schema.Primitive) -> bool:
+    """Whether a file has a primitive's arrays without compression, too."""
+    used = [*primitive.attributes.values(), *([] if primitive.indices is None else [primitive.indices])]
+    return all(file.item("accessors", file.json.accessors, index).bufferView is not None for index in used)

@@ -68,6 +68,9 @@ def read_geometry(
             continue
         place = f"meshes[{index}].primitives[{k}]"
         part = _read_primitive(file, place, unpacked(file, place, primitive), materials, warn)
+        if part.normals is not None and not np.isfinite(part.normals).all():
+            warn("a mesh with normals that are not finite is rendered flat")
+            part = replace(part, normals=None)
         if len(part.triangles):
             parts.append(part)
     if not parts:
@@ -107,7 +110,7 @@ def _read_primitive(
         for name, found in (("POSITION", targets), ("NORMAL", normal_targets)):
             delta = values(target, name, "VEC3")
             file.claim(0 if delta is not None else n * 12, f"{place}.targets")
-            found.append(np.zeros((n, 3), np.float32) if delta is None else delta.astype(np.float32))
+            found.append(np.zeros((n, 3), np.float32) if delta is None else np.nan_to_num(delta.astype(np.float32)))
     joints, weights = [], []
     for k in range(4):
         pair = values(attributes, f"JOINTS_{k}", "VEC4"), values(attributes, f"WEIGHTS_{k}", "VEC4")
@@ -166,7 +169,7 @@ def _unit(normals: Array | None) -> F32 | None:
     if normals is None:
         return None
     lengths = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
-    return np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0)).astype(np.float32)
+    return np.where(~(lengths <= 1e-12), normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0)).astype(np.float32)
 
 
 def _normalised(weights: Array) -> F32:

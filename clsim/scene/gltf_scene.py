@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
-from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, lamp, orbiting_camera
+from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_lights, lamp, orbiting_camera
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
@@ -49,10 +49,13 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
     parts = _Reader(file, animation, repeat=not has_camera).read()
     warnings, notes = list(parts.warnings), list(parts.notes)
     duration_s = parts.duration_s
-    lit = bool(parts.lights) or any(any(m.emission) and m.emission_texture < 0 for m in parts.materials)
     center, size = (0.0, 0.0, 0.0), np.ones(3)
-    if not (lit and parts.cameras):
+    if not (parts.lights and parts.cameras):
         center, size = bounds(path, parts.meshes, parts.instances)
+    lit = bool(parts.lights) or glow_lights(parts.meshes, parts.instances, parts.materials, size)
+    if not lit:
+        glows = any(any(material.emission) for material in parts.materials)
+        notes.append(f"{path.name}: has no lights{', and what glows is weak' if glows else ''}: a lamp is added")
     if parts.cameras:
         camera = parts.cameras[0]
         if len(parts.cameras) > 1:

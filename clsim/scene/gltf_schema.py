@@ -7,12 +7,18 @@ Only what clsim reads stands here; anything else in the file is ignored. Wrong t
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+
+def _one(value: Any) -> Any:
+    """Return 1 for what an exporter's rounding put just above it."""
+    return 1.0 if isinstance(value, float) and 1.0 < value < 1.00001 else value
+
 
 Index = Annotated[int, Field(ge=0)]
-Share = Annotated[float, Field(ge=0, le=1)]
+Share = Annotated[float, BeforeValidator(_one), Field(ge=0, le=1)]
 NonNegative = Annotated[float, Field(ge=0)]
 Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[float, float, float]

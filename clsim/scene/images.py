@@ -45,14 +45,18 @@ def decode_rgba(source: str, data: bytes, budget: PixelBudget) -> U8:
     Raises:
         InputError: naming the source, if the image is damaged or too large.
     """
-    from PIL import Image
+    from PIL import Image, UnidentifiedImageError
 
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the size is checked where it is unpacked
             image = Image.open(io.BytesIO(data))
     except Exception as error:  # Pillow raises whatever its decoders stumble over
-        raise InputError(f"{source}: cannot be decoded as an image ({_short(error)})") from None
+        reason = _short(error)
+        if isinstance(error, UnidentifiedImageError):
+            known = "expected PNG, JPEG, WebP or another that Pillow reads"
+            reason = f"it is {'KTX2' if data[1:7] == b'KTX 20' else 'of no known format'}, {known}"
+        raise InputError(f"{source}: cannot be decoded as an image ({reason})") from None
     return unpack_rgba(source, image, budget)
 
 

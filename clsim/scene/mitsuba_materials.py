@@ -111,6 +111,9 @@ class MaterialReader:
         else:
             self._warn(f"the metal {name} is not known; aluminium stands in")
             eta, k = METALS["Al"]
+        if min(*eta, *k) < 0:
+            self._warn("a metal has a negative index; 0 stands in")
+            eta, k = ((max(c[0], 0.0), max(c[1], 0.0), max(c[2], 0.0)) for c in (eta, k))
         return replace(metal, eta=_scaled(eta, 1 / outside), k=_scaled(k, 1 / outside))
 
     def _read_roughconductor(self, bsdf: Plugin) -> Material:

@@ -35,7 +35,7 @@ from clsim.scene.world import (
 
 TURN_ROUND = np.diag((-1.0, 1.0, -1.0, 1.0))
 """Half a turn about y: from Mitsuba's +z ahead to clsim's −z."""
-IGNORED = ("integrator", "sampler", "film", "rfilter", "bsdf", "texture", "medium", "spectrum")
+IGNORED = ("film", "bsdf", "texture", "medium", "spectrum", "phase")
 FULL_FRAME_MM = (36.0, 24.0)
 
 
@@ -132,6 +132,8 @@ class _Reader:
         if mesh is None:
             self._warn(f"shapes of type {shape.type} are left out")
             return None
+        if shape.of_kind("medium"):
+            self._warn("media are left out: what is fog or coloured within is clear")
         emission: Vec3 = (0.0, 0.0, 0.0)
         texture = -1
         if emitter is not None:
@@ -212,7 +214,7 @@ class _Reader:
             if direction is not None and np.linalg.norm(direction) > 0:
                 turned_motion = Static(look_at((0.0, 0.0, 0.0), direction))
             self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), turned_motion))
-        else:
+        elif kind != "area":  # which only shapes refer to
             self._warn(f"emitters of type {kind} are left out")
 
     def _add_sensor(self, sensor: Plugin) -> None:

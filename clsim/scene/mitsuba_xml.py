@@ -24,6 +24,8 @@ MAX_DEPTH = 64
 MAX_ELEMENTS = 1_000_000
 MAX_INCLUDES = 100
 MAX_TEXT = 1 << 16
+UNUSED = ("integrator", "sampler", "rfilter")
+"""Objects that change nothing here: their parameters need no values."""
 PROPERTIES = ("float", "integer", "boolean", "string", "rgb", "srgb", "spectrum", "blackbody", "point", "vector")
 
 
@@ -94,7 +96,7 @@ def read_scene(path: Path) -> tuple[Plugin, bool]:
     if match is None:
         raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")
     legacy = int(match[0]) < 2
-    return _Reader(path.parent, legacy).plugin(root, path.parent, {}), legacy
+    return _Reader(path.parent, legacy, root).plugin(root, path.parent, {}), legacy
 
 
 def _parse(path: Path) -> Element:
@@ -140,9 +142,11 @@ def _parse(path: Path) -> Element:
 class _Reader:
     """Turns elements into plugins: parameters filled in, files included, references resolved."""
 
-    def __init__(self, root: Path, legacy: bool) -> None:
-        self.root, self.legacy = root, legacy
+    def __init__(self, folder: Path, legacy: bool, scene: Element) -> None:
+        self.root, self.legacy = folder, legacy
         self.named: dict[str, Plugin] = {}
+        self.later = {child.attributes["id"]: child for child in scene.children if "id" in child.attributes}
+        self.searched: list[Path] = []
         self.includes = 0
 
     def plugin(self, element: Element, folder: Path, defaults: dict[str, str]) -> Plugin:
@@ -164,6 +168,8 @@ class _Reader:
 
     def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: dict[str, str]) -> None:
         for child in element.children:
+            if child.tag in UNUSED:
+                continue
             if child.tag == "default":
                 attributes = _filled(child, defaults)
                 defaults.setdefault(attributes.get("name", ""), attributes.get("value", ""))
@@ -173,25 +179,40 @@ class _Reader:
             if child.tag == "include":
                 self._include(plugin, child, attributes, folder, defaults)
             elif child.tag == "ref":
-                plugin.children.append(self._reference(child, attributes, name))
+                plugin.children.append(self._reference(child, attributes, name, defaults))
             elif child.tag == "alias":
-                self.named[attributes.get("as", "")] = self._reference(child, attributes, "")
+                self.named[attributes.get("as", "")] = self._reference(child, attributes, "", defaults)
             elif child.tag in PROPERTIES:
                 setting = Setting(folder, self.legacy, plugin.kind in ("emitter", "luminaire"))
                 plugin.values[name] = value_of(child, attributes, setting)
+                if name == "filename":
+                    plugin.values[name] = self._found(plugin.values[name], folder)
             elif child.tag == "transform":
                 plugin.values[name] = _transform(child, defaults)
             elif child.tag == "animation":
                 plugin.values[name] = _animation(child, defaults)
             elif "type" in attributes:
                 plugin.children.append(self.plugin(child, folder, defaults))
-            elif child.tag != "path":
+            elif child.tag == "path":
+                self.searched.append(folder / attributes.get("value", ""))
+            else:
                 raise InputError(f"{child.place}: <{child.tag}> is neither a property nor an object with a type")
 
-    def _reference(self, element: Element, attributes: dict[str, str], name: str) -> Plugin:
-        target = self.named.get(attributes.get("id", ""))
+    def _found(self, name: Any, folder: Path) -> Any:
+        """Return a file's name, with the folder that <path> tells of where it is not beside the scene."""
+        if isinstance(name, str) and not (folder / name).exists():
+            return next((str(other / name) for other in self.searched if (other / name).exists()), name)
+        return name
+
+    def _reference(self, element: Element, attributes: dict[str, str], name: str, defaults: dict[str, str]) -> Plugin:
+        wanted = attributes.get("id", "")
+        if wanted not in self.named and wanted in self.later:  # defined further down; each is tried once
+            self.plugin(self.later.pop(wanted), self.root, defaults)
+        target = self.named.get(wanted)
         if target is None:
-            raise InputError(f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined before")
+            raise InputError(
+                f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined in the scene"
+            )
         return Plugin(target.kind, target.type, name, target.values, target.children, target.place, target.folder)
 
     def _include(

@@ -101,3 +101,22 @@ def test_fox_stays_in_view_and_moves():
     assert all(np.abs(b - a).max() > 1 for a, b in pairwise(moments))
     assert world.meshes[0].normals is None
     assert not world.warnings
+
+
+def test_normals_of_a_skin_that_stretches_stay_across_their_triangle(tmp_path):
+    """The slanted triangle's normal is wrong by 37° where it is stretched as its corners are."""
+    slanted = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 1)], float)
+    tree = with_camera(gltf(points=slanted, nodes=[{"mesh": 0, "skin": 0}, {"scale": [1, 3, 1]}]))
+    tree["scenes"][0]["nodes"] = [0, 1, 2]
+    attributes = {
+        "POSITION": 0,
+        "NORMAL": add(tree, [(0, -np.sqrt(0.5), np.sqrt(0.5))] * 3),
+        "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
+        "WEIGHTS_0": add(tree, [(1, 0, 0, 0)] * 3),
+    }
+    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
+    tree["skins"] = [{"joints": [1], "inverseBindMatrices": add(tree, [np.eye(4).ravel()])}]
+    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    np.testing.assert_allclose(mesh.vertices, slanted * (1, 3, 1), atol=1e-6)
+    across = np.cross(mesh.vertices[1] - mesh.vertices[0], mesh.vertices[2] - mesh.vertices[0])
+    np.testing.assert_allclose(mesh.normals, [across / np.linalg.norm(across)] * 3, atol=1e-6)

@@ -169,3 +169,72 @@ def test_vertex_colours_tint_a_mesh(tmp_path, dtype):
         world = load_gltf(write_gltf(tmp_path, tree))
         assert world.materials[0].color == pytest.approx(expected)
         assert ["vertex colours are averaged" in warning for warning in world.warnings] == [True] * warned
+
+
+def test_weak_glow_leaves_the_default_light_and_a_lamp_replaces_it(tmp_path):
+    """The triangle spans 2 × 1: its box has a surface of 4, and the default sky sends 0.5 into each part of it."""
+    for emission, lit in ((0.01, False), (0.03, True), (1.0, True)):
+        tree = gltf(materials=[{"emissiveFactor": [emission] * 3}])
+        tree["meshes"][0]["primitives"][0]["material"] = 0
+        world = load_gltf(write_gltf(tmp_path, tree))
+        assert bool(world.sphere_lights) == (max(world.environment) > 0) == (not lit)
+        assert ["what glows is weak" in note for note in world.notes] == [True] * (not lit)
+
+
+def test_single_sided_faces_are_culled(tmp_path):
+    tree = gltf(materials=[{"emissiveFactor": [1, 1, 1]}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (m,) = load_gltf(write_gltf(tmp_path, tree)).materials
+    assert (m.emits_behind, m.back) == (False, "culled")
+
+
+def test_opaque_materials_ignore_their_alpha(tmp_path):
+    tree = gltf(
+        images=[{"uri": image_uri(np.zeros((2, 2, 4)))}],
+        textures=[{"source": 0}],
+        materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "baseColorFactor": [1, 1, 1, 0.3]}}],
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    (m,) = load_gltf(write_gltf(tmp_path, tree)).materials
+    assert (m.alpha_mode, m.opacity, m.opacity_texture) == ("opaque", 1.0, -1)
+
+
+def test_a_factor_rounded_up_is_1(tmp_path):
+    tree = gltf(materials=[{"pbrMetallicRoughness": {"baseColorFactor": [1.00000012, 0.5, 0, 1]}}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    assert load_world(write_gltf(tmp_path, tree)).materials[0].color == (1.0, 0.5, 0.0)
+
+
+def test_images_of_unknown_formats_are_told_in_plain_words(tmp_path):
+    for data, part in (
+        (b"\xabKTX 20\xbb\r\n\x1a\n", "it is KTX2, expected PNG"),
+        (b"what", "it is of no known format"),
+    ):
+        (tmp_path / "a.bin").write_bytes(data)
+        tree = gltf(
+            images=[{"uri": "a.bin"}],
+            textures=[{"source": 0}],
+            materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        )
+        tree["meshes"][0]["primitives"][0]["material"] = 0
+        with pytest.raises(InputError, match=part):
+            load_gltf(write_gltf(tmp_path, tree))
+
+
+def test_normals_that_are_not_finite_are_left_out_with_a_word(tmp_path):
+    tree = gltf()
+    normals = np.array([(0, 0, 1), (0, np.nan, 1), (0, 0, 1)])
+    tree["meshes"][0]["primitives"][0]["attributes"]["NORMAL"] = add(tree, normals)
+    world = load_world(write_gltf(tmp_path, tree))
+    assert world.meshes[0].normals is None
+    assert any("normals that are not finite" in warning for warning in world.warnings)
+
+
+def test_cones_of_spots(tmp_path):
+    for inner, outer, expected in ((0.2, 0.5, (0.2, 0.5)), (0.7, 0.5, (0.5, 0.5))):
+        spot = {"type": "spot", "intensity": 683, "spot": {"innerConeAngle": inner, "outerConeAngle": outer}}
+        tree = gltf(extensions={"KHR_lights_punctual": {"lights": [spot]}})
+        tree["nodes"][0]["extensions"] = {"KHR_lights_punctual": {"light": 0}}
+        (light,) = load_gltf(write_gltf(tmp_path, tree)).punctual_lights
+        assert (light.inner_deg, light.outer_deg) == pytest.approx(tuple(map(math.degrees, expected)))
+        assert light.intensity == (1, 1, 1)

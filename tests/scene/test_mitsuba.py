@@ -469,3 +469,76 @@ def test_glass_keeps_what_it_lets_pass(tmp_path):
     bsdf = '<bsdf type="dielectric"><rgb name="specular_transmittance" value="0.5, 0.05, 0"/></bsdf>'
     found, world = material(tmp_path, bsdf)
     assert (found.color, found.specular_color) == ((0.5, 0.05, 0), (1, 1, 1)) and not world.warnings
+
+
+def test_media_are_left_out_with_a_word(tmp_path):
+    fog = '<medium type="homogeneous" name="interior"><float name="scale" value="2"/></medium>'
+    world = load(tmp_path, f'<shape type="cube"><bsdf type="dielectric"/>{fog}</shape>')
+    assert any("media are left out" in warning for warning in world.warnings)
+    assert not load(tmp_path, '<shape type="cube"><bsdf type="dielectric"/></shape>').warnings
+
+
+def test_shapes_refer_to_emitters_and_to_what_stands_further_down(tmp_path):
+    body = (
+        '<emitter type="area" id="glow"><rgb name="radiance" value="3"/></emitter>'
+        '<shape type="disk"><ref id="glow"/><ref id="red"/></shape>'
+        '<bsdf type="diffuse" id="red"><rgb name="reflectance" value="0.5, 0, 0"/></bsdf>'
+    )
+    world = load(tmp_path, body)
+    assert [(m.emission, m.color) for m in world.materials] == [((3, 3, 3), (0.5, 0, 0))]
+    assert not world.warnings
+
+
+def test_two_that_refer_to_each_other_get_one_sentence(tmp_path):
+    body = '<bsdf type="twosided" id="a"><ref id="b"/></bsdf><bsdf type="twosided" id="b"><ref id="a"/></bsdf>'
+    assert "refers to" in complaint(scene(tmp_path, SENSOR + body))
+
+
+def test_files_are_searched_where_path_says(tmp_path):
+    (tmp_path / "common").mkdir()
+    (tmp_path / "common" / "a.obj").write_text(TRIANGLE)
+    inner = tmp_path / "inner"
+    inner.mkdir()
+    world = load(inner, '<path value="../common"/><shape type="obj"><string name="filename" value="a.obj"/></shape>')
+    assert len(world.meshes[0].triangles) == 1
+
+
+def test_parameters_of_samplers_need_no_value(tmp_path):
+    sampler = '<sampler type="independent"><integer name="sample_count" value="$spp"/></sampler>'
+    world = load(tmp_path, f'<integrator type="$which"/>{sampler}<shape type="cube"/>')
+    assert not world.warnings
+
+
+def test_negative_indices_of_metals_are_mended_with_a_word(tmp_path):
+    bsdf = '<bsdf type="conductor"><rgb name="eta" value="-0.01, 0.5, 1"/><rgb name="k" value="3, 2, 1"/></bsdf>'
+    found, world = material(tmp_path, bsdf)
+    assert (found.eta, found.k) == ((0, 0.5, 1), (3, 2, 1))
+    assert any("negative index" in warning for warning in world.warnings)
+    with pytest.raises(InputError, match="strict"):
+        load_world(tmp_path / "scene.xml", strict=True)
+
+
+def test_both_indices_of_a_metal_are_relative_to_what_is_around(tmp_path):
+    bsdf = (
+        '<bsdf type="conductor"><rgb name="eta" value="2, 1, 0.5"/><rgb name="k" value="3, 2, 1"/>'
+        '<float name="ext_eta" value="2"/></bsdf>'
+    )
+    found, _ = material(tmp_path, bsdf)
+    assert (found.eta, found.k) == ((1, 0.5, 0.25), (1.5, 1, 0.5))
+
+
+def test_old_texture_scales_come_before_the_transform(tmp_path):
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    texture = (
+        '<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>'
+        '<float name="uscale" value="2"/><transform name="to_uv"><translate x="0.25"/></transform></texture>'
+    )
+    _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>')
+    np.testing.assert_allclose(np.array(world.textures[0].uv_matrix) @ (0.5, 0, 1), (1.25, 0))
+
+
+def test_the_first_default_of_a_parameter_counts(tmp_path):
+    """So that a file's own wins over that of a file which it includes."""
+    body = '<default name="r" value="0.25"/><default name="r" value="0.75"/>'
+    shape = '<shape type="cube"><bsdf type="diffuse"><rgb name="reflectance" value="$r"/></bsdf></shape>'
+    assert load(tmp_path, body + shape).materials[0].color == (0.25, 0.25, 0.25)

@@ -350,3 +350,21 @@ def test_spectra_of_lights_keep_their_tint_and_reflectances_are_white_by_dayligh
     assert m.color == pytest.approx((0.5, 0.5, 0.5), rel=0.01)
     world = load_world(scene(tmp_path, f'LightSource "point" "spectrum I" {flat}\n{TRIANGLE}'))
     assert world.punctual_lights[0].intensity == pytest.approx((0.6, 0.475, 0.452), rel=0.01)
+
+
+@pytest.mark.parametrize("blur", ["", "ActiveTransform EndTime Translate 1 0 0 ActiveTransform All "])
+def test_slanted_cameras_look_where_the_file_says(tmp_path, blur):
+    """pbrt's world is mirrored in z; from (1, 2, 3) to (4, 2, -1) with y up."""
+    path = tmp_path / "scene.pbrt"
+    path.write_text(f'{blur}LookAt 1 2 3 4 2 -1 0 1 0 Camera "perspective" WorldBegin {TRIANGLE}')
+    pose = load_world(path).camera.motion.pose(0.0)
+    np.testing.assert_allclose(pose[:3, 3], (1, 2, -3), atol=1e-9)
+    np.testing.assert_allclose(-pose[:3, 2], np.array((3, 0, 4)) / 5, atol=1e-9)
+    np.testing.assert_allclose(pose[:3, 1], (0, 1, 0), atol=1e-9)
+
+
+def test_checkerboards_shift_by_the_files_own_offset(tmp_path):
+    """Two squares each way are one image."""
+    texture = 'Texture "c" "spectrum" "checkerboard" "float uscale" 3 "float udelta" 0.5 "float vdelta" 0.25\n'
+    _, world = material(tmp_path, '"diffuse" "texture reflectance" "c"', before=texture)
+    np.testing.assert_allclose(np.array(world.textures[0].uv_matrix) @ (0.25, 0.5, 1), (1.25 / 2, 0.75 / 2))

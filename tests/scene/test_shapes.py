@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.scene import geometry, shapes
-from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
+from clsim.scene.geometry import is_similarity, placed_rigidly, smooth_normals, transformed
 from clsim.scene.motion import compose, euler_quaternion, rotation_matrix
+from clsim.scene.world import Mesh
 
 number = st.floats(-3, 3)
 linear = st.lists(number, min_size=9, max_size=9).map(lambda x: np.reshape(x, (3, 3)))
@@ -103,3 +104,20 @@ def test_copies_without_end_are_refused(monkeypatch):
     placed_rigidly(meshes, 0, np.diag((1.0, 2.0, 1.0, 1.0)))
     with pytest.raises(InputError, match="30 triangles"):
         placed_rigidly(meshes, 0, np.diag((1.0, 2.0, 1.0, 1.0)))
+
+
+def test_smooth_normals_weigh_faces_by_their_angles():
+    """A corner of a box whose one face is split in two there: still all faces count alike."""
+    vertices = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)], np.float32)
+    # Both triangles of z = 0 meet at the origin, at 45° each; x = 0 and y = 0 have one of 90° each.
+    triangles = np.array([(0, 4, 1), (0, 2, 4), (0, 3, 2), (0, 1, 3)], np.int32)
+    mesh = smooth_normals(Mesh(vertices, triangles, np.zeros(4, np.int32)))
+    np.testing.assert_allclose(mesh.normals[0], -np.ones(3) / np.sqrt(3), atol=1e-6)
+
+
+def test_a_stretch_that_keeps_the_volume_is_baked():
+    mesh = shapes.box((1, 1, 1))
+    meshes = [mesh]
+    index, pose = placed_rigidly(meshes, 0, np.diag((2.0, 0.5, 1.0, 1.0)))
+    np.testing.assert_allclose(meshes[index].vertices.max(axis=0), (1, 0.25, 0.5))
+    np.testing.assert_array_equal(pose, np.eye(4))
