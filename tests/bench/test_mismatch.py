@@ -77,6 +77,7 @@ def test_scores_are_read_off_between_what_was_tried() -> None:
 
 def test_thresholds_stay_positive() -> None:
     cameras = mismatch._cameras(SENSOR, SIZE, 5.0, 0)
+    assert not np.array_equal(cameras[0], cameras[1]), "one camera, drawn again"
     assert len(cameras) == mismatch.DRAWS and min(each.min() for each in cameras) == pytest.approx(0.15 * 0.01)
     assert np.std(mismatch._cameras(SENSOR, (100, 100), 0.03, 1)[0][1]) == pytest.approx(0.15 * 0.03, rel=0.05)
 

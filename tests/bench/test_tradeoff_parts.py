@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -84,6 +85,13 @@ def _forget_code() -> None:
 )
 def test_different_contents_have_different_keys(one: object, other: object) -> None:
     assert content_key(one) != content_key(other)
+
+
+def test_what_an_object_remembers_is_no_content() -> None:
+    def key(**content: object) -> str:
+        return content_key(SimpleNamespace(**content))
+
+    assert key(a=1, _cache=2) == key(a=1, _cache=3) != key(a=2, _cache=2)
 
 
 def test_what_cannot_be_seen_is_refused() -> None:
