@@ -8,6 +8,8 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import bundled_names, bundled_scenes, describe, load_world
+from clsim.scene.parts import with_textures_from
+from clsim.scene.world import Material
 
 
 def poses(world, time_s):
@@ -128,3 +130,19 @@ def test_describe_counts_the_cornell_box():
     assert facts["materials"] == 4
     needs = {key for key, value in facts["needs"].items() if value}
     assert needs == {"area_lights", "moving_objects"}
+
+
+def test_textures_of_every_use_follow_their_material_into_a_longer_list():
+    uses = ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture")
+    material = Material(**{use: k for k, use in enumerate(uses)})
+    moved = with_textures_from(material, 7)
+    assert [getattr(moved, use) for use in uses] == [7, 8, 9, 10, 11]
+    assert with_textures_from(Material(), 7) == Material()
+
+
+def test_glass_that_nothing_is_made_of_warns_of_nothing(tmp_path):
+    path = tmp_path / "a.toml"
+    light = '[[lights]]\nkind = "point"\nintensity = [1, 1, 1]\nposition = [0, 2, 0]\n'
+    glass = '[materials.glass]\nkind = "dielectric"\n[[objects]]\nshape = "box"\n'
+    path.write_text(f"[camera]\nposition = [0, 0, 9]\n{glass}{light}")
+    assert not load_world(path).warnings

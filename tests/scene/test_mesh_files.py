@@ -224,3 +224,11 @@ def test_names_in_another_encoding_are_read(tmp_path):
 def _png(path):
     PIL.Image.fromarray(np.full((2, 2, 3), 99, np.uint8)).save(path)
     return path
+
+
+def test_black_beside_a_texture_means_the_texture(tmp_path):
+    _png(tmp_path / "a.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 0 0 0\nmap_Kd a.png\n")
+    path = tmp_path / "a.obj"
+    path.write_text("mtllib a.mtl\n" + OBJ + "vt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n")
+    assert load_world(path).materials[0].color == (1, 1, 1)
