@@ -30,7 +30,6 @@ SCHEMA = 3
 REFERENCE_SEED = 0x5EED_0001
 CEILING_SEED = 0x5EED_0002
 WITHIN_US = 1000
-"""The window of time in which points are scored, besides the published and the strict one."""
 _POINT_ROOMS = (*FRAME_ROOMS, "score", "bench")
 _DETECTION_PATHS = 4
 """A detector's pass over a pixel is taken for so many paths, where time left is estimated."""
@@ -99,8 +98,8 @@ class Sweep:
         self.cache = options.cache
         self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
         spp = options.reference_spp or (1024 if quick else 4096)
-        self.reference_options = self.render_options(Rendering(spp, "common", REFERENCE_SEED))
-        self.ceiling_options = self.render_options(Rendering(spp, "common", CEILING_SEED))
+        self.reference_options = Rendering(spp, "common", REFERENCE_SEED).options(self.fps, self.frames)
+        self.ceiling_options = Rendering(spp, "common", CEILING_SEED).options(self.fps, self.frames)
         self.machine = machine(self.device)
         self.store = PointStore(self.cache / f"points-{self.key()}.jsonl")
         self.report = report
@@ -111,17 +110,13 @@ class Sweep:
         shared = (self.frames, self.fps, self.reference_options.spp, REFERENCE_SEED, PAPER_TAU)
         return content_key("points", world_key(self.world), shared, self.machine, code_key(_POINT_ROOMS))
 
-    def render_options(self, rendering: Rendering) -> RenderOptions:
-        """Return the renderer's options for this world and length."""
-        return rendering.options(self.fps, self.frames)
-
     def run(self) -> dict[str, Any]:
         """Measure what is missing and return all results."""
         missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
         self.plan(missing)
         self.tell("loading kernels")
         if self.total:
-            warm_renderer(self.world, self.render_options(Rendering(1, "common", 0)))
+            warm_renderer(self.world, Rendering(1, "common", 0).options(self.fps, self.frames))
         reference = self.reference(self.reference_options, "reference")
         ceiling = self.reference(self.ceiling_options, "ceiling")
         for rule in RULES:
@@ -154,7 +149,7 @@ class Sweep:
 
     def start(self, point: Point) -> None:
         """Load the kernels that a point needs, unless they are: it is no part of its cost."""
-        options, config = self.render_options(point.rendering), point.detector.config(self.world.sensor)
+        options, config = point.rendering.options(self.fps, self.frames), point.detector.config(self.world.sensor)
         rendering, detecting = self.start_keys(point)
         if rendering not in self.starts or detecting not in self.starts:
             self.tell("loading kernels")
@@ -165,13 +160,13 @@ class Sweep:
 
     def start_keys(self, point: Point) -> tuple[Any, Any]:
         """Return what the kernels of rendering, and those of detection, depend on."""
-        features = self.render_options(point.rendering).features_of(self.world)
+        features = point.rendering.options(self.fps, self.frames).features_of(self.world)
         return features, (point.detector, features.first_hits)
 
     def measure(self, point: Point, reference: Reference) -> None:
         """Render and detect, score the events and store the figures."""
         self.start(point)
-        options, config = self.render_options(point.rendering), point.detector.config(self.world.sensor)
+        options, config = point.rendering.options(self.fps, self.frames), point.detector.config(self.world.sensor)
         on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
         done = run_point(self.world, options, config, self.device, on_frame)
         starting = [self.loading, *(self.starts[key] for key in self.start_keys(point))]
@@ -244,7 +239,6 @@ def figures(scored: Score, costs: dict[str, Any]) -> dict[str, Any]:
         "cpu_s": cpu_s,
         "wall_s": costs["render_wall_s"] + costs["detect_wall_s"],
         "true_events": true_events,
-        "cpu_s_per_true_event": cpu_s / true_events if true_events else None,
     }
     return _scores(scored) | costs | sums
 

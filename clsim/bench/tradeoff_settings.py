@@ -7,7 +7,6 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
 from clsim.live import quality
-from clsim.live.quality import Noise, Sampler, Sampling
 from clsim.render import RenderOptions
 from clsim.scene import Sensor
 
@@ -26,10 +25,10 @@ class Rendering:
     """
 
     spp: int
-    noise: Noise
+    noise: quality.Noise
     seed: int
-    sampler: Sampler = "pcg"
-    sampling: Sampling = "uniform"
+    sampler: quality.Sampler = "pcg"
+    sampling: quality.Sampling = "uniform"
     probe_spp: int | None = None
     """Paths that every pixel gets, if sampling is adaptive, which then are doubled where a decision needs it."""
     first_hit_rays: int = 0

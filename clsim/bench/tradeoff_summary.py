@@ -11,7 +11,6 @@ from clsim.bench.pareto import pareto_front
 from clsim.bench.tradeoff_settings import BASE, ICIP_2023, DetectorSetting, Point, Rendering
 
 VALUES = ("f1", "strict_f1")
-"""Scores that have a front."""
 _RENDERING = tuple(field.name for field in fields(Rendering) if field.name != "seed")
 _DETECTOR = tuple(field.name for field in fields(DetectorSetting))
 AXES = _RENDERING + _DETECTOR

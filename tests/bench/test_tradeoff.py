@@ -25,7 +25,7 @@ COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
 POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
 COSTS = {
     "paths", "first_hit_rays_traced", "solved_share", "render_cpu_s", "render_wall_s", "detect_cpu_s",
-    "detect_wall_s", "cpu_s", "wall_s", "true_events", "cpu_s_per_true_event", "peak_bytes",
+    "detect_wall_s", "cpu_s", "wall_s", "true_events", "peak_bytes",
     "startup_cpu_s", "startup_wall_s", "equivalent_mismatch", "cpu_us_per_pixel_second",
 }  # fmt: skip
 

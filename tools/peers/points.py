@@ -104,7 +104,7 @@ def run_peers(options: TradeoffOptions, names: tuple[str, ...], report: Report) 
     results = sweep.run()
     reference = sweep.reference(sweep.reference_options, "reference")
     for peer in missing:
-        given = sweep.render_options(Rendering(1, "independent", peer.seed))
+        given = Rendering(1, "independent", peer.seed).options(sweep.fps, sweep.frames)
         events, costs = peer.measure(sweep.world, file, given, lambda name=peer.name: sweep.tell(name))
         sweep.store.append(content_key(peer.key()), figures(sweep.score(events, reference, "frame"), costs))
     rows = [peer.as_dict() | sweep.store[content_key(peer.key())] for peer in peers]
