@@ -139,6 +139,7 @@ def test_each_page_plays_for_itself(player: Player) -> None:
             await playing.send_str('{"command": "loop", "value": false}')
             await playing.send_str('{"command": "speed", "value": 10}')
             status: dict[Any, dict[str, Any]] = {paused: {}, playing: {}}
+            latest_us = {paused: 0, playing: 0}
             while status[playing].get("playing", True) or status[paused].get("position_us") != 1_500_000:
                 for stream in status:
                     message = await asyncio.wait_for(stream.receive(), 20)
@@ -146,9 +147,11 @@ def test_each_page_plays_for_itself(player: Player) -> None:
                         told = json.loads(message.data)
                         status[stream] = told if told["type"] == "status" else status[stream]
                     else:
+                        latest_us[stream] = max(latest_us[stream], int.from_bytes(message.data[16:24], "little"))
                         await stream.send_str('{"seen": 100000}')
             assert status[playing]["position_us"] == EVENTS["t"][-1] and status[playing]["speed"] == 10
             assert status[paused]["playing"] is False and status[paused]["speed"] == 1
+            assert latest_us[paused] < 2_000_000 < latest_us[playing]  # neither is sent what the other sees
 
     asyncio.run(run())
 

@@ -252,6 +252,30 @@ def test_a_watchers_queue_is_bounded_and_drops_the_oldest(monkeypatch: pytest.Mo
     hub._loop.close()
 
 
+def test_a_large_packet_pushes_out_as_many_small_ones_as_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 100)
+    watcher = Watcher()
+    for k in range(10):
+        watcher.put(bytes([k]), 10)
+    watcher.put(b"large", 75)
+    assert watcher.waiting_events == 95 and watcher.dropped_events == 80
+    assert [watcher.next_packet() for _ in range(4)] == [bytes([8]), bytes([9]), b"large", None]
+
+
+def test_more_than_a_queue_holds_is_counted_before_it_is_handed_out(
+    sink: ViewSink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub_module, "QUEUE_EVENTS", 1000)
+    events = random_events(1700, WIDTH, HEIGHT)
+    got = watch(
+        sink.url,
+        lambda m: any(isinstance(x, bytes) and len(decode(x)[3]) for x in m),
+        lambda: sink.write(events, end_of(events)),
+    )
+    assert np.array_equal(decode(got[-1])[3], events[700:])
+    assert sink.dropped_events == 700
+
+
 def test_a_seek_drops_what_waits_and_comes_before_what_follows() -> None:
     async def run() -> list[bytes]:
         hub, watcher = Hub(asyncio.get_running_loop()), Watcher()
