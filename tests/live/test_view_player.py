@@ -125,7 +125,16 @@ def test_everything_is_played(playback: Playback, browser: Browser) -> None:
 
 
 @pytest.mark.parametrize(
-    "targets", [(4_500_000,), (4_800_000, 3_700_000), (3_200_000, 3_100_000), (0,), (99_000_000,), (1 << 53,)]
+    "targets",
+    [
+        (4_500_000,),
+        (4_800_000, 3_700_000),
+        (3_200_000, 3_100_000),
+        (4_000_000, 4_300_000),
+        (0,),
+        (99_000_000,),
+        (1 << 53,),
+    ],
 )
 def test_a_seek_shows_the_second_before_it(playback: Playback, browser: Browser, targets: tuple[int, ...]) -> None:
     for count, target in enumerate(targets, start=1):
@@ -154,6 +163,15 @@ def test_a_loop_begins_anew(playback: Playback, browser: Browser) -> None:
     playback.control(Switch("play", True))
     wait_until(lambda: len(browser.seeks) >= 2)
     assert set(browser.seeks) == {int(EVENTS["t"][0])}
+
+
+def test_a_wish_at_the_end_counts_more_than_the_loop(recording: Path, playback: Playback) -> None:
+    playback.close()
+    playback.join(5)  # from here on, this thread does its steps
+    reader = playback_module._Reader(lambda: open_source(recording))
+    playback._seek_us = 3_500_000
+    playback._advance(reader, 99_000_000)
+    assert reader.ended and playback._seek_us == 3_500_000
 
 
 def test_the_speed_is_kept_within_reason(playback: Playback) -> None:
@@ -232,6 +250,12 @@ def test_pacing_loses_and_reorders_nothing_and_takes_its_time() -> None:
     assert np.array_equal(np.concatenate(sink.batches), events) and sink.closed == 1
     assert pump.events == len(events) and pump.now_us == events["t"][-1]
     assert time.monotonic() - began_s >= int(events["t"][-1] - events["t"][0]) * 1e-6 / 2
+
+
+def test_pacing_is_as_fast_as_asked() -> None:
+    began_s = time.monotonic()
+    assert sum(len(batch) for batch, _ in paced([EVENTS], speed=20.0)) == len(EVENTS)
+    assert time.monotonic() - began_s < 1.5, "two seconds of events, twenty times as fast"
 
 
 def test_a_pump_raises_what_the_source_raises_and_closes_the_sink() -> None:
