@@ -63,10 +63,13 @@ SPP = Annotated[
 ]
 SAMPLING = Annotated[
     Sampling | None,
-    advanced(help="The same for every pixel; or as much as tells whether an event fires. [the quality's]"),
+    advanced(
+        help="The same for every pixel; or as much as tells whether an event fires; or (cached) with light kept on "
+        "surfaces, where nothing but the camera moves. [cached there, else the quality's]"
+    ),
 ]
 PROBE_SPP = Annotated[
-    int | None, advanced(help="Light paths that every pixel gets, with adaptive sampling. [the quality's]")
+    int | None, advanced(help="Light paths that every pixel gets, with adaptive or cached sampling. [the quality's]")
 ]
 PROBE_EVERY = Annotated[
     int | None,

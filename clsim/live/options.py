@@ -14,6 +14,7 @@ from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.plain import from_plain, to_plain
 from clsim.live.quality import (
+    CACHED,
     DEFAULT,
     PLAIN,
     QUALITIES,
@@ -144,7 +145,7 @@ class LiveOptions:
         Where no quality is named, what rules the default's adaptive sampling out makes it uniform.
         """
         basis = self.basis
-        named = PLAIN if basis is None else QUALITIES[basis]
+        named = PLAIN if basis is None else (QUALITIES | CACHED if self.sampling == "cached" else QUALITIES)[basis]
         if self.quality is None and (self.noise == "independent" or self.first_hit_rays == 0):
             named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})
@@ -153,12 +154,20 @@ class LiveOptions:
             point = replace(point, probe_every=1)
         return point
 
+    def for_light(self, *, stands_still: bool) -> LiveOptions:
+        """Return the options for a scene: with light kept on surfaces where it stands still and nothing forbids it."""
+        others = (self.sampling, self.method, self.noise, self.first_hit_rays, self.probe_spp, self.probe_every)
+        keeps = stands_still and self.basis in CACHED and all(value is None for value in others)
+        return replace(self, sampling="cached") if keeps else self
+
     @property
     def basis(self) -> Quality | None:
         """The quality whose settings hold where nothing else is given; None for those of a named method."""
         if self.quality is not None:
             return self.quality
-        return DEFAULT if self.method is None or self.sampling == "adaptive" or self.pace == "real" else None
+        return (
+            DEFAULT if self.method is None or self.sampling in ("adaptive", "cached") or self.pace == "real" else None
+        )
 
     @property
     def governed(self) -> bool:
@@ -198,17 +207,19 @@ class LiveOptions:
             raise InputError(f"`first_hit_rays` must not be negative, got {self.first_hit_rays}")
         point = self.point
         if point.sampling == "uniform" and self.probe_spp is not None:
-            raise InputError(f"`probe_spp` {self.probe_spp} is for `sampling` adaptive, but sampling is uniform")
+            raise InputError(
+                f"`probe_spp` {self.probe_spp} is for `sampling` adaptive or cached, but sampling is uniform"
+            )
         if point.probe_every > 1:
             self._need_first_hit_rays(f"`probe_every` {point.probe_every}")
             if point.noise != "common":
                 raise InputError(f"`probe_every` {point.probe_every} needs `noise` common, got {point.noise}")
-        if point.sampling == "adaptive":
-            self._need_first_hit_rays("`sampling` adaptive")
+        if point.sampling != "uniform":
+            self._need_first_hit_rays(f"`sampling` {point.sampling}")
             if point.probe_spp > point.spp:
                 raise InputError(f"`probe_spp` must be at most `spp` {point.spp}, got {point.probe_spp}")
             if point.noise != "common":
-                raise InputError(f"`sampling` adaptive needs `noise` common, got {point.noise}")
+                raise InputError(f"`sampling` {point.sampling} needs `noise` common, got {point.noise}")
 
     def _need_first_hit_rays(self, setting: str) -> None:
         if self.point.first_hit_rays == 0:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from clsim.detect.config import EventRule, Gate, Method
 
 Quality = Literal["draft", "balanced", "accurate", "exact", "published"]
-Sampling = Literal["uniform", "adaptive"]
+Sampling = Literal["uniform", "adaptive", "cached"]
 Sampler = Literal["pcg", "sobol"]
 Noise = Literal["common", "independent"]
 
@@ -21,11 +21,14 @@ class Point:
     window: int | None
     """Side of the regression window [pixels]; None takes the method's own."""
     sampling: Sampling
-    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires."""
+    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
+
+    ``cached`` keeps light on surfaces, where nothing but the camera moves; few paths will do where it is known.
+    """
     probe_spp: int
-    """Light paths that every pixel gets, where sampling is adaptive."""
+    """Light paths that every pixel gets, where sampling is adaptive or cached."""
     spp: int
-    """Light paths per pixel and frame; where sampling is adaptive, at most."""
+    """Light paths per pixel and frame; where sampling is adaptive or cached, at most."""
     first_hit_rays: int
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
@@ -39,7 +42,7 @@ class Point:
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
-        paths = f"{self.probe_spp} to {self.spp}" if self.sampling == "adaptive" else f"{self.spp}"
+        paths = f"{self.probe_spp} to {self.spp}" if self.sampling != "uniform" else f"{self.spp}"
         side = "" if self.window is None or self.method == "esim" else f" {self.window}x{self.window}"
         parts = [self.method + side, f"{paths} spp"]
         if self.first_hit_rays:
@@ -47,6 +50,8 @@ class Point:
         if self.probe_every > 1:
             parts.insert(2, f"pixels probed each {self.probe_every} frames")
         parts.append(self.sampler)
+        if self.sampling == "cached":
+            parts.append("light kept on surfaces")
         if self.noise != "common":
             parts.append(f"{self.noise} noise")
         if self.gate != "radiance" and self.method == "esim-ad":
@@ -91,6 +96,25 @@ QUALITIES: dict[Quality, Point] = {
         event_rule="frame",
     ),
 }
+CACHED: dict[Quality, Point] = {
+    "draft": Point(
+        method="esim",
+        window=None,
+        sampling="cached",
+        probe_spp=1,
+        spp=4,
+        first_hit_rays=8,
+        sampler="sobol",
+        probe_every=4,
+    ),
+    "balanced": Point(
+        method="esim", window=None, sampling="cached", probe_spp=1, spp=4, first_hit_rays=24, sampler="sobol"
+    ),
+    "accurate": Point(
+        method="esim", window=None, sampling="cached", probe_spp=4, spp=16, first_hit_rays=128, sampler="sobol"
+    ),
+}
+"""What those qualities are in scenes where nothing but the camera moves."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

@@ -71,9 +71,10 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     steered = point.sampling == "adaptive"
     render = RenderOptions(
         spp=point.spp,
-        probe_spp=point.probe_spp if steered else None,
+        probe_spp=point.probe_spp if point.sampling != "uniform" else None,
         probe_every=point.probe_every,
         first_hit_rays=point.first_hit_rays,
+        light_cache=point.sampling == "cached",
         fps=fps,
         seed=options.seed,
         noise=point.noise,

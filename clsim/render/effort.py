@@ -95,8 +95,8 @@ class Steerer:
             "out_spent": self._spent,
         }
 
-    def prepare(self, index: int) -> tuple[Any, int]:
-        """Choose the samples of the frame ``index``; return the kernel's ``steering`` and the full number of paths.
+    def prepare(self, index: int) -> tuple[dict[str, Any], int]:
+        """Choose the samples of the frame ``index``; return arguments of the kernel and the full number of paths.
 
         Takes the interest map of two frames ago, and waits for it where the board does.
         """
@@ -126,18 +126,19 @@ class Steerer:
             steering.before = before.probe_spp
         self._before, self._index = effort, index
         self._number += 1
-        return steering, effort.spp
+        return {"steering": steering}, effort.spp
 
     def cancel(self) -> None:
         """Let `prepare` wait for no map any longer; safe from any thread."""
         if self._board is not None:
             self._board.close()
 
-    def count(self) -> None:
-        """Add up what the frame took."""
+    def finish(self) -> bool:
+        """Add up what the frame took; return whether it is to be rendered again, which it never is."""
         first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
         self.first_hit_rays += int(first_hit_rays)
         self.paths += int(paths)
+        return False
 
     def _grade(self, interest: InterestMap, top: int) -> None:
         """Choose by how many doublings of the probe a decision is safe, or an event is timed; add 1 near an event.

@@ -80,6 +80,7 @@ class Features(SceneFeatures):
         sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
+        light_cache: first hits take their light from what is kept on surfaces.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
     """
@@ -92,6 +93,7 @@ class Features(SceneFeatures):
     sobol: bool
     variances: bool
     first_hits: bool
+    light_cache: bool
     strategy: Strategy
 
     def describe(self) -> dict[str, list[str]]:
@@ -123,6 +125,7 @@ class Features(SceneFeatures):
             (self.sobol, "Sobol's sequence"),
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
+            (self.light_cache, "light kept on surfaces"),
         )
         return {
             "built in": [text for present, text in rows if present],
@@ -195,6 +198,11 @@ def objects_move(world: World) -> bool:
     return any(motion.duration_s > 0 for motion in others)
 
 
+def light_stands_still(world: World) -> bool:
+    """Whether nothing but the camera moves, so that the light on a surface stays as it is."""
+    return not objects_move(world) and not any(deforms(mesh) for mesh in _used_meshes(world))
+
+
 def scene_features(world: World, interval_s: float) -> SceneFeatures:
     """Return what the world needs on a device, over an interval of that length [s]."""
     meshes, materials = _used_meshes(world), _used_materials(world)
@@ -237,6 +245,7 @@ def view_features(
     follow_specular: bool = True,
     sobol: bool = False,
     first_hits: bool = False,
+    light_cache: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     return Features(
@@ -249,5 +258,6 @@ def view_features(
         sobol=sobol,
         variances=variances,
         first_hits=first_hits,
+        light_cache=light_cache,
         strategy=strategy,
     )

@@ -17,13 +17,14 @@ class Sample:
     """What one camera ray saw; the features are those of the first hit.
 
     ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
-    filled in where first hits are sampled apart.
+    filled in where first hits are sampled apart, and so is ``position``, where the features are.
     """
 
     radiance: wp.vec3
     emission: wp.vec3
     albedo: wp.vec3
     normal: wp.vec3
+    position: wp.vec3
     depth: float
     hit: bool
 

@@ -14,6 +14,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.alpha import make_alpha
 from clsim.render.bsdf import make_bsdf
+from clsim.render.cached import make_cached
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
@@ -172,6 +173,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                             sample.albedo = wp.vec3()
                             sample.normal = wp.normalize(origin + direction * hit.t - centre)
                             if wp.static(features.first_hits):
+                                sample.position = origin + direction * hit.t
                                 sample.emission = sample.radiance
                         break
                 if wp.static(features.environment):
@@ -206,6 +208,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
             if wp.static(features.first_hits):
                 if looked_at:
+                    sample.position = point.position
                     sample.emission = sample.radiance
                 if only_look and not looking:
                     break
@@ -282,6 +285,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, only_look)
         return sample
 
+    if features.light_cache:
+        return make_cached(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
     if features.first_hits:
         return make_steered(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
 

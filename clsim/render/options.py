@@ -71,6 +71,12 @@ class RenderOptions:
 
     Needs first-hit rays and common noise where it is more than 1.
     """
+    light_cache: bool = False
+    """Whether light is kept on surfaces and becomes better from frame to frame, so that few paths will do.
+
+    Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
+    little is known, ``probe_spp`` elsewhere.
+    """
     tree: Tree | None = None
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
@@ -105,7 +111,11 @@ class RenderOptions:
             raise InputError(f"`first_hit_rays` must be at least 0, got {self.first_hit_rays}")
         if self.first_hit_rays and self.variances:
             raise InputError("first-hit rays give no variances; expected `first_hit_rays` 0 where variances are wanted")
-        for option, steers in (("probe_spp", self.probe_spp is not None), ("probe_every", self.probe_every > 1)):
+        for option, steers in (
+            ("probe_spp", self.probe_spp is not None),
+            ("probe_every", self.probe_every > 1),
+            ("light_cache", self.light_cache),
+        ):
             if steers and not self.first_hit_rays:
                 raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
             if steers and self.noise != "common":
@@ -116,7 +126,9 @@ class RenderOptions:
     def features(self, scene: SceneFeatures, camera: Camera) -> Features:
         """Return what the kernel has with which a camera looks at such a scene."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
-        return view_features(scene, camera, self.variances, self.strategy, self.follow_specular, sobol, first_hits)
+        return view_features(
+            scene, camera, self.variances, self.strategy, self.follow_specular, sobol, first_hits, self.light_cache
+        )
 
     def features_of(self, world: World) -> Features:
         """Return what the kernel has with which the world's own camera looks at it."""

@@ -82,13 +82,15 @@ class Reflected:
 
 
 @wp.func
-def _lit_albedo(sample: Sample) -> wp.vec3:
+def lit_albedo(sample: Sample) -> wp.vec3:
+    """Return the albedo by which radiance may be divided."""
     a = sample.albedo
     return wp.vec3(wp.max(a[0], _DARK), wp.max(a[1], _DARK), wp.max(a[2], _DARK))
 
 
 @wp.func
-def _see(seen: FirstHits, sample: Sample) -> FirstHits:
+def see(seen: FirstHits, sample: Sample) -> FirstHits:
+    """Add what a first-hit ray saw."""
     s = seen
     if s.count == 0.0:
         s.first = sample
@@ -100,7 +102,7 @@ def _see(seen: FirstHits, sample: Sample) -> FirstHits:
         unlike = 2.0
     if sample.hit:
         s.hits = s.hits + 1.0
-        s.albedo = s.albedo + _lit_albedo(sample)
+        s.albedo = s.albedo + lit_albedo(sample)
         s.normal = s.normal + sample.normal
         s.depth = s.depth + sample.depth
         unlike = wp.max(unlike, wp.length(sample.albedo - s.first.albedo) / _ALIKE_ALBEDO)
@@ -115,7 +117,7 @@ def _reflect(sums: Reflected, sample: Sample) -> Reflected:
     s = sums
     if sample.hit:
         s.radiance = s.radiance + (sample.radiance - sample.emission)
-        s.albedo = s.albedo + _lit_albedo(sample)
+        s.albedo = s.albedo + lit_albedo(sample)
     return s
 
 
@@ -223,7 +225,7 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
                 # A sample that is not finite is dropped whole.
                 sound = sampling.finite(sample.normal)
                 if look and sound and sampling.finite(sample.emission):
-                    seen = _see(seen, sample)
+                    seen = see(seen, sample)
                 if on:
                     if sound and sampling.finite(sample.radiance):
                         sums = _reflect(sums, sample)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,8 +14,10 @@ from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.devices import usable_cores
 from clsim.render.effort import Effort, Steerer
+from clsim.render.features import light_stands_still
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.launch import record
+from clsim.render.light_keeper import LightKeeper
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
@@ -92,11 +95,17 @@ class View:
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
-        self._steerer: Steerer | None = None
+        self._steerer: Steerer | LightKeeper | None = None
         if options.first_hit_rays:
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
-            self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
+            if options.light_cache:
+                if not light_stands_still(data.world):
+                    raise InputError("light is kept on surfaces only where nothing but the camera moves")
+                pixel_angle = math.radians(camera.fov_deg) / camera.width
+                self._steerer = LightKeeper(camera.width, camera.height, effort, pixel_angle, self._device)
+            else:
+                self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
         self._paths = 0
         self._cancelled = threading.Event()
         self._targets: dict[int, tuple[Any, Any]] = {}
@@ -132,17 +141,14 @@ class View:
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         if self._steerer is None:
-            changed["out_bits"] = bits
-        else:
-            changed["steering"], self._settings.samples = self._steerer.prepare(index)
-        for launch in self._launches:
-            for name, value in changed.items():
-                launch.set_param_by_name(name, value)
-        self._render_tiles()
-        if self._steerer is None:
+            self._render(changed | {"out_bits": bits})
             self._paths += self.width * self.height * self._options.spp
         else:
-            self._steerer.count()
+            unfinished = True
+            while unfinished:
+                steering, self._settings.samples = self._steerer.prepare(index)
+                self._render(changed | steering)
+                unfinished = self._steerer.finish()
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
@@ -209,7 +215,11 @@ class View:
             arguments |= self._steerer.arguments
         return record(self._kernel, self._tile, self._device, **arguments)
 
-    def _render_tiles(self) -> None:
+    def _render(self, changed: dict[str, Any]) -> None:
+        """Render all pixels with those arguments of the kernel that have changed."""
+        for launch in self._launches:
+            for name, value in changed.items():
+                launch.set_param_by_name(name, value)
         pixels = self.width * self.height
         tiles = iter(range(0, pixels, self._tile))
         # next() of a range iterator is one step of the interpreter, so that threads may share it.

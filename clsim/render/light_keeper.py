@@ -1,0 +1,136 @@
+"""Host side of cached.py and light_cache.py: the cells, and how many paths pixels get."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from clsim.render.cached import Gathering
+from clsim.render.effort import Effort
+from clsim.render.launch import record
+from clsim.render.light_cache import FIELDS, LEVELS, add_to_cells, move_cells, open_cells
+from clsim.render.steered import LEAST_LOOK
+
+KNOWN = 0.5
+"""Where less is known of the light, a pixel traces all its paths."""
+_CELLS_PER_PIXEL = 8
+_LARGEST_TABLE = 1 << 22
+"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 256 MiB."""
+_REMEMBERED = 256
+
+
+class LightKeeper:
+    """Keeps what paths find, and tells pixels how many to trace: few where the light is known.
+
+    Attributes:
+        effort: what holds from the next frame on; may be set from any thread.
+        first_hit_rays: first-hit rays traced so far.
+        paths: paths traced so far.
+    """
+
+    def __init__(self, width: int, height: int, effort: Effort, pixel_angle: float, device: Any) -> None:
+        """Allocate a table without cells.
+
+        Args:
+            width: of the frames [pixels].
+            height: of the frames [pixels].
+            effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
+            pixel_angle: width of a pixel seen from the camera [rad].
+            device: Warp's device.
+        """
+        pixels = width * height
+        self.effort = effort
+        self.first_hit_rays = self.paths = 0
+        self._device = device
+        self._pixel_angle = pixel_angle
+        self._frames = 0
+        self._update = 0
+        self._used: Any = wp.zeros(1, dtype=wp.int32, device=device)
+        self._cells = self._table(1 << int(np.ceil(np.log2(_CELLS_PER_PIXEL * pixels))))
+        self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
+        self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
+        self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
+        self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
+        self._make_room(effort.spp)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What the kernel takes beside the scene and the frame; what `prepare` returns changes with each frame."""
+        return {
+            "steering": Gathering(),
+            "cells": self._cells,
+            "own": self._own,
+            "traced": self._traced,
+            "learnt": self._learnt,
+            **self._found,
+            "out_spent": self._spent,
+        }
+
+    def prepare(self, index: int) -> tuple[dict[str, Any], int]:
+        """Return the arguments of the kernel that change with a frame, and the full number of paths."""
+        effort = self.effort
+        if effort.spp != self._found["out_lights"].shape[0]:
+            self._make_room(effort.spp)
+        self._gathering: Any = Gathering()
+        self._gathering.first_hits = effort.first_hit_rays
+        self._gathering.first_look = min(max(LEAST_LOOK, effort.first_hit_rays // 4), effort.first_hit_rays)
+        self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
+        self._gathering.turn = self._frames
+        self._gathering.known = KNOWN
+        self._gathering.pixel_angle = self._pixel_angle
+        # The first frame is rendered twice, and what it learns is no gain over a frame before.
+        self._gathering.last_update = self._update if self._frames > 1 else -1
+        changed = {"steering": self._gathering, "cells": self._cells, **self._found}
+        return changed, effort.spp
+
+    def cancel(self) -> None:
+        """Do nothing: nobody is waited for."""
+
+    def finish(self) -> bool:
+        """Count what the frame took and keep what its paths found; return whether it is to be rendered again.
+
+        That is so for the first frame: nothing was known when it was rendered.
+        """
+        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
+        self.first_hit_rays += int(first_hit_rays)
+        self.paths += int(paths)
+        self._update += 1
+        for launch in (self._open, self._add):
+            launch.set_param_by_name("cells", self._cells)
+        self._open.set_param_by_name("update", self._update)
+        self._open.launch()
+        self._add.launch()
+        if int(self._used.numpy()[0]) > self._cells.shape[0] // 2:
+            self._grow()
+        self._frames += 1
+        return self._frames == 1
+
+    def _table(self, rows: int) -> Any:
+        return wp.zeros((rows, FIELDS), dtype=wp.int64, device=self._device)
+
+    def _make_room(self, paths: int) -> None:
+        """Allocate what the paths of a frame find, and record the launches that keep it."""
+        shape = (paths, len(self._own))
+        positions: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
+        normals: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
+        lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
+        rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
+        self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
+        self._open = record(
+            open_cells, shape[1], self._device, positions=positions, normals=normals, update=0, cells=self._cells,
+            out_rows=rows, out_used=self._used,
+        )  # fmt: skip
+        self._add = record(
+            add_to_cells, shape[1], self._device, positions=positions, lights=lights, rows=rows, cells=self._cells
+        )
+
+    def _grow(self) -> None:
+        """Move the cells to a table twice as large, or, where that is too large, forget those long unseen."""
+        rows = self._cells.shape[0]
+        larger = 2 * rows <= _LARGEST_TABLE
+        source, self._cells = self._cells, self._table(2 * rows if larger else rows)
+        oldest = 0 if larger else max(0, self._update - _REMEMBERED)
+        self._used.zero_()
+        wp.launch(move_cells, dim=rows, inputs=[source, oldest, self._cells, self._used], device=self._device)

@@ -1,0 +1,96 @@
+"""Light kept on surfaces: it comes to the truth, learning it is no event, and nothing moves where it is kept."""
+
+from __future__ import annotations
+
+import hand_worlds as hw
+import numpy as np
+import pytest
+from test_steered import LUMINANCE, Run, log_brightness, textured_world
+from test_tracer import moving_world
+
+from clsim.errors import InputError
+from clsim.render import PathTracer, RenderOptions, light_keeper, light_stands_still
+from clsim.scene.drift import drifting
+
+CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
+
+
+def panning(world):
+    """The same world before a camera that moves past it."""
+    return drifting(world)
+
+
+def luminance(frame):
+    return np.tensordot(LUMINANCE, frame.planes[:3].astype(float), axes=1)
+
+
+def test_the_light_comes_to_the_truth():
+    """A floor in lamp- and skylight: frames of 1 path a pixel agree in the mean with 1,024 paths."""
+    world = textured_world()
+    run = Run(world, **CACHED)
+    for index in range(24):
+        kept = run.fill(index)
+    truth = hw.render(world, spp=1024, sampler="sobol")
+    ratio = luminance(kept).mean() / luminance(truth).mean()
+    assert ratio == pytest.approx(1.0, abs=0.05)
+
+
+def test_learning_fires_no_event():
+    """Before a still camera brightness stays as it was first shown, though the light is known ever better."""
+    run = Run(textured_world(), **CACHED)
+    first = log_brightness(run.fill(0))
+    for index in range(1, 12):
+        last = log_brightness(run.fill(index))
+    # Cells remember how bright the light was, not of which colour.
+    np.testing.assert_allclose(last, first, atol=2e-3)
+
+
+def test_paths_are_spent_where_little_is_known():
+    run = Run(textured_world(), **CACHED)
+    pixels = run.frame.width * run.frame.height
+    run.fill(0)
+    start = run.spent[0]
+    for index in range(1, 24):
+        run.fill(index)
+    assert start > 4 * pixels
+    assert run.spent[0] < 1.5 * pixels
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "pcg"])
+def test_threads_and_tiles_change_nothing(sampler):
+    world = panning(textured_world())
+    one = Run(world, threads=1, sampler=sampler, **CACHED)
+    many = Run(world, threads=3, tile_pixels=7, sampler=sampler, **CACHED)
+    for index in range(4):
+        np.testing.assert_array_equal(one.fill(index).planes, many.fill(index).planes)
+
+
+def test_a_table_that_grows_loses_nothing(monkeypatch):
+    world = panning(textured_world())
+    large = Run(world, **CACHED)
+    monkeypatch.setattr(light_keeper, "_CELLS_PER_PIXEL", 0.25)
+    small = Run(world, **CACHED)
+    for index in range(4):
+        np.testing.assert_array_equal(small.fill(index).planes, large.fill(index).planes)
+
+
+def test_a_table_that_may_not_grow_forgets(monkeypatch):
+    monkeypatch.setattr(light_keeper, "_CELLS_PER_PIXEL", 0.25)
+    monkeypatch.setattr(light_keeper, "_LARGEST_TABLE", 64)
+    run = Run(panning(textured_world()), **CACHED)
+    for index in range(4):
+        frame = run.fill(index)
+    assert np.isfinite(frame.planes).all()
+    assert luminance(frame).mean() > 0
+
+
+def test_light_is_kept_only_where_it_stands_still():
+    assert light_stands_still(panning(textured_world()))
+    assert not light_stands_still(moving_world())
+    with pytest.raises(InputError, match="only where nothing but the camera moves"):
+        PathTracer(moving_world(), RenderOptions(first_hit_rays=8, light_cache=True))
+
+
+def test_noise_of_each_frame_is_refused():
+    with pytest.raises(InputError, match="`light_cache` needs `noise` common"):
+        RenderOptions(first_hit_rays=8, light_cache=True, noise="independent")
