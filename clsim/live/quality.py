@@ -102,7 +102,7 @@ CACHED: dict[Quality, Point] = {
         window=None,
         sampling="cached",
         probe_spp=1,
-        spp=4,
+        spp=2,
         first_hit_rays=8,
         sampler="sobol",
         probe_every=4,
@@ -111,7 +111,7 @@ CACHED: dict[Quality, Point] = {
         method="esim", window=None, sampling="cached", probe_spp=1, spp=4, first_hit_rays=24, sampler="sobol"
     ),
     "accurate": Point(
-        method="esim", window=None, sampling="cached", probe_spp=4, spp=16, first_hit_rays=128, sampler="sobol"
+        method="esim", window=None, sampling="cached", probe_spp=2, spp=8, first_hit_rays=64, sampler="sobol"
     ),
 }
 """What those qualities are in scenes where nothing but the camera moves."""

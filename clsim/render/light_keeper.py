@@ -97,13 +97,12 @@ class LightKeeper:
         self.first_hit_rays += int(first_hit_rays)
         self.paths += int(paths)
         self._update += 1
-        for launch in (self._open, self._add):
-            launch.set_param_by_name("cells", self._cells)
         self._open.set_param_by_name("update", self._update)
-        self._open.launch()
+        self._open_cells()
+        while self._is_full() and self._grow():
+            self._open_cells()
+        self._add.set_param_by_name("cells", self._cells)
         self._add.launch()
-        if int(self._used.numpy()[0]) > self._cells.shape[0] // 2:
-            self._grow()
         self._frames += 1
         return self._frames == 1
 
@@ -126,11 +125,24 @@ class LightKeeper:
             add_to_cells, shape[1], self._device, positions=positions, lights=lights, rows=rows, cells=self._cells
         )
 
-    def _grow(self) -> None:
-        """Move the cells to a table twice as large, or, where that is too large, forget those long unseen."""
+    def _open_cells(self) -> None:
+        self._open.set_param_by_name("cells", self._cells)
+        self._open.launch()
+
+    def _is_full(self) -> bool:
+        """Whether cells are hard to find, or were not found at all."""
+        return int(self._used.numpy()[0]) > self._cells.shape[0] // 2
+
+    def _grow(self) -> bool:
+        """Move the cells to a table twice as large; where that is too large, forget those long unseen, if any.
+
+        Return whether there is more room than before.
+        """
+        used = int(self._used.numpy()[0])
         rows = self._cells.shape[0]
-        larger = 2 * rows <= _LARGEST_TABLE
+        larger: bool = 2 * rows <= _LARGEST_TABLE
         source, self._cells = self._cells, self._table(2 * rows if larger else rows)
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         wp.launch(move_cells, dim=rows, inputs=[source, oldest, self._cells, self._used], device=self._device)
+        return int(self._used.numpy()[0]) < used or larger
