@@ -65,7 +65,7 @@ SAMPLING = Annotated[
     Sampling | None,
     advanced(
         help="The same for every pixel; or as much as tells whether an event fires; or (cached) with light kept on "
-        "surfaces, where nothing but the camera moves. [cached there, else the quality's]"
+        "surfaces, where nothing but the camera moves. [the quality's]"
     ),
 ]
 PROBE_SPP = Annotated[

@@ -154,12 +154,6 @@ class LiveOptions:
             point = replace(point, probe_every=1)
         return point
 
-    def for_light(self, *, stands_still: bool) -> LiveOptions:
-        """Return the options for a scene: with light kept on surfaces where it stands still and nothing forbids it."""
-        others = (self.sampling, self.method, self.noise, self.first_hit_rays, self.probe_spp, self.probe_every)
-        keeps = stands_still and self.basis in CACHED and all(value is None for value in others)
-        return replace(self, sampling="cached") if keeps else self
-
     @property
     def basis(self) -> Quality | None:
         """The quality whose settings hold where nothing else is given; None for those of a named method."""

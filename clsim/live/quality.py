@@ -114,7 +114,7 @@ CACHED: dict[Quality, Point] = {
         method="esim", window=None, sampling="cached", probe_spp=2, spp=8, first_hit_rays=64, sampler="sobol"
     ),
 }
-"""What those qualities are in scenes where nothing but the camera moves."""
+"""What those qualities are with ``sampling`` cached, in scenes where nothing but the camera moves."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

@@ -23,7 +23,7 @@ from clsim.live.schedule import Schedule, plan
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path
 from clsim.live.stages import detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
-from clsim.scene import World, load_world
+from clsim.scene import World
 
 
 @dataclass
@@ -145,13 +145,11 @@ class Session:
 
 def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
     """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered."""
-    from clsim.render import PathTracer, light_stands_still
+    from clsim.render import PathTracer
 
     started = _now()
-    world = load_world(options.scene, resolution=options.resolution, strict=options.strict)
-    options = options.for_light(stands_still=light_stands_still(world))
-    stages = plan_stages(options, world)
-    config, camera, point = stages.detector, world.camera, options.point
+    stages = plan_stages(options)
+    world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(
         world.duration_s,
         stages.fps,

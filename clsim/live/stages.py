@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from clsim.detect.config import DetectorConfig
+from clsim.errors import InputError
 from clsim.frames import InterestBoard, rendered_planes
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
@@ -62,13 +63,18 @@ class Stages:
 
 def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError."""
-    from clsim.render import RenderOptions, check_device
+    from clsim.render import RenderOptions, check_device, light_stands_still
 
     if world is None:
         world = load_world(options.scene, resolution=options.resolution, strict=options.strict)
     fps = options.fps or world.fps
     point = options.point
     steered = point.sampling == "adaptive"
+    if point.sampling == "cached" and not light_stands_still(world):
+        raise InputError(
+            f"`sampling` cached needs a scene in which nothing but the camera moves, but in {world.name} more does; "
+            "use adaptive"
+        )
     render = RenderOptions(
         spp=point.spp,
         probe_spp=point.probe_spp if point.sampling != "uniform" else None,

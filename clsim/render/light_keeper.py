@@ -131,7 +131,7 @@ class LightKeeper:
 
     def _is_full(self) -> bool:
         """Whether cells are hard to find, or were not found at all."""
-        return int(self._used.numpy()[0]) > self._cells.shape[0] // 2
+        return bool(self._used.numpy()[0] > self._cells.shape[0] // 2)
 
     def _grow(self) -> bool:
         """Move the cells to a table twice as large; where that is too large, forget those long unseen, if any.
@@ -145,4 +145,4 @@ class LightKeeper:
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         wp.launch(move_cells, dim=rows, inputs=[source, oldest, self._cells, self._used], device=self._device)
-        return int(self._used.numpy()[0]) < used or larger
+        return larger or bool(self._used.numpy()[0] < used)

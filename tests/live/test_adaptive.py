@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.errors import InputError
 from clsim.events.files import open_source
 from clsim.live.options import LiveOptions
 from clsim.live.session import open_live
+from clsim.score import score
 
 SIZE = (48, 36)
 
@@ -30,13 +32,15 @@ def summary_of(scene: str, **options: object) -> dict[str, object]:
     return session.summary().as_dict()
 
 
-def test_runs_and_thread_counts_are_bit_identical() -> None:
-    runs = [events_of("two-boxes", threads=threads).tobytes() for threads in (1, 2, 2)]
+@pytest.mark.parametrize("sampling", ["adaptive", "cached"])
+def test_runs_and_thread_counts_are_bit_identical(sampling: str) -> None:
+    runs = [events_of("two-boxes", threads=threads, sampling=sampling).tobytes() for threads in (1, 2, 2)]
     assert len(runs[0]) > 0 and runs[0] == runs[1] == runs[2]
 
 
-def test_a_still_scene_fires_nothing() -> None:
-    assert len(events_of("still")) == 0
+@pytest.mark.parametrize("sampling", ["adaptive", "cached"])
+def test_a_still_scene_fires_nothing(sampling: str) -> None:
+    assert len(events_of("still", sampling=sampling)) == 0
 
 
 def test_paths_go_where_events_are_near() -> None:
@@ -96,6 +100,20 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
     assert summary["interrupted"] and summary["events"] == len(np.concatenate(list(open_source(out)))) > 0
     about = json.loads((tmp_path / "events.aedat4.json").read_text())
     assert about["options"]["quality"] == "balanced" and about["options"]["sampling"] == "adaptive"
+
+
+def test_light_is_kept_where_only_the_camera_moves() -> None:
+    """Kept light finds the events of a run with far more paths better than paths of each frame do."""
+    truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8)
+    found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8)
+    others = events_of("two-boxes", sampling=None, quality="balanced", frame_count=8)
+    kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
+    assert kept > fresh + 0.02
+
+
+def test_light_is_not_kept_where_a_lamp_moves() -> None:
+    with pytest.raises(InputError, match="nothing but the camera moves, but in moving-light more does"):
+        events_of("moving-light", sampling="cached", quality="balanced")
 
 
 @pytest.mark.parametrize("quality", ["draft", "accurate"])

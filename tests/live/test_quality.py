@@ -12,7 +12,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions, RecordingOptions
-from clsim.live.quality import DEFAULT, PLAIN, QUALITIES, Quality
+from clsim.live.quality import CACHED, DEFAULT, PLAIN, QUALITIES, Quality
 from clsim.render import RenderOptions
 
 
@@ -214,3 +214,20 @@ def test_wrong_sampling_is_told_in_a_sentence(given: dict[str, object], message:
     with pytest.raises(InputError) as caught:
         options(**given)
     assert str(caught.value) == message
+
+
+def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
+    for name, point in CACHED.items():
+        assert options(quality=name, sampling="cached").point == point
+        DetectorConfig(method=point.method)
+        assert "light kept on surfaces" in point.text()
+    assert options(sampling="cached").point == CACHED[DEFAULT]
+    assert options(sampling="cached", spp=2).point == replace(CACHED[DEFAULT], spp=2)
+    again = LiveOptions.from_dict(options(sampling="cached").as_dict())
+    assert again.point == CACHED[DEFAULT]
+
+
+@pytest.mark.parametrize("given", [{"quality": "exact"}, {"first_hit_rays": 0}, {"noise": "independent"}])
+def test_light_cannot_be_kept_without_what_it_needs(given: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=r"needs `(first_hit_rays|noise)`"):
+        options(sampling="cached", **given)
