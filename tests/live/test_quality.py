@@ -190,7 +190,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
     ("given", "message"),
     [
         ({"sampling": "adaptive", "spp": 4, "probe_spp": 5}, "`probe_spp` must be at most `spp` 4, got 5"),
-        ({"method": "esim", "probe_spp": 2}, "`probe_spp` 2 is for `sampling` adaptive, but sampling is uniform"),
+        ({"method": "esim", "probe_spp": 2}, "`probe_spp` 2 is for `sampling` adaptive or cached, but sampling is uniform"),
         ({"sampling": "adaptive", "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
         ({"sampling": "adaptive", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
         ({"quality": "balanced", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
@@ -206,7 +206,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
         ),
         ({"first_hit_rays": -1}, "`first_hit_rays` must not be negative, got -1"),
         ({"quality": "best"}, "`quality` must be one of draft, balanced, accurate, exact, published, got 'best'"),
-        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, got 'random'"),
+        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, cached, got 'random'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
