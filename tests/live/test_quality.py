@@ -190,7 +190,10 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
     ("given", "message"),
     [
         ({"sampling": "adaptive", "spp": 4, "probe_spp": 5}, "`probe_spp` must be at most `spp` 4, got 5"),
-        ({"method": "esim", "probe_spp": 2}, "`probe_spp` 2 is for `sampling` adaptive or cached, but sampling is uniform"),
+        (
+            {"method": "esim", "probe_spp": 2},
+            "`probe_spp` 2 is for `sampling` adaptive or cached, but sampling is uniform",
+        ),
         ({"sampling": "adaptive", "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
         ({"sampling": "adaptive", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
         ({"quality": "balanced", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
