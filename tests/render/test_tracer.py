@@ -350,15 +350,15 @@ def test_starting_is_silent():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first_hits", [False, True])
-def test_the_kernel_compiles_for_cuda_without_a_gpu(first_hits, tmp_path):
+@pytest.mark.parametrize(("first_hits", "light_cache"), [(False, False), (True, False), (True, True)])
+def test_the_kernel_compiles_for_cuda_without_a_gpu(first_hits, light_cache, tmp_path):
     """Every feature at once, to PTX: what a CPU-only machine can check of the other backend."""
     check_device("cpu")
     archs = wp.get_cuda_supported_archs()
     if not archs:
         pytest.skip("this build of Warp has no CUDA compiler")
     odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
-    odd |= {"first_hits": first_hits, "still_lamps": first_hits}
+    odd |= {"first_hits": first_hits, "still_lamps": first_hits, "light_cache": light_cache}
     kernel = build_kernel(Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}))
     arch = 80 if 80 in archs else archs[0]
     wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=tmp_path, use_ptx=True)
