@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,6 +22,7 @@ from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.opencl.device import Device, choose_device
 from clsim.render import RenderOptions
+from clsim.render.devices import usable_cores
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
 
@@ -252,7 +252,7 @@ def _scores(scored: Score) -> dict[str, Any]:
 
 def machine(device: Device) -> dict[str, Any]:
     """Return what times depend on: processor, cores that this process may use, OpenCL device."""
-    return {"processor": _processor(), "cores": len(os.sched_getaffinity(0)), "opencl": device.name, "rendering": "cpu"}
+    return {"processor": _processor(), "cores": usable_cores(), "opencl": device.name, "rendering": "cpu"}
 
 
 def _processor() -> str:
