@@ -11,7 +11,6 @@ from reference_scenes import FEATURES, make_frame, random_frames
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference.fit import fit_pixels, gather, solve_windows, tap_offsets
 from clsim.detect.reference.observation import feature_names, log_brightness, observe, scaled_luminance
-from clsim.errors import InputError
 
 
 def naive_fit(frames, x, y, config):
@@ -156,13 +155,6 @@ def test_responses():
     green = np.array([[0.0], [1.0], [0.0]])
     assert respond(green, luminance="rec601")[0] == pytest.approx(np.log(0.587))
     assert respond(green, scale=2)[0] == pytest.approx(np.log(2 * 0.7152))
-
-
-def test_feature_choice_errors_name_the_plane():
-    with pytest.raises(InputError, match=r"'Nz'.*R, G, B"):
-        feature_names(DetectorConfig(features=("Nz",)), ("R", "G", "B"))
-    with pytest.raises(InputError, match="'Samples'"):
-        feature_names(DetectorConfig(features=("Samples",)), ("R", "G", "B", "Samples"))
 
 
 def test_taps_always_include_the_centre():

@@ -1,0 +1,14 @@
+"""Which planes a detector regresses on."""
+
+import pytest
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.features import feature_names
+from clsim.errors import InputError
+
+
+def test_feature_choice_errors_name_the_plane():
+    with pytest.raises(InputError, match=r"'Nz'.*R, G, B"):
+        feature_names(DetectorConfig(features=("Nz",)), ("R", "G", "B"))
+    with pytest.raises(InputError, match="'Samples'"):
+        feature_names(DetectorConfig(features=("Samples",)), ("R", "G", "B", "Samples"))
