@@ -15,6 +15,7 @@ from clsim.events.closing import close_at_once
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
+from clsim.events.whole import WholeFile, open_whole
 from clsim.version import VERSION
 
 
@@ -29,8 +30,8 @@ def convert_events(
 
     ``files`` says how a target file is written.
 
-    A target file is there in the end only if all was well: one that fails on the way is removed again, except where it
-    records a stream, whose end (or Ctrl-C) completes it. The sidecar comes along.
+    A target file is there in the end only if all was well, and what stood under its name stays until then. One that
+    records a stream is written in place and kept, whatever ends it: a stream comes once. The sidecar comes along.
 
     Raises:
         InputError: the source or the target cannot be used, or the source is damaged.
@@ -47,7 +48,7 @@ def convert_events(
         batches = iter(source)
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
         check_output(target_name, *size, files)
-        sink = open_output(target_name, *size, files)
+        sink = (open_output if records_stream else open_whole)(target_name, *size, files)
         events = 0
         try:
             while batch is not None:
@@ -59,11 +60,12 @@ def convert_events(
             sink.close()
         except BaseException as error:
             with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
-                close_at_once(sink)
-            if records_stream and isinstance(error, KeyboardInterrupt):
+                if isinstance(sink, WholeFile):
+                    sink.abandon()
+                else:
+                    close_at_once(sink)
+            if records_stream and isinstance(error, KeyboardInterrupt | InputError):
                 _write_sidecar(source_name, target_name, about, size, events)
-            elif not is_address(target_name):
-                Path(target_name).unlink(missing_ok=True)
             raise
     _write_sidecar(source_name, target_name, about, size, events)
     return events

@@ -29,6 +29,11 @@ class FileFormat:
     library: str | None = None
     """What it needs beyond clsim's own requirements; the extra of that name brings it."""
 
+    @property
+    def all_or_nothing(self) -> bool:
+        """Whether a file appears under its name only when it is complete."""
+        return self.promise == _ALL_OR_NOTHING
+
     def check_library(self, path: Path) -> None:
         """Raise InputError if the library it needs is missing."""
         if self.library is not None and importlib.util.find_spec(self.library) is None:

@@ -132,6 +132,11 @@ class FileSink(abc.ABC):
             with naming_failures(self.path):
                 self._finish()
 
+    def abandon(self) -> None:
+        """Release the file and forget what was gathered; a format that is all or nothing leaves nothing."""
+        self._failed = True
+        self.close()
+
     def _check_open(self) -> None:
         if self._closed or self._failed:
             raise SinkError(f"{self.path}: cannot be written any more; it was closed or writing failed before")
@@ -262,21 +267,25 @@ def naming_failures(path: Path) -> Iterator[None]:
 class PartFile:
     """A temporary name beside ``path`` for what is useless before it is complete.
 
-    A killed process leaves it behind; who writes ``path`` next removes it.
+    Where ``path`` is a symbolic link, what it points at is meant: the link stays.
+    A killed process leaves the file behind; who writes ``path`` next removes it.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Create the file ``part``; raises InputError when its folder cannot be written or ``path`` is a folder."""
+    def __init__(self, path: Path, ending: str = "") -> None:
+        """Create the file ``part``; raises InputError when its folder cannot be written or ``path`` is no file."""
+        given, path = path, Path(os.path.realpath(path))
         self.path = path
         begin = f".{path.name}.{platform.node()}."
         _remove_left_parts(path.parent, begin)
-        self.part = path.with_name(f"{begin}{os.getpid()}.part")
+        self.part = path.with_name(f"{begin}{os.getpid()}.part{ending}")
         try:
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            if path.exists() and not path.is_file():
+                raise OSError(errno.EINVAL, "it is no file, and only one can be replaced when all is written")
             self.part.open("wb").close()
         except OSError as error:
-            raise unwritable(path, error) from None
+            raise unwritable(given, error) from None
 
     def complete(self) -> None:
         """Give the file its name."""
@@ -290,7 +299,7 @@ class PartFile:
 
 def _remove_left_parts(folder: Path, begin: str) -> None:
     """Remove what killed processes of this machine left of earlier attempts, and nothing of processes that run."""
-    name = re.compile(re.escape(begin) + r"([0-9]+)\.(part|events)")
+    name = re.compile(re.escape(begin) + r"([0-9]+)\.(part|events)(\.[^.]+)?")
     with contextlib.suppress(OSError):  # the attempt to write will tell what is wrong with the folder
         for entry in os.scandir(folder):
             match = name.fullmatch(entry.name)

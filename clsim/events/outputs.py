@@ -64,7 +64,7 @@ def open_outputs(names: Sequence[str], width: int, height: int, options: FileOpt
         if place in places:
             raise InputError(f"{name}: is the same output as {places[place]}; expected each of them once")
         places[place] = name
-    new_files = [Path(name) for name in names if not is_address(name) and not Path(name).exists()]
+    new_files = [Path(os.path.realpath(name)) for name in names if not is_address(name) and not Path(name).exists()]
     sinks: dict[str, Sink] = {}
     try:
         for name in ordered:

@@ -9,8 +9,7 @@ from event_data import end_of
 
 import clsim
 from clsim.errors import InputError
-from clsim.events import EventBatch, SinkError
-from clsim.events import copy as copy_module
+from clsim.events import EventBatch, SinkError, whole
 from clsim.events.copy import convert_events
 from clsim.events.files import open_sink
 from clsim.events.open import sensor_size
@@ -109,7 +108,7 @@ def test_a_target_that_fails_later_leaves_nothing_behind(tmp_path: Path, monkeyp
         Path(name).touch()
         return FullDisk()
 
-    monkeypatch.setattr(copy_module, "open_output", open_full)
+    monkeypatch.setattr(whole, "open_output", open_full)
     name = record(tmp_path / "a.aedat4")
     with pytest.raises(SinkError, match="no space left"):
         convert_events(str(name), str(tmp_path / "b.txt"))
