@@ -73,7 +73,7 @@ class InterestedDetector:
         if self.frames == self.fail_at:
             raise ArithmeticError("the detector broke")
         if self.frames == self.hang_at:
-            self.go_on.wait(20)
+            self.go_on.wait(60)
         if self.frames == 0:
             time.sleep(self.first_seconds)
         self.frames += 1
@@ -103,8 +103,12 @@ def adaptive(schedule: Schedule, source: SteeredSource, detector: InterestedDete
     )
 
 
+def left_threads() -> list[str]:
+    return [thread.name for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+
+
 def no_threads_left() -> bool:
-    return not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-")]
+    return not left_threads()
 
 
 @pytest.mark.parametrize("slots", [2, 3, 5])
@@ -134,7 +138,10 @@ def test_stop_ends_a_source_that_waits_for_a_map() -> None:
         assert not pipeline.wait(0.005)
     assert not pipeline.wait(0.1)
     assert not pipeline.stop(0.3), "the detector's thread hangs on"
-    assert [t.name for t in threading.enumerate() if t.name.startswith("clsim-")] == ["clsim-detect"]
+    deadline = time.monotonic() + 20  # far before the detector's thread would go on by itself
+    while left_threads() != ["clsim-detect"] and time.monotonic() < deadline:
+        time.sleep(0.005)
+    assert left_threads() == ["clsim-detect"]
     detector.go_on.set()
     assert pipeline.wait(20) and no_threads_left()
 
