@@ -148,10 +148,16 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         first_hit_rays=live.first_hit_rays,
         probe_every=live.probe_every,
     )
-    if live.method == "esim-ad":
-        window = DetectorConfig(live.method, window=live.window).side
-        return Point(rendering, DetectorSetting(live.method, live.gate, live.event_rule, window, stride=1, history=1))
-    return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, window=live.window))
+    config = DetectorConfig(live.method, window=live.window)
+    values: dict[str, Any] = {
+        "gate": live.gate,
+        "window": config.side,
+        "stride": config.stride,
+        "history": config.history,
+    }
+    unused = config.strategy.unused(config)
+    used = {name: value for name, value in values.items() if name not in unused}
+    return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, **used))
 
 
 def full_points(seeds: tuple[int, ...]) -> list[Point]:

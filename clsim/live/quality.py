@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
-from clsim.detect.config import EventRule, Gate, Method
+from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 
 Quality = Literal["draft", "balanced", "accurate", "exact", "published"]
 Sampling = Literal["uniform", "adaptive", "cached"]
@@ -37,13 +37,14 @@ class Point:
     noise: Noise = "common"
     """Whether every frame has the same random numbers, so that noise cancels in differences, or its own."""
     gate: Gate = "radiance"
-    """Where ``esim-ad`` solves a regression."""
+    """Where a method that has gates solves a regression."""
     event_rule: EventRule = "interpolated"
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
         paths = f"{self.probe_spp} to {self.spp}" if self.sampling != "uniform" else f"{self.spp}"
-        side = "" if self.window is None or self.method == "esim" else f" {self.window}x{self.window}"
+        unused = DetectorConfig(method=self.method, window=self.window, gate=self.gate).unused()
+        side = "" if self.window is None or "window" in unused else f" {self.window}x{self.window}"
         parts = [self.method + side, f"{paths} spp"]
         if self.first_hit_rays:
             parts.append(f"{self.first_hit_rays} first-hit rays")
@@ -54,7 +55,7 @@ class Point:
             parts.append("light kept on surfaces")
         if self.noise != "common":
             parts.append(f"{self.noise} noise")
-        if self.gate != "radiance" and self.method == "esim-ad":
+        if self.gate != "radiance" and "gate" not in unused:
             parts.append(f"gate {self.gate}")
         if self.event_rule != "interpolated":
             parts.append(f"rule {self.event_rule}")

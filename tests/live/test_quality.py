@@ -234,3 +234,11 @@ def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
 def test_light_cannot_be_kept_without_what_it_needs(given: dict[str, object]) -> None:
     with pytest.raises(InputError, match=r"needs `(first_hit_rays|noise)`"):
         options(sampling="cached", **given)
+
+
+def test_the_text_leaves_out_what_the_method_has_no_use_for() -> None:
+    published = QUALITIES["published"]
+    assert published.text() == "esim-ad 13x13, 32 spp, pcg, independent noise, gate delta-r, rule frame"
+    everywhere = replace(published, method="wlr-esim").text()
+    assert everywhere == "wlr-esim 13x13, 32 spp, pcg, independent noise, rule frame"
+    assert replace(published, method="esim").text() == "esim, 32 spp, pcg, independent noise, rule frame"
