@@ -29,7 +29,15 @@ def read_config(path: Path) -> dict[str, Any]:
     options = found.get("options", found) if isinstance(found, dict) else None
     if not isinstance(options, dict):
         raise InputError(f"--config {path}: holds no options; expected a JSON object, such as a sidecar")
+    scene, moved = options.get("scene"), found.get("scene_from_here")
+    if isinstance(scene, str) and isinstance(moved, str) and not _is_scene_file(scene):
+        beside = str(path.resolve().parent / moved)  # the sidecar and its scene may have moved together
+        return options | {"scene": beside if _is_scene_file(beside) else scene}
     return dict(options)
+
+
+def _is_scene_file(scene: str) -> bool:
+    return Path(scene).is_file() or Path(scene.rpartition("#")[0]).is_file()
 
 
 def live_options(config: Path | None, given: Mapping[str, Any], files: Mapping[str, Any] | None = None) -> LiveOptions:

@@ -81,6 +81,7 @@ def render(
     from clsim.events.sidecar import write_sidecar
     from clsim.frames.exr import ExrWriter
     from clsim.live.rendering import Rendering
+    from clsim.live.sidecars import scene_from_here
 
     options = live_options(
         config,
@@ -117,7 +118,7 @@ def render(
     count, quiet = rendering.frame_count, not sys.stderr.isatty()
     for frame in track(rendering.frames(), "rendering", count, console=console, disable=quiet):
         writer.write(frame)
-    write_sidecar(out / "frames.json", rendering.about)
+    write_sidecar(out / "frames.json", rendering.about | scene_from_here(rendering.about, out))
     size = {"width": rendering.width, "height": rendering.height}
     if as_json:
         typer.echo(json.dumps({"frames": rendering.frame_count, "out": str(out)} | size))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -93,5 +94,8 @@ def _write_sidecar(source: str, target: str, about: dict[str, Any], size: tuple[
     path = sidecar_path(target)
     if path is None:
         return
+    for key in ("poses", "scene_from_here"):  # paths from the folder of the sidecar
+        if isinstance(about.get(key), str):
+            about[key] = os.path.relpath(Path(source).parent / about[key], path.parent)
     about = {"clsim_version": VERSION, "camera": {"width": size[0], "height": size[1]}} | about
     write_sidecar(path, about | {"converted_from": source, "events": events})

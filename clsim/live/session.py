@@ -20,7 +20,7 @@ from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
-from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path
+from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
 from clsim.live.stages import detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
 from clsim.scene import World
@@ -140,7 +140,8 @@ class Session:
         for output in self.pipeline.outputs:
             if output.sidecar is not None:
                 poses = {} if self.world is None else {"poses": poses_path(output.name).name}
-                write_sidecar(output.sidecar, self.about | poses | more)
+                scene = scene_from_here(self.about, output.sidecar.parent)
+                write_sidecar(output.sidecar, self.about | scene | poses | more)
 
 
 def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import numpy as np
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.live.schedule import Schedule
-from clsim.scene import Camera
+from clsim.scene import Camera, bundled_names
 from clsim.scene.motion import Matrix
 from clsim.scene.rigid import quaternion_of, without_scale
 from clsim.version import VERSION
@@ -24,13 +26,25 @@ _DISTORTION = {"perspective": ("k1", "k2", "p1", "p2", "k3"), "fisheye": ("k1", 
 
 
 def about_run(options: dict[str, Any], config: DetectorConfig, fps: float) -> dict[str, Any]:
-    """Return what a sidecar tells of any run."""
+    """Return what a sidecar tells of any run; a scene file by its full path, so that it is found from any folder."""
+    scene = options.get("scene")
+    if scene is not None and scene not in bundled_names():
+        options = options | {"scene": os.path.abspath(scene)}
     return {
         "clsim_version": VERSION,
         "options": options,
         "thresholds": {"on": config.threshold_on, "off": config.threshold_off},
         "fps": fps,
     }
+
+
+def scene_from_here(about: dict[str, Any], folder: Path) -> dict[str, str]:
+    """Return the path of a run's scene file from the sidecar's folder, for the two may move together."""
+    scene = about["options"].get("scene")
+    if scene is not None and os.path.isabs(scene):
+        with contextlib.suppress(ValueError):  # Windows: no path leads from one drive to another
+            return {"scene_from_here": os.path.relpath(os.path.realpath(scene), os.path.realpath(folder))}
+    return {}
 
 
 def about_camera(camera: Camera) -> dict[str, Any]:

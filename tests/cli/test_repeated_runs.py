@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from clsim import scenes
 from clsim.cli.config import live_options
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
@@ -161,3 +162,33 @@ def test_files_that_hold_no_options(tmp_path: Path, text: str | None, sentence: 
 def test_a_scene_is_asked_for(clsim: Callable[..., object]) -> None:
     outcome = clsim("live")
     assert outcome.status == 2 and "which scene?" in outcome.stderr
+
+
+def test_a_run_of_an_own_scene_is_repeated_from_any_folder_and_after_a_move(
+    clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own, far = tmp_path / "own", tmp_path / "far"
+    (own / "scenes").mkdir(parents=True)
+    (own / "runs").mkdir()
+    far.mkdir()
+    (own / "scenes" / "mine.toml").write_bytes((Path(scenes.__file__).parent / "cornell.toml").read_bytes())
+    monkeypatch.chdir(own)
+    draft = ("--resolution", "16x12", "--frame-count", "4", "--fps", "20", "--quality", "draft")
+    assert clsim("live", "scenes/mine.toml", *draft, "--out", "runs/a.txt").status == 0
+    assert clsim("render", "scenes/mine.toml", *draft, "--out", "runs/frames").status == 0
+    assert clsim("convert", "runs/a.txt", "converted.csv").status == 0
+    events = Path("runs/a.txt").read_bytes()
+    assert len(events) > 100
+    monkeypatch.chdir(far)
+    for place in (own, tmp_path / "moved"):
+        if place != own:
+            own.rename(place)
+        for sidecar in ("runs/a.txt.json", "runs/frames/frames.json", "converted.csv.json"):
+            outcome = clsim("live", "--config", place / sidecar, "--out", "again.txt")
+            assert outcome.status == 0, outcome.stderr
+            assert Path("again.txt").read_bytes() == events
+    poses = json.loads((place / "converted.csv.json").read_text())["poses"]
+    assert (place / poses).samefile(place / "runs" / "a.txt.poses.txt")
+    (place / "scenes" / "mine.toml").unlink()
+    outcome = clsim("live", "--config", place / "runs/a.txt.json", "--out", "again.txt")
+    assert outcome.status == 2 and f"{own / 'scenes' / 'mine.toml'}: no such file" in outcome.stderr
