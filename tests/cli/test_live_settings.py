@@ -35,7 +35,7 @@ def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., o
     command = ("live", "still", *SMALL, "--first-hit-rays", "4", "--method", "irradiance", "--view", "none")
     assert "has no use for" not in clsim(*command).stderr
     outcome = clsim(*command, "--history", "2", "--gate", "delta-r")
-    assert "clsim: --method irradiance has no use for --history, --gate" in words(outcome.stderr)
+    assert "clsim: --method irradiance has no use for --gate, --history" in words(outcome.stderr)
 
 
 def test_a_governor_without_a_clock_is_refused(clsim: Callable[..., object]) -> None:

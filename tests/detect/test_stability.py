@@ -136,10 +136,10 @@ def compare(options, change=None, brightness=None, mirror=False, negate=False, s
     plain, other = bench.FedDetector(config, *size), bench.FedDetector(swapped, *size)
     reference = ReferenceDetector(config, *size)
     seen = [observe(frame, feature_names(config, frame.names), config) for frame in first]
-    plain.brightness = [o.brightness for o in seen]
-    other.brightness = [(brightness or (lambda y: y))(o.brightness) for o in seen]
+    plain.estimator.brightness = [o.brightness for o in seen]
+    other.estimator.brightness = [(brightness or (lambda y: y))(o.brightness) for o in seen]
     if mirror:
-        other.brightness = [y[:, ::-1] for y in other.brightness]
+        other.estimator.brightness = [y[:, ::-1] for y in other.estimator.brightness]
     total = 0
     for a, b, observation in zip(first, second, seen, strict=True):
         expected, got = plain.step(a), other.step(b)
