@@ -61,6 +61,18 @@ __kernel void decide_events(
     out_counts[4 * get_global_id(0) + 3] = most;
 }
 
+// When a pixel crosses its k-th threshold [µs from the step's start], counted from 1. from: its three values of out_from.
+static inline long crossed_at(__global const real *from, int k, int rising, real on, real off, long step) {
+#ifdef FRAME_RULE
+    return step;
+#else
+    const stamp before = from[0], ref = from[1], rise = from[2] - before;
+    const stamp crossed = ref + k * (rising ? (stamp)on : -(stamp)off) - before;
+    const long t = (long)ceil(crossed / (rise == 0 ? 1 : rise) * step);
+    return t < 1 ? 1 : (t > step ? step : t);
+#endif
+}
+
 // Work-item: CHUNK pixels of the list, from work-item first_chunk on; its events go to out_* from place[work-item] on.
 __kernel void emit_events(
     __global const int *list, int count, int first_chunk, __global const int *fired, __global const real *from,
@@ -72,14 +84,7 @@ __kernel void emit_events(
     for (int i = first; i < last; i++) {
         const int rising = fired[i] > 0, n = rising ? fired[i] : -fired[i];
         for (int k = 1; k <= n; k++) {
-            long t = step;
-#ifndef FRAME_RULE
-            const stamp before = from[3 * i], ref = from[3 * i + 1], rise = from[3 * i + 2] - before;
-            const stamp crossed = ref + k * (rising ? (stamp)on : -(stamp)off) - before;
-            t = (long)ceil(crossed / (rise == 0 ? 1 : rise) * step);
-            t = t < 1 ? 1 : (t > step ? step : t);
-#endif
-            out_time[next] = time_before + t;
+            out_time[next] = time_before + crossed_at(from + 3 * i, k, rising, on, off, step);
             out_x[next] = list[i] % span;
             out_y[next] = list[i] / span;
             out_on[next++] = rising;
