@@ -21,7 +21,7 @@ from clsim.render.film import Sample, store3
 from clsim.render.light_cache import Kept, look_up
 from clsim.render.sampling import luminance
 from clsim.render.sobol import reverse_bits
-from clsim.render.steered import FirstHits, lit_albedo, see
+from clsim.render.steered import FirstHits, lit_albedo, see, store_surfaces
 
 _PLANES = rendered_planes(first_hit_rays=True)
 _FIRST = {plane.name: _PLANES.first(plane.name) for plane in _PLANES.planes}
@@ -147,13 +147,10 @@ def _gain(seen: FirstHits, lit: Lit) -> float:
 @wp.func
 def _store(seen: FirstHits, lit: Lit, learnt: float, samples: int, pixel: int, out_planes: wp.array2d(dtype=float)):
     each = 1.0 / wp.max(seen.count, 1.0)
-    share = 1.0 / wp.max(seen.hits, 1.0)
     emission = seen.emission * each
     radiance = (emission + lit.light * each) * wp.exp(-learnt)
     store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, radiance)
-    store3(out_planes, wp.static(_FIRST["Albedo"]), pixel, seen.albedo * share)
-    store3(out_planes, wp.static(_FIRST["Normal"]), pixel, seen.normal * share)
-    out_planes[wp.static(_FIRST["Depth"]), pixel] = seen.depth * share
+    store_surfaces(seen, pixel, out_planes)
     out_planes[wp.static(_FIRST["Coverage"]), pixel] = seen.hits * each
     out_planes[wp.static(_FIRST["Samples"]), pixel] = float(samples)
     out_planes[wp.static(_FIRST["Emission"]), pixel] = luminance(emission)

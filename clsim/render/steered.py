@@ -149,16 +149,23 @@ def _paths_of(grade: int, steering: Steering, full: int) -> int:
 
 
 @wp.func
-def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
-    """Planes where the table of planes has them."""
-    coverage = seen.hits / wp.max(seen.count, 1.0)
+def store_surfaces(seen: FirstHits, pixel: int, out_planes: wp.array2d(dtype=float)) -> wp.vec3:
+    """Store the planes that are means over hits, and return the mean albedo."""
     share = 1.0 / wp.max(seen.hits, 1.0)
-    emission = seen.emission / wp.max(seen.count, 1.0)
     albedo = seen.albedo * share
-    store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, emission + wp.cw_mul(albedo, e) * coverage)
     store3(out_planes, wp.static(_FIRST["Albedo"]), pixel, albedo)
     store3(out_planes, wp.static(_FIRST["Normal"]), pixel, seen.normal * share)
     out_planes[wp.static(_FIRST["Depth"]), pixel] = seen.depth * share
+    return albedo
+
+
+@wp.func
+def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
+    """Planes where the table of planes has them."""
+    coverage = seen.hits / wp.max(seen.count, 1.0)
+    emission = seen.emission / wp.max(seen.count, 1.0)
+    albedo = store_surfaces(seen, pixel, out_planes)
+    store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, emission + wp.cw_mul(albedo, e) * coverage)
     out_planes[wp.static(_FIRST["Coverage"]), pixel] = coverage
     out_planes[wp.static(_FIRST["Samples"]), pixel] = float(samples)
     out_planes[wp.static(_FIRST["Emission"]), pixel] = luminance(emission)
