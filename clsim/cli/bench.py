@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
+from clsim.cli import parse
 from clsim.cli.bench_tradeoff import tradeoff
 from clsim.cli.options import JSON, OPENCL
 
@@ -32,6 +33,39 @@ def throughput(as_json: JSON = False, opencl: OPENCL = None) -> None:
         return
     for key, value in _flat(figures):
         typer.echo(f"{key:<52} {f'{value:,.4g}' if isinstance(value, float) else value}")
+
+
+@bench.command()
+def edge(
+    resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "96x72",
+    fps: Annotated[float, typer.Option(min=1.0, help="Frames per simulated second.")] = 120.0,
+    as_json: JSON = False,
+) -> None:
+    """Measure how exact event times are, in pixels, on straight edges whose events have a closed form.
+
+    The bundled scene `edge` at 30, 300 and 3000 pixels per second; as one surface before another, as a change of colour
+    on one surface, and as a ramp of colour. The error is the speed times the median distance in time.
+
+    Example: `clsim bench edge --fps 480`
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from clsim.bench.edge import SPEEDS_PX_S, measure_edges
+
+    rows = measure_edges(SPEEDS_PX_S, parse.resolution(resolution), fps, lambda what: typer.echo(what, err=True))
+    if as_json:
+        typer.echo(json.dumps(rows))
+        return
+    table = Table()
+    for head in ("Edge", "px/s", "quality", "true events", "matched", "error px", "late px"):
+        table.add_column(head, justify="left" if head in ("Edge", "quality") else "right")
+    for row in rows:
+        error, bias = ("–" if row[name] is None else f"{row[name]:.4f}" for name in ("error_px", "bias_px"))
+        matched = f"{100 * row['f1']:.1f} %"
+        kind, speed = row["kind"], f"{row['speed_px_s']:g}"
+        table.add_row(kind, speed, row["quality"], f"{row['true_events']:,}", matched, error, bias)
+    Console().print(table)
 
 
 def _flat(figures: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

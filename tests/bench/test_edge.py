@@ -1,0 +1,46 @@
+"""The bundled edge: rendered brightness is its closed form, and more rays time it better."""
+
+import numpy as np
+import pytest
+
+from clsim.bench.edge import KINDS, edge_scene, measure_edge
+from clsim.bench.reference_cache import log_brightness
+from clsim.bench.tradeoff_measure import render_each
+from clsim.render import RenderOptions
+
+SIZE = (32, 24)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_rendered_is_the_closed_form(kind):
+    scene = edge_scene(kind, 100.0, *SIZE, 60.0)
+    errors = []
+
+    def take(frame):
+        true = scene.edge.luminance(*SIZE, frame.time_us / 1e6)
+        assert (true < 0.9).sum() > 50 and (true > 0.3).sum() > 50, "the edge is outside the picture"
+        errors.append(np.exp(log_brightness(frame, scene.world.sensor)) - true)
+
+    render_each(scene.world, RenderOptions(spp=256, fps=60.0, frames=scene.frames, sampler="sobol"), take)
+    assert len(errors) == scene.frames >= 10
+    assert np.abs(errors).max() < 0.02
+    assert abs(np.mean(errors)) < 1e-4
+
+
+def test_an_edge_is_timed_and_events_are_paired_with_true_ones():
+    """True events have times of their own, and what 64 rays find is nearer to them than what 4 find."""
+    found = {quality: measure_edge(edge_scene("geometric", 30.0, *SIZE, 120.0), quality, 120.0)
+             for quality in ("draft", "accurate")}  # fmt: skip
+    assert found["draft"]["true_events"] > 500
+    for each in found.values():
+        assert 0.5 * each["true_events"] < each["matched"] <= min(each["true_events"], each["events"])
+    assert 0 < found["accurate"]["error_px"] < 0.5 * found["draft"]["error_px"] < 0.1
+
+
+@pytest.mark.parametrize(("speed_px_s", "frames"), [(30.0, 24), (300.0, 10), (3000.0, 3)])
+def test_edges_of_all_speeds_stay_in_the_picture_and_pass_its_middle(speed_px_s, frames):
+    scene = edge_scene("geometric", speed_px_s, *SIZE, 120.0)
+    assert scene.frames == frames
+    edge, half_s = scene.edge, (frames - 1) / 120 / 2
+    assert edge.offset_px + edge.speed_px_s * half_s == pytest.approx(edge.normal[0] * 16 + edge.normal[1] * 12)
+    assert edge.speed_px_s == speed_px_s

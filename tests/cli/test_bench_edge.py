@@ -1,0 +1,20 @@
+"""`clsim bench edge`."""
+
+import json
+
+from typer.testing import CliRunner
+
+from clsim.bench import edge
+from clsim.cli.app import app
+
+
+def test_the_figures_of_all_edges_are_told(monkeypatch):
+    monkeypatch.setattr(edge, "KINDS", ("geometric",))
+    monkeypatch.setattr(edge, "QUALITIES", ("draft",))
+    given = ["bench", "edge", "--resolution", "16x12", "--fps", "60"]
+    rows = json.loads(CliRunner().invoke(app, [*given, "--json"]).stdout)
+    assert [row["speed_px_s"] for row in rows] == [30.0, 300.0, 3000.0]
+    assert all(row["matched"] > 0.8 * row["true_events"] > 50 for row in rows)
+    table = CliRunner().invoke(app, given).stdout
+    for row in rows:
+        assert f"{row['error_px']:.4f}" in table and f"{row['true_events']:,}" in table
