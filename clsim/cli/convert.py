@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import sys
 import time
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from clsim.cli import parse
 from clsim.cli.options import FILES, FORMAT, SENSOR_SIZE, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
+from clsim.cli.words import dropped_text
+
+if TYPE_CHECKING:
+    from clsim.events.copy import Copied
 
 
 def convert(
@@ -27,33 +31,43 @@ def convert(
     from rich.console import Console
 
     from clsim.events import SinkError
-    from clsim.events.copy import convert_events
+    from clsim.events.copy import Copied, convert_events
     from clsim.events.outputs import FileOptions
 
     console = Console(stderr=True)
     size = None if resolution is None else parse.resolution(resolution)
     started_s = told_s = time.monotonic()
-    done = (0, 0)
+    done = Copied()
     try:
         with console.status(f"{source} → {target}") as status:
 
-            def tell(events: int, time_us: int) -> None:
+            def tell(copied: Copied) -> None:
                 nonlocal told_s, done
-                done = (events, time_us)
+                done = copied
                 now_s = time.monotonic()
                 if now_s - told_s > 0.1:
                     told_s = now_s
-                    rate = events / (now_s - started_s)
-                    status.update(f"{source} → {target}: {events:,} events, t {time_us * 1e-6:.3f} s, {rate:,.0f} ev/s")
+                    rate = copied.events / (now_s - started_s)
+                    status.update(
+                        f"{source} → {target}: {copied.events:,} events, t {copied.time_us * 1e-6:.3f} s, "
+                        f"{rate:,.0f} ev/s"
+                    )
 
-            convert_events(source, target, size, tell, FileOptions(format, text_time))
+            done = convert_events(source, target, size, tell, FileOptions(format, text_time))
     except SinkError as error:
         if isinstance(error.__cause__, BrokenPipeError):
             return READER_LEFT
         print(f"clsim: {error}", file=sys.stderr)
         return OUTPUT_FAILED
     except KeyboardInterrupt:
-        print(f"clsim: interrupted after {done[0]:,} events", file=sys.stderr)
+        print(f"clsim: interrupted after {done.events:,} events", file=sys.stderr)
+        _tell_dropped(source, done)
         return INTERRUPTED
-    print(f"{target}: {done[0]:,} events up to {done[1] * 1e-6:.6f} s", file=sys.stderr)
+    print(f"{target}: {done.events:,} events up to {done.time_us * 1e-6:.6f} s", file=sys.stderr)
+    _tell_dropped(source, done)
     return 0
+
+
+def _tell_dropped(source: str, done: Copied) -> None:
+    if done.dropped_events:
+        print(f"clsim: {source}: {dropped_text(done.dropped_events)}", file=sys.stderr)

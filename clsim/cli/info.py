@@ -10,6 +10,7 @@ import numpy as np
 import typer
 
 from clsim.cli.options import JSON
+from clsim.cli.words import dropped_text
 from clsim.errors import InputError
 
 
@@ -29,6 +30,8 @@ def info(
         typer.echo(title)
         for key, value in table.items():
             typer.echo(f"  {key:<20} {_text(value)}")
+    if dropped := facts.get("events", {}).get("dropped_events"):
+        typer.echo(f"clsim: {what}: {dropped_text(dropped)}", err=True)
 
 
 def _facts(what: str) -> dict[str, Any]:
@@ -107,6 +110,7 @@ def _events(what: str) -> dict[str, Any]:
         "events_per_s": count / (span_us * 1e-6) if span_us else None,
         "on_share": on / count if count else None,
         "farthest_pixel": [right, bottom] if count else None,
+        "dropped_events": source.dropped_events,
     }
 
 

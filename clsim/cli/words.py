@@ -30,3 +30,8 @@ def real_time_share(summary: dict[str, Any]) -> float | None:
     """Return simulated seconds a second since the first frame; None before there is any to tell of."""
     running_s = summary["wall_s"] - (summary["startup_s"] or 0.0)
     return summary["simulated_s"] / running_s if summary["simulated_s"] > 0 and running_s > 0 else None
+
+
+def dropped_text(events: int) -> str:
+    """Return the sentence about events of a source that were left out."""
+    return f"{events:,} events were left out, for they lie outside the sensor or come after later ones"

@@ -7,7 +7,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from clsim.errors import InputError
 from clsim.events import SinkError
@@ -20,14 +20,24 @@ from clsim.events.whole import WholeFile, open_whole
 from clsim.version import VERSION
 
 
+class Copied(NamedTuple):
+    """What a conversion has done so far."""
+
+    events: int = 0
+    time_us: int = 0
+    """Of the last of them."""
+    dropped_events: int = 0
+    """Left out, because they lie outside the sensor or came too late."""
+
+
 def convert_events(
     source_name: str,
     target_name: str,
     resolution: tuple[int, int] | None = None,
-    progress: Callable[[int, int], None] = lambda events, time_us: None,
+    progress: Callable[[Copied], None] = lambda copied: None,
     files: FileOptions | None = None,
-) -> int:
-    """Copy all events, in bounded memory; returns how many. ``progress`` hears of events and time after each batch.
+) -> Copied:
+    """Copy all events, in bounded memory; returns how many. ``progress`` hears of it after each batch.
 
     ``files`` says how a target file is written.
 
@@ -50,14 +60,15 @@ def convert_events(
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
         check_output(target_name, *size, files)
         sink = (open_output if records_stream else open_whole)(target_name, *size, files)
-        events = 0
+        done = Copied()
         try:
             while batch is not None:
                 end_us = int(batch["t"][-1])
                 sink.write(batch, end_us)
-                events += len(batch)
-                progress(events, end_us)
+                done = Copied(done.events + len(batch), end_us, source.dropped_events)
+                progress(done)
                 batch = next(batches, None)
+            done = done._replace(dropped_events=source.dropped_events)  # of the last words, which held no others
             sink.close()
         except BaseException as error:
             with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
@@ -66,10 +77,10 @@ def convert_events(
                 else:
                     close_at_once(sink)
             if records_stream and isinstance(error, KeyboardInterrupt | InputError):
-                _write_sidecar(source_name, target_name, about, size, events)
+                _write_sidecar(source_name, target_name, about, size, done.events)
             raise
-    _write_sidecar(source_name, target_name, about, size, events)
-    return events
+    _write_sidecar(source_name, target_name, about, size, done.events)
+    return done
 
 
 def _same_file(source: str, target: str) -> bool:

@@ -30,6 +30,8 @@ class SocketSource(abc.ABC):
 
     def __init__(self, connection: socket.socket) -> None:
         """Take over a socket."""
+        self.dropped_events = 0
+        """Number of events left out so far because they lie outside the sensor, or come too late (UDP alone)."""
         self._socket = connection
         self._closed = False
 

@@ -40,7 +40,6 @@ class UdpSource(SocketSource):
                 f"{address.text}: datagrams tell no sensor size; expected ?size=WIDTHxHEIGHT, as in 346x260"
             )
         self.width, self.height = int(size[1]), int(size[2])
-        self.dropped_events = 0
         self.malformed_packets = 0
         self._format = address.options.get("format", "t64")
         self._layout = LAYOUTS[self._format]

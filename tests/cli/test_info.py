@@ -96,3 +96,18 @@ def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
     assert clsim("info", "nothing.at.all").status == 2
     missing = clsim("info", "gone.aedat4")
     assert missing.status == 2 and "gone.aedat4" in missing.stderr
+
+
+def test_events_that_are_left_out_are_told(clsim, tmp_path):
+    """EVT3 of a camera: two events outside the sensor, the second behind all others."""
+    high, low, row, column = 0x8000, 0x6000, 0x0000, 0x2000
+    words = [high | 1, low | 7, row | 3, column | 1, column | 20, column | 2, row | 10, column | 3]
+    head = b"% evt 3.0\n% geometry 20x10\n% end\n"
+    (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())
+    sentence = f"clsim: {tmp_path}/a.raw: 2 events were left out"
+    assert told(clsim, tmp_path / "a.raw")["events"]["dropped_events"] == 2
+    assert sentence in clsim("info", tmp_path / "a.raw").stderr
+    outcome = clsim("convert", tmp_path / "a.raw", tmp_path / "b.txt")
+    assert outcome.status == 0 and sentence in outcome.stderr and (tmp_path / "b.txt").read_text().count("\n") == 2
+    outcome = clsim("convert", tmp_path / "b.txt", tmp_path / "c.txt")
+    assert outcome.status == 0 and "left out" not in outcome.stderr

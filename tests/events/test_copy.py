@@ -10,7 +10,7 @@ from event_data import end_of
 import clsim
 from clsim.errors import InputError
 from clsim.events import EventBatch, SinkError, whole
-from clsim.events.copy import convert_events
+from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.open import sensor_size
 from clsim.events.sockets import open_socket_sink
@@ -36,10 +36,10 @@ def read(path: Path) -> EventBatch:
 @pytest.mark.parametrize("target", ["b.txt", "b.csv", "b.aedat4", "b.raw", "b.npz", "b.h5"])
 @pytest.mark.parametrize("source", ["a.aedat4", "a.txt"])
 def test_every_event_arrives(tmp_path: Path, source: str, target: str) -> None:
-    heard: list[tuple[int, int]] = []
+    heard: list[Copied] = []
     name = record(tmp_path / source)
-    count = convert_events(str(name), str(tmp_path / target), (WIDTH, HEIGHT), lambda *told: heard.append(told))
-    assert count == len(EVENTS) and heard[-1] == (count, EVENTS["t"][-1])
+    done = convert_events(str(name), str(tmp_path / target), (WIDTH, HEIGHT), heard.append)
+    assert done == heard[-1] == (len(EVENTS), EVENTS["t"][-1], 0)
     assert np.array_equal(read(tmp_path / target), EVENTS)
 
 
@@ -129,8 +129,8 @@ def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupte
             server.close()
         sent.set()
 
-    def progress(events: int, _: int) -> None:
-        if interrupted and events == len(EVENTS):
+    def progress(copied: Copied) -> None:
+        if interrupted and copied.events == len(EVENTS):
             raise KeyboardInterrupt
 
     thread = threading.Thread(target=serve)

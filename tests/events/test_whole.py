@@ -15,7 +15,7 @@ from event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 from clsim.errors import InputError
 from clsim.events import SinkError
-from clsim.events.copy import convert_events
+from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sockets import open_socket_sink
@@ -33,7 +33,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(path)
 
 
-def interrupt(*_: int) -> None:
+def interrupt(_: Copied) -> None:
     raise KeyboardInterrupt
 
 
@@ -105,7 +105,7 @@ SLOW = textwrap.dedent(
     import sys, time
     from clsim.events.copy import convert_events
 
-    def wait(events, time_us):
+    def wait(copied):
         print("now", flush=True)
         time.sleep(60)
 
