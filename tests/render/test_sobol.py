@@ -168,7 +168,7 @@ def test_an_exposure_is_stratified():
 
 
 def test_an_unknown_sampler_is_named():
-    with pytest.raises(InputError, match="sampler must be one of pcg, sobol, got 'halton'"):
+    with pytest.raises(InputError, match="`sampler` must be one of pcg, sobol, got 'halton'"):
         RenderOptions(sampler="halton")
     assert replace(RenderOptions(), sampler="sobol").sampler == "sobol"
 
