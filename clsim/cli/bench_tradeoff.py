@@ -61,7 +61,7 @@ def tradeoff(
     _write(csv_file, lambda: csv_text(results))
     _write(markdown, lambda: markdown_text(results))
     if plot is not None:
-        from clsim.bench.tradeoff_plot import plot_tradeoff
+        from clsim.cli.tradeoff_plot import plot_tradeoff
 
         plot_tradeoff(results, plot)
     if as_json:

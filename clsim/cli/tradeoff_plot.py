@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.label_places import place_labels
 from clsim.bench.tradeoff_settings import named_points
+from clsim.cli.label_places import place_labels
 from clsim.errors import InputError
 
 _COLOURS = {"common": "#0072B2", "independent": "#D55E00"}
