@@ -298,6 +298,13 @@ def test_any_packet_is_read_or_refused(data: bytes) -> None:
         assert (batch["on"].view(np.uint8) <= 1).all()
 
 
+@pytest.mark.parametrize("missing", [1, 4, 5, 16])
+def test_a_packet_that_lacks_bytes_at_its_end_is_refused(missing: int) -> None:
+    assert len(parse_packet(PAYLOAD, STREAM)) == 20 and len(PAYLOAD) == 32 + 20 * 16
+    with pytest.raises(InputError, match="claims to hold 20 items"):
+        parse_packet(PAYLOAD[:-missing], STREAM)
+
+
 @settings(deadline=None)
 @given(changed(lz4.frame.compress(PAYLOAD)))
 @example(lz4.frame.compress(PAYLOAD))

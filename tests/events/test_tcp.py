@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import subprocess
@@ -340,3 +341,24 @@ def test_too_many_clients_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> No
     for client in clients:
         client.close()
     sink.close()
+
+
+def test_a_packet_of_which_a_client_got_a_part_counts_as_dropped() -> None:
+    """What arrives whole and what is counted as dropped are all events there were."""
+    sink = TcpSink("tcp://127.0.0.1:0?compression=none&queue_mb=1", WIDTH, HEIGHT)
+    with connect_stuck(sink.port) as stuck:
+        assert sink.wait_for_clients(1, timeout_s=10)
+        batch = make_events(10_000)
+        sent = 0
+        while sink.dropped_packets < 2:
+            sink.write(batch, end_of(batch))
+            sent += 1
+        sink.hurry()
+        sink.close()
+        receive_header(stuck)
+        whole = 0
+        with contextlib.suppress(ConnectionResetError, AssertionError):  # it hangs up in the middle of a packet
+            while True:
+                receive_packet(stuck)
+                whole += 1
+    assert sent > whole > 0 and sink.dropped_events == (sent - whole) * len(batch)

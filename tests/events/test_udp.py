@@ -293,3 +293,14 @@ def test_unwrapping_restores_increasing_times(steps: list[list[int]]) -> None:
         times = now + np.cumsum(np.array(part, np.int64))
         now = int(times[-1])
         np.testing.assert_array_equal(unwrap(times % 2**32), times)
+
+
+def test_a_datagram_that_comes_out_of_order_does_not_make_the_next_look_far_ahead() -> None:
+    """How far a datagram lies ahead is measured from the latest time there was, not from the one before it."""
+    times_us = (9_000_000, 100, 12_000_000)
+    with open_socket_source(f"udp://127.0.0.1:0?format=t64&size={WIDTH}x{HEIGHT}") as source:
+        for time_us in times_us:
+            batch = make_events(1)
+            batch["t"] = time_us
+            send(source.port, "t64", batch)
+        assert next(source)["t"].tolist() == sorted(times_us)

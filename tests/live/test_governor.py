@@ -200,3 +200,25 @@ def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() ->
 def test_each_rung_costs_less_than_the_one_above(best: Level) -> None:
     found = [level.cost for level in ladder(best)]
     assert found == sorted(set(found), reverse=True)
+
+
+@pytest.mark.parametrize(("frames", "wait"), [(30, 20), (20, 40)])
+def test_a_rise_is_told_from_a_failure_once_the_usual_time_is_known(frames: int, wait: int) -> None:
+    """25 frames tell the usual time; the load that leaves a level before them counts as a failure of it."""
+    governor = Governor([2.0, 1.0], BUDGET_S)
+    for _ in range(frames):
+        assert not governor.observe(0.5 * BUDGET_S)
+    assert [governor.observe(1.02 * BUDGET_S) for _ in range(2)] == [False, True]
+    after = next(k for k in range(100) if governor.observe(0.2 * BUDGET_S))
+    assert wait <= after < wait + 10
+
+
+def test_failures_are_forgotten_for_good_as_soon_as_the_load_falls() -> None:
+    governor = Governor([2.0, 1.0], BUDGET_S)
+    for failures in range(4):
+        while governor.level == 0:
+            governor.observe(1.1 * BUDGET_S)
+        if failures < 3:
+            waited = next(k for k in range(1000) if governor.observe(0.35 * BUDGET_S))
+            assert waited >= 20 << failures
+    assert 20 <= next(k for k in range(1000) if governor.observe(0.1 * BUDGET_S)) < 30

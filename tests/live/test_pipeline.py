@@ -417,3 +417,25 @@ def test_ctrl_c_while_a_sink_closes_still_closes_all() -> None:
     assert pipeline.stop()
     assert (first.closed, patient.closed, last.closed) == (1, 2, 1)
     assert patient.hurried
+
+
+def test_what_breaks_because_the_run_is_stopped_is_no_error() -> None:
+    class Torn(CountingSource):
+        def __init__(self) -> None:
+            super().__init__()
+            self.working, self.torn = threading.Event(), threading.Event()
+
+        def fill(self, index: int, out: Frame) -> None:
+            self.working.set()
+            self.torn.wait(20)
+            raise FloatingPointError("torn from its work")
+
+        def cancel(self) -> None:
+            self.torn.set()
+
+    source = Torn()
+    pipeline = Pipeline(lambda: source, OneEventDetector, (), plan(1.0, 60.0, frames=9), (NAMES, 3, 4))
+    pipeline.start()
+    assert source.working.wait(20)
+    pipeline.stop()
+    assert pipeline.wait(20)
