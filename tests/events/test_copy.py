@@ -147,3 +147,11 @@ def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupte
         server.close()
     assert sent.is_set() and np.array_equal(read(target), EVENTS)
     assert json.loads(Path(f"{target}.json").read_text())["events"] == len(EVENTS)
+
+
+def test_events_left_out_after_the_last_that_fit_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clsim.events.evt3_words._BLOCK_WORDS", 5)
+    words = [0x8001, 0x6007, 3, 0x2001, 0x2002] + [0x2000 | WIDTH] * 12
+    head = f"% evt 3.0\n% geometry {WIDTH}x{HEIGHT}\n% end\n".encode()
+    (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())
+    assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == (2, (1 << 12) + 7, 12)
