@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_tables import table
 from clsim.cli.tradeoff_plot import plot_tradeoff
+from clsim.cli.tradeoff_tables import table
 
 SEEDS = (0, 1, 2)
 _HEAD = (

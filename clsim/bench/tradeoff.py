@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from clsim.bench.content_key import FRAME_ROOMS, code_key, content_key, world_key
+from clsim.bench.convergence import Convergence, converge
 from clsim.bench.mismatch import mismatch_scale
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
@@ -30,6 +32,8 @@ SCHEMA = 3
 REFERENCE_SEED = 0x5EED_0001
 CEILING_SEED = 0x5EED_0002
 WITHIN_US = 1000
+FULL_BUDGET_S = 600.0
+"""Processor time for the reference of a full sweep; a quick one takes the coarsest."""
 _POINT_ROOMS = (*FRAME_ROOMS, "score", "bench")
 _DETECTION_PATHS = 4
 """A detector's pass over a pixel is taken for so many paths, where time left is estimated."""
@@ -46,6 +50,7 @@ class TradeoffOptions:
     cache: Path
     quick: bool = False
     reference_spp: int | None = None
+    reference_budget_s: float | None = None
     resolution: tuple[int, int] | None = None
     frames: int | None = None
     fps: float | None = None
@@ -61,6 +66,8 @@ class TradeoffOptions:
             raise InputError(f"`frames` must be at least 2, for the first one fires nothing, got {self.frames}")
         if self.reference_spp is not None and self.reference_spp < 1:
             raise InputError(f"`reference_spp` must be at least 1, got {self.reference_spp}")
+        if self.reference_budget_s is not None and not self.reference_budget_s >= 0:
+            raise InputError(f"`reference_budget` must not be negative, got {self.reference_budget_s}")
         taken = {REFERENCE_SEED, CEILING_SEED}
         if not self.seeds or len(set(self.seeds)) < len(self.seeds) or any(s < 0 or s in taken for s in self.seeds):
             raise InputError(
@@ -99,43 +106,53 @@ class Sweep:
         self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = Rendering(spp, "common", REFERENCE_SEED).options(self.fps, self.frames)
-        self.ceiling_options = Rendering(spp, "common", CEILING_SEED).options(self.fps, self.frames)
+        budget_s = options.reference_budget_s
+        self.budget_s = (0.0 if quick else FULL_BUDGET_S) if budget_s is None else budget_s
         self.machine = machine(self.device)
-        self.store = PointStore(self.cache / f"points-{self.key()}.jsonl")
+        self.store = self.point_store()
         self.report = report
         self.done = self.total = 0.0
 
-    def key(self) -> str:
-        """Return the key of everything that all points share."""
-        shared = (self.frames, self.fps, self.reference_options.spp, REFERENCE_SEED, PAPER_TAU)
-        return content_key("points", world_key(self.world), shared, self.machine, code_key(_POINT_ROOMS))
+    def point_store(self) -> PointStore:
+        """Return the store of points that were scored against the reference, by all else that points share."""
+        shared = (self.frames, self.fps, dataclasses.asdict(self.reference_options), PAPER_TAU)
+        key = content_key("points", world_key(self.world), shared, self.machine, code_key(_POINT_ROOMS))
+        return PointStore(self.cache / f"points-{key}.jsonl")
 
     def run(self) -> dict[str, Any]:
-        """Measure what is missing and return all results."""
-        missing = [point for point in self.points if content_key(point.as_dict()) not in self.store]
-        self.plan(missing)
+        """Find the reference, measure what is missing and return all results."""
+        coarsest = self.reference_options
+        pair = (coarsest, dataclasses.replace(coarsest, seed=CEILING_SEED))
+        absent = sum(not is_kept(self.world, options, self.cache) for options in pair)
+        self.total = self.work(self.missing()) + absent * self.paths(coarsest)
         self.tell("loading kernels")
         if self.total:
             warm_renderer(self.world, Rendering(1, "common", 0).options(self.fps, self.frames))
-        reference = self.reference(self.reference_options, "reference")
-        ceiling = self.reference(self.ceiling_options, "ceiling")
-        for rule in RULES:
-            if not len(reference.events[rule]):
-                raise InputError(
-                    f"no event fires in {self.frames} frames of {self.world.name}: there is nothing to score; "
-                    "expected more `frames` or a lower `fps`"
-                )
+        found = converge(self.reference, self.within, coarsest, CEILING_SEED, self.budget_s)
+        self.reference_options = found.options
+        self.store = self.point_store()
+        missing = self.missing()
+        self.total = self.done + self.work(missing)
         for point in missing:
-            self.measure(point, reference)
-        return self.results(reference, ceiling)
+            self.measure(point, found.reference)
+        return self.results(found)
 
-    def plan(self, missing: list[Point]) -> None:
-        """Estimate the work, in paths."""
+    def missing(self) -> list[Point]:
+        """Return the points that are not in the store."""
+        return [point for point in self.points if content_key(point.as_dict()) not in self.store]
+
+    def work(self, points: list[Point]) -> float:
+        """Estimate the work of measuring points, in paths."""
         pixels = self.world.camera.width * self.world.camera.height * self.frames
-        samples = sum(point.rendering.spp + _DETECTION_PATHS for point in missing)
-        kept = (is_kept(self.world, options, self.cache) for options in (self.reference_options, self.ceiling_options))
-        samples += sum(self.reference_options.spp for is_there in kept if not is_there)
-        self.total = float(pixels * samples)
+        return float(pixels * sum(point.rendering.spp + _DETECTION_PATHS for point in points))
+
+    def paths(self, options: RenderOptions) -> float:
+        """Return how many paths a reference takes."""
+        return float(self.world.camera.width * self.world.camera.height * (options.frames or 0) * options.spp)
+
+    def within(self, events: Reference, reference: Reference) -> float:
+        """Return the F1 within 1 ms of a reference's events against another's."""
+        return self.score(events.events["interpolated"], reference, "interpolated").within[WITHIN_US].f1
 
     def tell(self, what: str, samples: float = 0.0) -> None:
         """Report progress, after so many samples of each pixel of one frame."""
@@ -144,8 +161,16 @@ class Sweep:
 
     def reference(self, options: RenderOptions, name: str) -> Reference:
         """Return clean events, rendered unless they are kept; ``name`` is what the report calls them."""
-        what = f"{name}, {options.spp} spp"
-        return load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
+        what = f"{name}, {options.spp} spp, {options.fps:g} fps"
+        if not is_kept(self.world, options, self.cache):
+            self.total = max(self.total, self.done + self.paths(options))
+        found = load_or_render(self.world, options, self.device, self.cache, lambda: self.tell(what, options.spp))
+        if not all(len(events) for events in found.events.values()):
+            raise InputError(
+                f"no event fires in {self.frames} frames of {self.world.name}: there is nothing to score; "
+                "expected more `frames` or a lower `fps`"
+            )
+        return found
 
     def start(self, point: Point) -> None:
         """Load the kernels that a point needs, unless they are: it is no part of its cost."""
@@ -190,10 +215,11 @@ class Sweep:
         camera = self.world.camera
         return score(events, reference.events[rule], camera.width, camera.height, self.fps, within_us=(WITHIN_US,))
 
-    def results(self, reference: Reference, ceiling: Reference) -> dict[str, Any]:
+    def results(self, found: Convergence) -> dict[str, Any]:
         """Return all points, their means, and what they were measured against."""
         from clsim import __version__
 
+        reference, ceiling = found.reference, found.ceiling
         camera, sensor = self.world.camera, self.world.sensor
         points = [point.as_dict() | self.store[content_key(point.as_dict())] for point in self.points]
         scores = {rule: _scores(self.score(ceiling.events[rule], reference, rule)) for rule in RULES}
@@ -217,7 +243,12 @@ class Sweep:
             "tau": PAPER_TAU,
             "machine": self.machine,
             "reference": {
-                "spp": self.reference_options.spp,
+                "spp": found.options.spp,
+                "fps": found.options.fps,
+                "converged": found.converged,
+                "f1_within_1ms_moved": found.moved,
+                "budget_s": self.budget_s,
+                "spent_s": found.spent_s,
                 "seed": REFERENCE_SEED,
                 "ceiling_seed": CEILING_SEED,
                 "events": {rule: len(reference.events[rule]) for rule in RULES},

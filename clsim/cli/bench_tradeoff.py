@@ -25,6 +25,12 @@ def tradeoff(
     reference_spp: Annotated[
         int | None, typer.Option(help="Light paths per pixel and frame of the reference. [4096, quick 1024]")
     ] = None,
+    reference_budget: Annotated[
+        float | None,
+        typer.Option(
+            help="CPU seconds for doubling the reference's samples and frame rate until scores settle. [600, quick 0]"
+        ),
+    ] = None,
     resolution: RESOLUTION = None,
     frame_count: Annotated[int | None, typer.Option(help="Number of frames. [48, quick 24]")] = None,
     fps: FPS = None,
@@ -42,13 +48,14 @@ def tradeoff(
     Example: `clsim bench tradeoff two-boxes --quick --plot tradeoff.png`
     """
     from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-    from clsim.bench.tradeoff_tables import csv_text, markdown_text
+    from clsim.cli.tradeoff_tables import csv_text, markdown_text
 
     options = TradeoffOptions(
         scene,
         cache or default_cache(),
         quick=quick,
         reference_spp=reference_spp,
+        reference_budget_s=reference_budget,
         resolution=parse.resolution(resolution) if resolution else None,
         frames=frame_count,
         fps=fps,
@@ -125,7 +132,7 @@ def _print_front(results: dict[str, Any]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from clsim.bench.tradeoff_tables import front_table
+    from clsim.cli.tradeoff_tables import front_table, reference_text
 
     head, rows = front_table(results)
     # Eighty columns do not hold all; the Markdown does.
@@ -135,4 +142,6 @@ def _print_front(results: dict[str, Any]) -> None:
         table.add_column(head[i], justify="right" if i else "left")
     for row in rows:
         table.add_row(*(row[i] for i in shown))
-    Console().print(table)
+    console = Console()
+    console.print(table)
+    console.print(reference_text(results), highlight=False)

@@ -14,7 +14,7 @@ from clsim.bench.mismatch import fire
 from clsim.bench.reference_cache import load_or_render
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
-from clsim.bench.tradeoff_tables import markdown_text
+from clsim.cli.tradeoff_tables import markdown_text
 from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
@@ -31,7 +31,14 @@ COSTS = {
 
 
 def options(cache: Path, **changes: Any) -> TradeoffOptions:
-    given = {"points": POINTS, "reference_spp": 16, "resolution": (16, 12), "frames": 4, "fps": 20.0} | changes
+    given = {
+        "points": POINTS,
+        "reference_spp": 16,
+        "resolution": (16, 12),
+        "frames": 4,
+        "fps": 20.0,
+        "reference_budget_s": 0.0,
+    } | changes
     return TradeoffOptions("two-boxes", cache, **given)
 
 
@@ -236,3 +243,17 @@ def test_where_nothing_happens_there_is_nothing_to_score(tmp_path: Path) -> None
 def test_wrong_options_are_refused(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=message):
         options(tmp_path, **changes)
+
+
+def test_the_reference_is_made_finer_until_it_has_converged_and_that_is_told(tmp_path: Path) -> None:
+    quick, fine = (
+        run_tradeoff(options(tmp_path, points=POINTS[:1], reference_budget_s=budget_s), ignore)
+        for budget_s in (0.0, 3.0)
+    )
+    coarse, finer = quick["reference"], fine["reference"]
+    assert (coarse["spp"], coarse["fps"], coarse["converged"]) == (16, 20.0, False)
+    assert finer["spp"] / coarse["spp"] == finer["fps"] / coarse["fps"] >= 2
+    assert finer["spent_s"] < 5 and finer["converged"] == (finer["f1_within_1ms_moved"] < 0.02)
+    assert "left no time" in markdown_text(quick) and f"at {finer['fps']:g} fps" in markdown_text(fine)
+    assert quick["points"][0]["events"] == fine["points"][0]["events"], "a point's own frame rate is not touched"
+    assert quick["points"][0]["f1_within_1ms"] != fine["points"][0]["f1_within_1ms"]

@@ -19,9 +19,9 @@ from clsim.bench.content_key import content_key
 from clsim.bench.tradeoff import Report, Sweep, TradeoffOptions, figures
 from clsim.bench.tradeoff_settings import Rendering
 from clsim.bench.tradeoff_summary import VALUES, averages
-from clsim.bench.tradeoff_tables import front_row, front_table, table
 from clsim.cli.bench_tradeoff import default_cache
 from clsim.cli.parse import resolution as parse_resolution
+from clsim.cli.tradeoff_tables import front_row, front_table, table
 from clsim.errors import require_choice
 from clsim.events import EventBatch
 from clsim.render import RenderOptions
@@ -98,10 +98,11 @@ def run_peers(options: TradeoffOptions, names: tuple[str, ...], report: Report) 
     sweep = Sweep(options, report)
     file = Path(options.scene) if Path(options.scene).suffix.lower() == ".xml" else None
     peers = [Peer(name, seed) for name in dict.fromkeys(names) for seed in options.seeds]
-    missing = [peer for peer in peers if content_key(peer.key()) not in sweep.store]
-    for peer in missing:
-        peer.check(sweep.world, file)
+    for peer in peers:
+        if content_key(peer.key()) not in sweep.store:
+            peer.check(sweep.world, file)
     results = sweep.run()
+    missing = [peer for peer in peers if content_key(peer.key()) not in sweep.store]
     reference = sweep.reference(sweep.reference_options, "reference")
     for peer in missing:
         given = Rendering(1, "independent", peer.seed).options(sweep.fps, sweep.frames)

@@ -61,12 +61,25 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _about(results: dict[str, Any]) -> str:
-    reference, events = results["reference"], results["reference"]["events"]
+    events = results["reference"]["events"]
     return (
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames at "
-        f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; reference: "
-        f"{reference['spp']} spp with common noise, {events['interpolated']:,} events ({events['frame']:,} by frame)."
+        f"{results['fps']:g} fps, C = {results['threshold_on']:g}; {results['machine']['cores']} cores; "
+        f"{events['interpolated']:,} events in the reference ({events['frame']:,} by frame). {reference_text(results)}"
     )
+
+
+def reference_text(results: dict[str, Any]) -> str:
+    """Tell how fine the reference is, whether that is fine enough, and what another seed's scores against it."""
+    reference, ceiling = results["reference"], results["ceiling"]["interpolated"]["f1_within_1ms"]
+    moved, budget = reference["f1_within_1ms_moved"], f"the budget of {reference['budget_s']:g} s"
+    if moved is None:
+        how = f"{budget} left no time to tell whether it has converged"
+    else:
+        how = "converged" if reference["converged"] else f"not converged, {budget} is spent"
+        how += f" (F1 within 1 ms moved by {moved:.3f} when samples and frame rate were last doubled)"
+    made = f"{reference['spp']} spp with common noise at {reference['fps']:g} fps"
+    return f"Reference: {made}; {how}. Another seed's F1 within 1 ms is {ceiling:.3f}."
 
 
 def front_row(row: dict[str, Any]) -> tuple[str, ...]:
