@@ -6,10 +6,10 @@
 // One work-item packs one row, plane by plane in loops that compilers vectorise. `frame` holds planes of width·height
 // floats; `source` names them: R, G, B, the F features, then `quiet` candidates that have been constant so far, then
 // coverage if has_coverage.
-// Per row: number of invalid pixels, and the extremes of each quiet candidate (of depth over hits only).
+// Per row: number of invalid pixels, and the extremes of each quiet candidate; depth is none where pixels may see nothing.
 __kernel void pack(
     __global const float *restrict frame, __constant int *source, int width, int height, int pitch, int quiet,
-    int quiet_depth, int has_coverage, real weight_r, real weight_g, real weight_b, int variance_plane,
+    int has_coverage, real weight_r, real weight_g, real weight_b, int variance_plane,
     real variance_scale, long start,
     __global real *restrict out_packed, __global int *restrict out_invalid, __global float *restrict out_range)
 {
@@ -56,7 +56,7 @@ __kernel void pack(
         __global const float *restrict in = row + source[3 + F + j] * area;
         float lo = INFINITY, hi = -INFINITY;
         for (int x = 0; x < width; x++) {
-            if (mask[x] == 0 || (j == quiet_depth && has_coverage && !(coverage[x] > 0))) continue;
+            if (mask[x] == 0) continue;
             lo = in[x] < lo ? in[x] : lo;
             hi = in[x] > hi ? in[x] : hi;
         }

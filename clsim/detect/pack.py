@@ -106,10 +106,9 @@ class Pack:
         import pyopencl as cl
 
         layout = self._place.layout
-        depth = self._quiet.index(DEPTH[0]) if DEPTH[0] in self._quiet else -1
         self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
-            len(self._quiet), depth, int(self._coverage), *self._weights, self._variance, self._variance_scale,
+            len(self._quiet), int(self._coverage), *self._weights, self._variance, self._variance_scale,
             np.int64(self.offset(slot)),
             self.packed, self._invalid, self._range,
         )  # fmt: skip
