@@ -248,6 +248,16 @@ def test_planes_that_begin_to_vary_join_the_regression():
     assert assert_same(config, late, alpha_error=1e-9, margin=1e-9, time_error_us=1) > 50
 
 
+def test_a_frame_in_which_nothing_may_fire_is_in_the_history_too():
+    frames = random_frames(9, count=3, height=13, width=19)
+    frames[1].planes[...] = frames[0].planes
+    config = config_of(history=2, precision="float64")
+    detector, _ = both(config, frames)
+    run(detector, frames[:2])
+    assert detector.stats.tested > 0 and detector.stats.solved == 0
+    assert assert_same(config, frames, alpha_error=1e-6, margin=1e-6, time_error_us=1) > 30
+
+
 def test_statistics_equal_the_references():
     frames = spoil(random_frames(11, height=17, width=23))
     kernels, reference = both(config_of(precision="float64", threshold_on=0.02), frames)

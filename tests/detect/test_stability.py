@@ -200,3 +200,15 @@ def test_mirroring_the_image_mirrors_the_events(seed, options):
 def test_negating_y_swaps_the_polarities(seed, options):
     plain, other = compare(options, brightness=lambda y: -y, negate=True, seed=seed)
     np.testing.assert_allclose(other, -plain, atol=1e-6)
+
+
+def test_brightness_that_moves_by_just_the_threshold_fires():
+    frames = random_frames(1, count=3)
+    first = frames[0]
+    config = DetectorConfig(method="esim", threshold_on=0.25, threshold_off=0.125)
+    detector = bench.FedDetector(config, first.width, first.height, first.names)
+    shape = (first.height, first.width)
+    detector.estimator.brightness = [np.full(shape, level) for level in (0.0, 0.25, 0.125)]
+    batches = [detector.step(frame).copy() for frame in frames]
+    assert [len(batch) for batch in batches] == [0, 99, 99]
+    assert batches[1]["on"].all() and not batches[2]["on"].any()
