@@ -117,8 +117,10 @@ def detect(
     if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
     on, off = (None, None) if threshold is None else parse.threshold(threshold)
+    told = _told_by(frames)
     config = detector_config(
         frames,
+        told,
         {
             "method": method,
             "gate": gate,
@@ -144,37 +146,45 @@ def detect(
             "precision": precision,
         },
     )
-    options = RecordingOptions(frames, config, fps, opencl, tuple(out), FileOptions(format, text_time))
+    files = FileOptions(format, text_time)
+    options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told))
     return run_session(open_recording(options), as_json=as_json)
 
 
-def detector_config(frames: str, given: Mapping[str, Any]) -> DetectorConfig:
-    """Return the detector's options: those ``given`` (None: not given), else those that the frames were made for."""
+def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, Any]) -> DetectorConfig:
+    """Return the detector's options: those ``given`` (None: not given), else those that frames.json ``told``."""
+    from clsim.live.plain import from_plain
+
     chosen = {name: value for name, value in given.items() if value is not None}
-    base = _told_by(frames)
+    detector = told.get("detector")
+    try:
+        base = from_plain(DetectorConfig, detector if isinstance(detector, dict) else {})
+    except InputError as error:
+        raise InputError(f"{_about(frames)}: {error}") from None
     if chosen.get("method", base.method) != base.method:
         base = replace(base, window=None)
     return replace(base, **chosen)
 
 
-def _told_by(frames: str) -> DetectorConfig:
-    """Return what frames.json beside the frames tells of the detector that they are for; the defaults if nothing."""
-    from clsim.live.plain import from_plain
+def _about(frames: str) -> Path:
+    return (Path(frames) if Path(frames).is_dir() else Path(frames).parent) / "frames.json"
 
-    folder = Path(frames) if Path(frames).is_dir() else Path(frames).parent
+
+def _told_by(frames: str) -> dict[str, Any]:
+    """Return what frames.json beside the frames tells of the run that rendered them; nothing where there is none."""
+    path = _about(frames)
     try:
-        told = json.loads((folder / "frames.json").read_text(encoding="utf-8"))
+        told = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        return DetectorConfig()
+        return {}
     except (OSError, ValueError) as error:
-        raise InputError(f"{folder / 'frames.json'}: cannot be read ({error}); remove it, or mend it") from None
-    detector = told.get("detector") if isinstance(told, dict) else None
-    if not isinstance(detector, dict):
-        return DetectorConfig()
-    try:
-        return from_plain(DetectorConfig, detector)
-    except InputError as error:
-        raise InputError(f"{folder / 'frames.json'}: {error}") from None
+        raise InputError(f"{path}: cannot be read ({error}); remove it, or mend it") from None
+    return told if isinstance(told, dict) else {}
+
+
+def _fps_told(told: Mapping[str, Any]) -> float | None:
+    fps = told.get("fps")
+    return float(fps) if isinstance(fps, int | float) and 0 < fps < float("inf") else None
 
 
 def _features(text: str | None) -> tuple[str, ...] | None:

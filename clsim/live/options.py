@@ -234,6 +234,8 @@ class RecordingOptions:
     opencl: str | None = None
     outputs: tuple[str, ...] = field(default=())
     files: FileOptions = field(default_factory=FileOptions)
+    rendered_fps: float | None = None
+    """Frames per second by which the frames were rendered, if known: their times are whole µs and tell it less well."""
 
     def __post_init__(self) -> None:
         """Refuse a frame rate that cannot be."""

@@ -214,7 +214,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         # Nothing reads the variances then, so they need not be converted frame by frame.
         without_variances = [name for name in source.names if name not in VARIANCE_PLANES]
         source = ExrSequence(options.frames, options.fps, without_variances)
-    fps = options.fps or source.recorded_fps
+    fps = options.fps or _without_rounding(source.recorded_fps, options.rendered_fps)
     count, size = len(source.files), (source.width, source.height)
     schedule = Schedule(fps, count, count, recorded_times=options.fps is None)
     pipeline = Pipeline(
@@ -240,6 +240,13 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         *started,
         solves,
     )
+
+
+def _without_rounding(recorded_fps: float, rendered_fps: float | None) -> float:
+    """Return the rate of a recording: that of its rendering where the times, each rounded to µs, agree with it."""
+    if rendered_fps is not None and abs(1e6 / rendered_fps - 1e6 / recorded_fps) <= 1.0:
+        return rendered_fps
+    return recorded_fps
 
 
 def _now() -> tuple[float, float]:

@@ -100,6 +100,39 @@ def test_detected_frames_tell_all_that_is_needed(clsim, tmp_path: Path) -> None:
     assert json.loads(outcome.stdout)["f1"] == 1
 
 
+@pytest.mark.parametrize(("told", "expected"), [(120.0, 120.0), (60.0, 1e6 / 8333)])
+def test_the_rate_is_that_of_the_rendering_unless_the_times_say_otherwise(
+    clsim, tmp_path: Path, told: float, expected: float
+) -> None:
+    """Times are whole µs: 8333 of them are 1/120.0048 s."""
+    writer = ExrWriter(tmp_path / "frames")
+    for k in range(2):
+        planes = np.full((len(BASE_PLANES), 3, 5), 0.2 + k, np.float32)
+        writer.write(Frame(planes, BASE_PLANES, 8333 * k, k))
+    (tmp_path / "frames" / "frames.json").write_text(json.dumps({"fps": told}))
+    found = tmp_path / "found.txt"
+    assert clsim("detect", tmp_path / "frames", "--method", "esim", "--out", found).status == 0
+    assert json.loads(Path(f"{found}.json").read_text())["fps"] == pytest.approx(expected, rel=1e-12)
+    assert max(int(line.split()[0]) for line in found.read_text().splitlines()) <= 8333
+
+
+@pytest.mark.parametrize(("fps", "status"), [(50.02, 0), (50.1, 2)])
+def test_rates_found_from_rounded_times_agree_and_the_reference_says_which(
+    clsim, tmp_path: Path, fps: float, status: int
+) -> None:
+    """At 50 fps 60 ms end frame 3; at 50.02 the event is in frame 4, and the reference's at 50 ms in frame 3."""
+    found = record(tmp_path / "found.txt", [60_000], **size(8, 4), fps=fps)
+    truth = record(tmp_path / "truth.txt", [50_000], **size(8, 4), fps=50.0)
+    outcome = clsim("score", found, truth, "--json")
+    assert outcome.status == status, outcome.stderr
+    assert status or json.loads(outcome.stdout)["f1"] == 1
+
+
+def test_what_the_scores_mean_is_said(clsim, tmp_path: Path) -> None:
+    paths = [record(tmp_path / f"{name}.txt", [11_000], **size(8, 4), fps=50.0) for name in "ab"]
+    assert clsim("score", *paths).stdout.startswith("f1, precision, recall: 1 is best; chamfer: 0 is best; dt: µs")
+
+
 def test_windows_of_time_are_scored_and_printed(clsim, tmp_path: Path) -> None:
     """Two events 0.4 ms apart."""
     found = record(tmp_path / "found.txt", [11_400], **size(8, 4), fps=50.0)
