@@ -9,7 +9,7 @@ from clsim.bench.reference_cache import Reference
 from clsim.render import RenderOptions
 
 SETTLED = 0.02
-"""A reference has converged if the F1 of the same events, within 1 ms, differs less than this from the last one's."""
+"""A reference has converged if scores within 1 ms move by less than this when it is made finer."""
 _STEP_COST = 4
 """Twice the samples at twice the rate."""
 
@@ -21,7 +21,8 @@ class Convergence:
     Attributes:
         reference, ceiling: the events of two seeds.
         options: the reference's.
-        moved: by how much F1 within 1 ms moved when samples and frame rate were last doubled; None if never.
+        moved: by how much F1 within 1 ms moved when samples and frame rate were last doubled, the ceiling's or that of
+            the same events, whichever moved more; None if nothing was doubled.
         spent_s: processor time of all that was rendered [s].
     """
 
@@ -46,8 +47,9 @@ def converge(
 ) -> Convergence:
     """Double samples and frame rate until F1 settles, or until another step would cost more than the budget.
 
-    What is scored is always the same: the ceiling of the options given. The time of kept references counts as if they
-    had been rendered, so that a second run decides as the first did.
+    Two scores must settle: that of the ceiling, which tells how much noise is left, and that of events that stay the
+    same, the first ceiling's, which tells of errors that both seeds share. The time of kept references counts as if
+    they had been rendered, so that a second run decides as the first did.
 
     Args:
         render: returns the reference of options; it is told ``reference`` or ``ceiling``.
@@ -56,19 +58,22 @@ def converge(
         ceiling_seed: of the ceiling, which differs from the reference in nothing else.
         budget_s: processor time [s]; the first reference and its ceiling are rendered whatever they cost.
     """
-    reference = render(options, "reference")
-    ceiling = judged = render(replace(options, seed=ceiling_seed), "ceiling")
-    spent_s = reference.cpu_s + ceiling.cpu_s
-    score, moved = f1(judged, reference), None
-    # A step must leave time for the ceiling that belongs to it.
-    while (moved is None or moved >= SETTLED) and spent_s + 2 * _STEP_COST * reference.cpu_s <= budget_s:
+    pair = _render_pair(render, options, ceiling_seed)
+    judged = pair[1]
+    step_s = spent_s = sum(each.cpu_s for each in pair)
+    scores, moved = [f1(each, pair[0]) for each in (pair[1], judged)], None
+    while (moved is None or moved >= SETTLED) and spent_s + _STEP_COST * step_s <= budget_s:
         fps, frames = options.fps or 0.0, options.frames or 1
         options = replace(options, spp=2 * options.spp, fps=2 * fps, frames=2 * (frames - 1) + 1)
-        reference, last = render(options, "reference"), score
-        spent_s += reference.cpu_s
-        score = f1(judged, reference)
-        moved = abs(score - last)
-    if moved is not None:
-        ceiling = render(replace(options, seed=ceiling_seed), "ceiling")
-        spent_s += ceiling.cpu_s
-    return Convergence(reference, ceiling, options, moved, spent_s)
+        pair, last = _render_pair(render, options, ceiling_seed), scores
+        step_s = sum(each.cpu_s for each in pair)
+        spent_s += step_s
+        scores = [f1(each, pair[0]) for each in (pair[1], judged)]
+        moved = max(abs(now - before) for now, before in zip(scores, last, strict=True))
+    return Convergence(*pair, options, moved, spent_s)
+
+
+def _render_pair(
+    render: Callable[[RenderOptions, str], Reference], options: RenderOptions, ceiling_seed: int
+) -> tuple[Reference, Reference]:
+    return render(options, "reference"), render(replace(options, seed=ceiling_seed), "ceiling")

@@ -20,6 +20,8 @@ _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D", "irra
 _SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": ""}
 _CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
+_CAMERAS = ((0.021, "2.1 %, DVS128"), (0.03, "3 %"))
+"""Mismatches of thresholds that cameras have, drawn as lines."""
 _MANY = 40
 """With more settings than this, those off the front are drawn faintly."""
 _APART = 1.2
@@ -28,6 +30,8 @@ _APART = 1.2
 
 def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
     """Draw all settings, both Pareto fronts, the ceilings and the ICIP 2023 setting into a PNG.
+
+    A third panel has the equivalent mismatch of the settings that have one.
 
     Raises:
         InputError: matplotlib is not installed, or the file cannot be written.
@@ -39,14 +43,16 @@ def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
         raise InputError(
             "drawing the trade needs matplotlib, which is not installed; pip install 'clsim[plot]'"
         ) from None
-    figure = Figure(figsize=(11, 5.6), layout="constrained")
+    figure = Figure(figsize=(16, 5.6), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
+    *panels, last = figure.subplots(1, 3, sharex=True)
+    panels[1].sharey(panels[0])
     _limits(panels[0], results)
     for panel, (value, title) in zip(panels, _PANELS, strict=True):
         _draw_panel(panel, results, value)
         panel.set_title(title, fontsize=11)
     panels[0].set_ylabel("agreement with the reference")
+    _draw_mismatch(last, results)
     figure.suptitle(
         f"{results['scene']}, {results['width']}×{results['height']}, {results['frames']} frames, "
         f"reference of {results['reference']['spp']} spp",
@@ -62,15 +68,45 @@ def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
         raise InputError(f"cannot write {file}: {error.strerror}") from None
 
 
-def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
+def _cost_axis(panel: Any) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-    rows = results["settings"]
     panel.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     panel.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: f"{seconds:g}"))
     panel.xaxis.set_minor_formatter(NullFormatter())
     panel.set_xlabel("CPU time of rendering and detection [s]")
     panel.grid(alpha=0.25, which="both", linewidth=0.5)
+
+
+def _draw_mismatch(panel: Any, results: dict[str, Any]) -> None:
+    """Draw cost against equivalent mismatch, less being better, with the mismatch of cameras as lines."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    panel.set_yscale("log")
+    _cost_axis(panel)
+    panel.set_title("equivalent mismatch (F1 within 1 ms)", fontsize=11)
+    panel.yaxis.set_major_formatter(FuncFormatter(lambda spread, _: f"{100 * spread:g} %"))
+    panel.yaxis.set_minor_formatter(NullFormatter())
+    largest = results["mismatch_scale"]["spread"][-1]
+    panel.set_yticks([0.01, 0.05, 0.1, 0.2, largest])
+    panel.set_ylim(1.2 * largest, 0.005)
+    for spread, label in _CAMERAS:
+        panel.axhline(spread, color="0.25", linewidth=1.0, linestyle="--", zorder=1)
+        panel.annotate(label, (0.01, spread), xycoords=("axes fraction", "data"), xytext=(0, 2),
+                       textcoords="offset points", fontsize=8.5)  # fmt: skip
+    known = [row for row in results["settings"] if row["equivalent_mismatch"]]
+    for row in known:
+        _mark(panel, row, "equivalent_mismatch", faint=len(known) > _MANY)
+    named = [(row, _quality(row)) for row in known if _quality(row)]
+    panel.figure.canvas.draw()  # places the panel, so that labels can be kept apart
+    places = [(row["cpu_s"], row["equivalent_mismatch"]) for row, _ in named]
+    seen = [(row["cpu_s"], row["equivalent_mismatch"]) for row in known]
+    place_labels(panel, places, [name for _, name in named], seen)
+
+
+def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
+    rows = results["settings"]
+    _cost_axis(panel)
     for rule, scores in results["ceiling"].items():
         if rule in _rules(results):
             panel.axhline(scores[value], color="0.25", linestyle=_CEILING_STYLES[rule], linewidth=1.2, zorder=1)
@@ -78,21 +114,24 @@ def _draw_panel(panel: Any, results: dict[str, Any], value: str) -> None:
     panel.step([row["cpu_s"] for row in front], [row[value] for row in front], where="post", color="0.55", zorder=1.5)
     for row in rows:
         faint = len(rows) > _MANY and not (row[f"front_{value}"] or row["icip_2023"])
-        colour = _ADAPTIVE if row["sampling"] == "adaptive" else _COLOURS[row["noise"]]
-        filled = row["noise"] == "common"
-        panel.errorbar(
-            row["cpu_s"],
-            row[value],
-            yerr=row[f"{value}_sd"],
-            fmt=_MARKERS[row["gate"] or row["method"]],
-            markersize=4 if faint else 6.5,
-            color=colour,
-            markerfacecolor=colour if filled else "white",
-            alpha=0.3 if faint else 1.0,
-            zorder=2 if faint else 3,
-        )
+        _mark(panel, row, value, faint)
         if row["icip_2023"]:
             panel.plot(row["cpu_s"], row[value], "o", markersize=14, markerfacecolor="none", color="black", zorder=4)
+
+
+def _mark(panel: Any, row: dict[str, Any], value: str, faint: bool) -> None:
+    colour = _ADAPTIVE if row["sampling"] == "adaptive" else _COLOURS[row["noise"]]
+    panel.errorbar(
+        row["cpu_s"],
+        row[value],
+        yerr=row.get(f"{value}_sd"),
+        fmt=_MARKERS[row["gate"] or row["method"]],
+        markersize=4 if faint else 6.5,
+        color=colour,
+        markerfacecolor=colour if row["noise"] == "common" else "white",
+        alpha=0.3 if faint else 1.0,
+        zorder=2 if faint else 3,
+    )
 
 
 def _rules(results: dict[str, Any]) -> set[str]:
