@@ -35,6 +35,9 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
         world = _warned(_load(scene))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
+        if not _lit(world):
+            dark = f"{world.name}: the scene has no light, so nothing fires: add one, in a TOML such as [environment]"
+            world = replace(world, warnings=(*world.warnings, dark))
         if resolution is not None:
             world = replace(world, camera=replace(world.camera, width=resolution[0], height=resolution[1]))
         validate(world, str(scene))
@@ -52,6 +55,15 @@ def _warned(world: World) -> World:
         "a sphere or an area light does"
     )
     return replace(world, warnings=(*world.warnings, sentence))
+
+
+def _lit(world: World) -> bool:
+    """Tell whether there is any light: the sky's, a lamp's, or that of a surface that emits."""
+    lamps = [light.radiance for light in world.sphere_lights] + [light.intensity for light in world.punctual_lights]
+    if any(map(any, (world.environment, *lamps))) or world.environment_map is not None:
+        return True
+    emissive = [i for i, material in enumerate(world.materials) if any(material.emission)]
+    return any(np.isin(world.meshes[instance.mesh].material_ids, emissive).any() for instance in world.instances)
 
 
 def _is_glass(material: Material) -> bool:

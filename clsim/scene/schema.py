@@ -5,18 +5,11 @@ Unknown keys, wrong types, NaN and infinities are errors; all of a file's errors
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator
-from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Strict, Tag, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Strict, Tag
 
-from clsim.errors import InputError
 from clsim.scene.spectra import METALS
-from clsim.scene.wording import plainly
 
 Number = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]
@@ -265,24 +258,6 @@ class SceneTable(Table):
     lights: tuple[LightTable, ...] = ()
 
 
-def parse(data: dict[str, Any], source: Path) -> SceneTable:
-    """Turn a TOML's contents into the checked scene.
-
-    Raises:
-        InputError: with all problems, one line each: file, key path, what was found and expected.
-    """
-    problems: list[str] = []
-    scene = None
-    try:
-        scene = SceneTable.model_validate(data)
-    except ValidationError as error:
-        problems = [f"{_key_path(e['loc'], data)}: {_sentence(e)}" for e in error.errors(include_url=False)]
-    problems += _conflicts(data)
-    if problems or scene is None:
-        raise InputError("\n".join(f"{source}: {problem}" for problem in dict.fromkeys(problems)))
-    return scene
-
-
 def key_table() -> str:
     """Return all keys with their types, defaults and meaning, as Markdown tables, one per TOML table."""
     sections: list[tuple[str, type[Table]]] = [
@@ -324,123 +299,3 @@ def _choices(annotation: Any) -> str:
     if get_origin(annotation) is not Literal:
         return ""
     return "one of " + ", ".join(f"`{value}`" for value in get_args(annotation))
-
-
-def _conflicts(data: dict[str, Any]) -> Iterator[str]:
-    """Yield what no single key can tell; works on raw data, so that these errors come along with all others."""
-    materials = data.get("materials")
-    materials = materials if isinstance(materials, dict) else {}
-    names = list(materials)
-    for name in names:
-        for first, second in (("color", "checker"), ("texture", "checker"), ("metal", "eta"), ("metal", "k")):
-            if _has(materials[name], first, second):
-                yield f"materials.{name}: has {first} and {second}, expected one of them"
-        if isinstance(materials[name], dict) and ("eta" in materials[name]) != ("k" in materials[name]):
-            yield f"materials.{name}: has one of eta and k, expected both or none"
-    placed = [("camera", data.get("camera"))]
-    for group in ("objects", "sphere_lights", "lights"):
-        tables = data.get(group)
-        placed += [(f"{group}[{i}]", table) for i, table in enumerate(tables)] if isinstance(tables, list) else []
-    for path, table in placed:
-        if not isinstance(table, dict):
-            continue
-        material = table.get("material")
-        if isinstance(material, str) and path.startswith("objects") and material not in names:
-            yield f"{path}.material: got {material!r}, expected one of the materials {_listed(names)}"
-        ways = [key for key in ("position", "keyframes", "orbit", "trajectory") if key in table]
-        if len(ways) > 1:
-            yield f"{path}: has {' and '.join(ways)}, expected one of them"
-        if path == "camera" and not ways:
-            yield f"{path}: expected one of position, keyframes, orbit and trajectory"
-        if _has(table, "fov_deg", "focal_length_mm"):
-            yield f"{path}: has fov_deg and focal_length_mm, expected one of them"
-        if _has(table, "trajectory", "look_at") or _has(table, "trajectory", "rotation_deg"):
-            yield f"{path}: has trajectory and a direction to look in, expected one of them"
-        if _has(table, "look_at", "rotation_deg"):
-            yield f"{path}: has look_at and rotation_deg, expected one of them"
-        if "rotation_deg" in table and "keyframes" in table:
-            yield f"{path}.rotation_deg: expected it in each of the keyframes instead"
-        yield from _keyframe_conflicts(path, table)
-
-
-def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:
-    keyframes = table.get("keyframes")
-    if not isinstance(keyframes, list):
-        return
-    keys = [key for key in keyframes if isinstance(key, dict)]
-    for i, key in enumerate(keys):
-        turns = [name for name in ("rotation_deg", "quaternion", "look_at") if name in key]
-        if len(turns) > 1:
-            yield f"{path}.keyframes[{i}]: has {' and '.join(turns)}, expected one of them"
-    looking = sum("look_at" in key for key in keys)
-    if 0 < looking < len(keys) and "look_at" not in table:
-        yield f"{path}.keyframes: some have look_at and some do not, expected all or none"
-    times = [time for key in keys if isinstance(time := key.get("time_s"), int | float)]
-    if any(not a < b for a, b in pairwise(times)):
-        yield f"{path}.keyframes: times must increase, got {', '.join(str(time) for time in times)}"
-
-
-def _has(table: Any, *keys: str) -> bool:
-    return isinstance(table, dict) and all(key in table for key in keys)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(sorted(names)) if names else "(none are defined)"
-
-
-def _key_path(location: tuple[int | str, ...], data: Any) -> str:
-    """Write a location as a path of keys, without the tags that pydantic adds where a value has alternatives."""
-    path = ""
-    for k, part in enumerate(location):
-        if isinstance(part, int):
-            path += f"[{part}]"
-            data = data[part] if isinstance(data, list) and part < len(data) else None
-        elif isinstance(data, dict) and (part in data or k == len(location) - 1):
-            path += f".{part}" if path else part
-            data = data.get(part)
-    return path
-
-
-def _sentence(error: ErrorDetails) -> str:
-    kind, got = error["type"], error["input"]
-    if kind == "missing":
-        return plainly(error)
-    if kind == "extra_forbidden":
-        key, known = str(error["loc"][-1]), _known_keys(error["loc"])
-        close = difflib.get_close_matches(key, known, 1)
-        hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(sorted(known))}"
-        return f"unknown key, {hint}"
-    if kind in ("union_tag_not_found", "union_tag_invalid"):
-        shapes = ", ".join(repr(shape) for shape in OBJECTS if shape != "file")
-        return f"expected either a file or a shape out of {shapes}" + (
-            f", got {got['shape']!r}" if isinstance(got, dict) and "shape" in got else ""
-        )
-    return f"{plainly(error)}, got {_short(got)}"
-
-
-def _short(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "…"
-
-
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    """Return the keys of the table that a location lies in."""
-    tables: list[type[Table]] = [SceneTable]
-    for part in location[:-1]:
-        if part in OBJECTS and ObjectTable in tables[0].__mro__:
-            tables = [OBJECTS[str(part)]]
-            continue
-        inner = [t for table in tables if part in table.model_fields for t in _tables(table, str(part))]
-        tables = inner or tables
-    return list(dict.fromkeys(key for table in tables for key in table.model_fields))
-
-
-def _tables(table: type[Table], key: str) -> list[type[Table]]:
-    found: list[type[Table]] = []
-    pending: list[Any] = [table.model_fields[key].annotation]
-    while pending:
-        item = pending.pop()
-        if isinstance(item, type) and issubclass(item, Table):
-            found.append(item)
-        pending += get_args(item)
-    return found

@@ -81,9 +81,9 @@ def load_toml(path: Path) -> World:
     Raises:
         InputError: with every problem of the file, one line each.
     """
-    from clsim.scene import schema
+    from clsim.scene.toml_check import parse
 
-    scene = schema.parse(read_toml(path), path)
+    scene = parse(read_toml(path), path)
     problems: list[str] = []
     builder = _Builder(path)
     for name, material in scene.materials.items():

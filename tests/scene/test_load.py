@@ -148,3 +148,28 @@ def test_glass_that_nothing_is_made_of_warns_of_nothing(tmp_path):
     glass = '[materials.glass]\nkind = "dielectric"\n[[objects]]\nshape = "box"\n'
     path.write_text(f"[camera]\nposition = [0, 0, 9]\n{glass}{light}")
     assert not load_world(path).warnings
+
+
+@pytest.mark.parametrize(
+    ("light", "lit"),
+    [
+        ("", False),
+        ("[environment]\nradiance = [0, 0, 0]", False),
+        ("[environment]\nradiance = [0, 0, 0.1]", True),
+        ("[materials.lamp]\nemission = [1, 1, 1]", False),  # nothing is made of it
+        ("[materials.lamp]\nemission = [1, 1, 1]\n[[objects]]\nshape = 'box'\nmaterial = 'lamp'", True),
+        ("[[lights]]\nkind = 'point'\nintensity = [1, 1, 1]\nposition = [0, 2, 0]", True),
+        ("[[lights]]\nkind = 'point'\nintensity = [0, 0, 0]\nposition = [0, 2, 0]", False),
+        ("[[sphere_lights]]\nradius_m = 0.1\nradiance = [1, 1, 1]\nposition = [0, 2, 0]", True),
+    ],
+)
+def test_a_scene_without_any_light_is_warned_about(tmp_path, light, lit):
+    path = tmp_path / "a.toml"
+    path.write_text(f"[camera]\nposition = [0, 0, 9]\n[[objects]]\nshape = 'box'\n{light}\n")
+    warnings = load_world(path, strict=True).warnings  # that is nothing that clsim lacks
+    assert ["the scene has no light, so nothing fires" in sentence for sentence in warnings] == [True] * (not lit)
+
+
+@pytest.mark.parametrize("name", bundled_names())
+def test_bundled_scenes_have_light(name):
+    assert not load_world(name).warnings

@@ -36,7 +36,28 @@ def complaint(tmp_path, text):
         (CAMERA + "fov_deg = nan\n", ["camera.fov_deg", "finite", "nan"]),
         (CAMERA + "fov_deg = '50'\n", ["camera.fov_deg", "valid number", "'50'"]),
         (CAMERA + "resolution = [0, 10]\n", ["camera.resolution[0]", "greater than or equal to 1", "0"]),
-        (CAMERA + "resolution = [64]\n", ["camera.resolution[1]"]),
+        (
+            CAMERA + "resolution = [64]\n",
+            ["camera.resolution: expected two whole numbers such as [640, 480], got [64]"],
+        ),
+        (
+            CAMERA + "resolution = '640x480'\n",
+            ["camera.resolution: expected two whole numbers such as [640, 480], got '640x480'"],
+        ),
+        (
+            CAMERA + "[environment]\nradiance = 1.0\n",
+            ["environment.radiance: expected three numbers such as [", "got 1.0"],
+        ),
+        (
+            CAMERA + "[objects]\nshape = 'box'\n",
+            ["objects: expected tables: write [[objects]] with two brackets, got {"],
+        ),
+        ("[camera.keyframes]\ntime_s = 1\n", ["expected tables: write [[camera.keyframes]] with two brackets"]),
+        (
+            "[camera]\nkeyframes = [{time_s = 0.0, position = []}, {time_s = 1.0, position = [0, 0, 0, 1]}]\n",
+            [f"camera.keyframes[{i}].position: expected three numbers such as [" for i in (0, 1)],
+        ),
+        (CAMERA + "[camera.lens]\ndistortion = 1.0\n", ["camera.lens.distortion: expected a valid tuple, got 1.0"]),
         ("[camera]\nposition = [0.0, inf, 0.0]\n", ["camera.position[1]", "finite", "inf"]),
         ("[camera]\nresolution = [8, 8]\n", ["camera: expected one of position, keyframes, orbit and trajectory"]),
         (CAMERA + "look_at = [0.0, 0.0, 3.0]\n", ["camera: position and look_at meet"]),
