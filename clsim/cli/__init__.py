@@ -32,6 +32,7 @@ def main() -> None:
     except Exception as error:
         if not isinstance(error, usage_error):
             raise
-        message: str = getattr(error, "format_message")()  # noqa: B009 - mypy cannot know the class
-        print(f"clsim: {message}", file=sys.stderr)
+        from clsim.cli.usage import usage_sentence
+
+        print(f"clsim: {usage_sentence(error)}", file=sys.stderr)
         sys.exit(2)

@@ -13,12 +13,15 @@ from clsim.cli.options import JSON
 from clsim.cli.words import dropped_text
 from clsim.errors import InputError
 
+_LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled:"}
+"""What people read where a key of the JSON could be taken for something else."""
+
 
 def info(
     what: Annotated[str, typer.Argument(help="A bundled scene, a scene file, EXR frames, or an event file.")],
     as_json: JSON = False,
 ) -> None:
-    """Describe a scene and what the renderer leaves out for it, recorded frames and their features, or events.
+    """Describe a scene and what of the renderer is compiled for it, recorded frames and their features, or events.
 
     Example: `clsim info two-boxes`
     """
@@ -26,10 +29,13 @@ def info(
     if as_json:
         typer.echo(json.dumps(facts))
         return
+    for sentence in facts.get("scene", {}).get("warnings", ()):
+        typer.echo(f"warning: {sentence}")
     for title, table in facts.items():
         typer.echo(title)
         for key, value in table.items():
-            typer.echo(f"  {key:<20} {_text(value)}")
+            if key != "warnings":
+                typer.echo(f"  {_LABELS.get(key, key):<20} {_text(value)}")
     if dropped := facts.get("events", {}).get("dropped_events"):
         typer.echo(f"clsim: {what}: {dropped_text(dropped)}", err=True)
 

@@ -28,7 +28,9 @@ CONFIG = Annotated[
         "given here win.",
     ),
 ]
-DURATION = Annotated[str | None, typer.Option(help="Simulated time, such as 2s or 500ms. [the motion]")]
+DURATION = Annotated[
+    str | None, typer.Option(help="Simulated time, such as 2s or 500ms; a bare number is seconds. [the motion]")
+]
 FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [scene's own]")]
 RESOLUTION = Annotated[
     str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the horizontal field of view stays. [scene's own]")

@@ -28,7 +28,10 @@ def score(
     ] = None,
     tau: Annotated[float, typer.Option(help="Largest squared distance of a match, in image widths squared.")] = 5e-4,
     within: Annotated[
-        str, typer.Option(help="Windows of time, comma-separated: scores of one-to-one matches within each.")
+        str,
+        typer.Option(
+            help="Windows of time, comma-separated, bare numbers are seconds: scores of one-to-one matches within each."
+        ),
     ] = "0.3ms,1ms,3ms,10ms",
     plot: Annotated[Path | None, typer.Option(help="Draw precision, recall and F1 over τ into this PNG.")] = None,
     as_json: JSON = False,

@@ -34,6 +34,8 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
     governor = summary["governor"]
     if governor is not None and governor["given_up"]:
         say(f"to keep up with the clock it gave up {governor['given_up']}")
+    if governor is not None and governor["too_slow"] and summary["late_frames"] + summary["dropped_frames"]:
+        say("it fell behind all the same: lower --fps or --resolution")
     if summary["late_frames"] or summary["dropped_frames"]:
         say(f"{summary['late_frames']:,} frames came late, {summary['dropped_frames']:,} were dropped")
     for output in summary["outputs"]:
@@ -57,11 +59,8 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
 
 def _hint(session: Session, summary: dict[str, Any]) -> str | None:
     """Return the one thing that helps most next, if there is any."""
-    fps, governor = session.schedule.fps, summary["governor"]
-    if governor is not None and governor["too_slow"] and summary["late_frames"] + summary["dropped_frames"]:
-        return f"too slow for {fps:g} fps even at the lowest level: try a smaller --resolution or a lower --fps"
     if summary["steep_pixels"] > _COARSE_SHARE * max(summary["events"], 1):
-        finer = fps * math.ceil(summary["most_crossings"] / 3)
+        finer = session.schedule.fps * math.ceil(summary["most_crossings"] / 3)
         return f"brightness changes fast between frames: --fps {finer:g} places events in time more exactly"
     files = [o["name"] for o in summary["outputs"] if "error" not in o and Path(o["name"]).is_file()]
     if files and summary["events"]:

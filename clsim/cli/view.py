@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,7 +17,7 @@ from clsim.errors import InputError
 from clsim.events.address import is_address
 
 if TYPE_CHECKING:
-    from clsim.events import Sink
+    from clsim.events import EventBatch, Sink
     from clsim.events.filesource import EventSource
     from clsim.events.socket_sources import SocketSource
 
@@ -33,7 +34,9 @@ def view(
     to: Annotated[
         str | None, typer.Option(help="Write a video or picture instead: NAME.mp4 (the [video] extra), .gif or .png.")
     ] = None,
-    accumulate: Annotated[str, typer.Option(help="Time whose events share a picture, such as 33ms.")] = "33ms",
+    accumulate: Annotated[
+        str, typer.Option(help="Time whose events share a picture, such as 33ms; a bare number is seconds.")
+    ] = "33ms",
     decay: Annotated[bool, typer.Option("--decay", help="Let events fade within that time, not end at it.")] = False,
     contrast: Annotated[float, typer.Option(help="Events in a pixel that give the strongest colour.")] = 2.0,
     colours: Annotated[
@@ -44,7 +47,9 @@ def view(
     zoom: Annotated[int, typer.Option(help="Side of a sensor pixel in the picture.", min=1, max=16)] = 2,
     video_fps: Annotated[float, typer.Option(help="Pictures per second of the video.")] = 30.0,
     speed: Annotated[float, typer.Option(help="Seconds of events in a second: 0.1 is slow motion.")] = 1.0,
-    at: Annotated[str | None, typer.Option(help="Time of a .png, such as 0.5s. [where most happens]")] = None,
+    at: Annotated[
+        str | None, typer.Option(help="Time of a .png, such as 0.5s; a bare number is seconds. [where most happens]")
+    ] = None,
     resolution: SENSOR_SIZE = None,
 ) -> int:
     """Look at an event file or a live stream.
@@ -66,7 +71,10 @@ def view(
             accumulate_us = max(1, round(parse.duration_s(accumulate, "--accumulate") * 1e6))
             look = Look(accumulate_us, decay, contrast, colours, theme, zoom)
             at_us = None if at is None else round(parse.duration_s(at, "--at") * 1e6)
-            count = write_picture(to, source, size, look, Film(video_fps, speed), at_us)
+            times = _Times()
+            count = write_picture(to, times.of(source), size, look, Film(video_fps, speed), at_us)
+            if at_us is None and accumulate_us > times.span_us:
+                _warn(f"--accumulate {accumulate} is longer than the recording, {times.span_us * 1e-6:g} s")
             typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
         elif where == "terminal":
             _in_terminal(events, source, size, speed)
@@ -77,6 +85,25 @@ def view(
         elif where == "web":
             _in_page(events, source, size, port)
     return 0
+
+
+class _Times:
+    """Notes the span of time that passing events cover."""
+
+    def __init__(self) -> None:
+        self._first_us: int | None = None
+        self._last_us = 0
+
+    def of(self, batches: Iterable[EventBatch]) -> Iterator[EventBatch]:
+        for batch in batches:
+            if len(batch):
+                self._first_us = int(batch["t"][0]) if self._first_us is None else self._first_us
+                self._last_us = int(batch["t"][-1])
+            yield batch
+
+    @property
+    def span_us(self) -> int:
+        return 0 if self._first_us is None else self._last_us - self._first_us
 
 
 def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int], port: str | None) -> None:

@@ -48,7 +48,12 @@ class FileOptions:
             return address.options.get("format", "text") if address.scheme == "-" else None
         if self.format is not None:
             return self.format
-        return format_of(Path(name)).name
+        if Path(name).is_dir():
+            raise InputError(f"{name} is a folder, expected a file for events")
+        try:
+            return format_of(Path(name)).name
+        except InputError as error:
+            raise InputError(f"{error}; or name the format with `format`") from None
 
 
 def open_outputs(names: Sequence[str], width: int, height: int, options: FileOptions) -> dict[str, Sink]:

@@ -111,3 +111,12 @@ def test_events_that_are_left_out_are_told(clsim, tmp_path):
     assert outcome.status == 0 and sentence in outcome.stderr and (tmp_path / "b.txt").read_text().count("\n") == 2
     outcome = clsim("convert", tmp_path / "b.txt", tmp_path / "c.txt")
     assert outcome.status == 0 and "left out" not in outcome.stderr
+
+
+def test_warnings_of_a_scene_come_first_and_what_it_needs_not_is_no_lack(clsim, tmp_path):
+    (tmp_path / "dark.toml").write_text("[camera]\nposition = [0, 0, 9]\n[[objects]]\nshape = 'box'\n")
+    lines = clsim("info", tmp_path / "dark.toml").stdout.splitlines()
+    assert lines[0].startswith("warning: dark: the scene has no light") and lines[1] == "scene"
+    assert sum("has no light" in line for line in lines) == 1
+    assert any(line.startswith("  not needed here, so not compiled: ") for line in lines)
+    assert told(clsim, tmp_path / "dark.toml")["scene"]["warnings"]

@@ -55,6 +55,34 @@ def test_view_to_a_picture(clsim: Callable[..., object], recording: Path, tmp_pa
         assert picture.size == (60, 30)
 
 
+def test_a_picture_after_the_end_is_refused_with_the_length(
+    clsim: Callable[..., object], recording: Path, tmp_path: Path
+) -> None:
+    end_s = int(EVENTS["t"][-1]) * 1e-6
+    outcome = clsim("view", recording, "--to", tmp_path / "a.png", "--at", "500")
+    assert outcome.status == 2 and not (tmp_path / "a.png").exists()
+    assert outcome.stderr == f"clsim: --at 500 s is after the end of the recording, which is {end_s:g} s long\n"
+    assert clsim("view", recording, "--to", tmp_path / "a.png", "--at", f"{end_s + 0.02}").status == 0
+
+
+def test_pictures_longer_than_the_recording_are_told(
+    clsim: Callable[..., object], recording: Path, tmp_path: Path
+) -> None:
+    said = "--accumulate 500 is longer than the recording"
+    for arguments, longer in (("--accumulate", "500"), True), ((), False):
+        outcome = clsim("view", recording, "--to", tmp_path / "a.png", *arguments)
+        assert outcome.status == 0 and (said in outcome.stderr) == longer
+
+
+@pytest.mark.parametrize("command", ["live", "render", "view", "score"])
+def test_help_tells_the_unit_of_bare_numbers(
+    clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    said = clsim(command, "--help").stdout
+    assert "a bare number is seconds" in said or "bare numbers are seconds" in said
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -56,7 +56,7 @@ def write_picture(
     when it is complete.
 
     Raises:
-        InputError: an unknown ending, a missing library, a file that cannot be written, or no events.
+        InputError: an unknown ending, a missing library, a file that cannot be written, no events, or none that late.
     """
     target = Path(path)
     ending = target.suffix.lower()
@@ -117,11 +117,17 @@ def _still(batches: Iterable[EventBatch], size: tuple[int, int], look: Look, at_
     if at_us is not None:
         window = EventWindow()
         reach_us = look.accumulate_us * (_DECAY_REACH if look.decay else 1)
+        last_us: int | None = None
         for batch in batches:
+            last_us = int(batch["t"][-1]) if len(batch) else last_us
             window.push(batch.copy())
             window.select(at_us - reach_us, at_us)  # only to forget what is older
             if len(batch) and batch["t"][-1] >= at_us:
                 break
+        if last_us is not None and at_us - reach_us > last_us:
+            raise InputError(
+                f"`at` {at_us * 1e-6:g} s is after the end of the recording, which is {last_us * 1e-6:g} s long"
+            )
         yield _image(window.select(at_us - reach_us, at_us), at_us, size, look)
         return
     fullest: tuple[EventBatch, int] | None = None

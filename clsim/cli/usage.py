@@ -1,0 +1,25 @@
+"""What is wrong with the words of a command line, in the words of clsim's other messages."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from typing import Any
+
+
+def usage_sentence(error: Any) -> str:
+    """Return the sentence of a usage error of typer's: the option, what was expected, and what was got."""
+    findings = getattr(error.__cause__, "errors", None)
+    parameter = getattr(error, "param", None)
+    if findings is None or parameter is None:
+        return str(error.format_message())
+    finding = findings()[0]
+    got, name = finding["input"], max(parameter.opts, key=len)
+    choices = re.fullmatch(r"Value error, .* is not one of (.*?)\.?", finding["msg"])
+    if choices is not None:
+        known = re.findall(r"'([^']*)'", choices[1])
+        close = difflib.get_close_matches(str(got), known, 1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        return f"{name} must be one of {', '.join(known)}, got {got!r}{hint}"
+    expected = finding["msg"].removeprefix("Value error, ").replace("Input should be", "must be").partition(",")[0]
+    return f"{name} {expected.replace('a valid', 'a').replace('a integer', 'a whole number')}, got {got!r}"
