@@ -166,5 +166,7 @@ def live(
             undo.callback(listener.close)
         session = open_live(options)
         undo.pop_all()
+    if config is not None and not outputs:
+        typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)
     screen = attach(session, view, port, listener, as_json=as_json)
     return run_session(session, as_json=as_json, screen=screen)

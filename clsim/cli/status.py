@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+import time
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from clsim.live.view.terminal import TerminalScreen
 
 _REFRESH_S = 0.1
+_LONG_START_S = 2.0
+"""From then on a start is one that compiles kernels: those that are kept load in less."""
 INTERRUPTED = 130
 OUTPUT_FAILED = 1
 READER_LEFT = 141
@@ -47,8 +50,7 @@ def run_session(session: Session, *, as_json: bool, screen: TerminalScreen | Non
                 while not session.pipeline.wait(_REFRESH_S):
                     display.update(status_line(session), refresh=True)
         else:
-            while not session.pipeline.wait(_REFRESH_S):
-                pass
+            wait_to_the_end(session, console)
     except KeyboardInterrupt:
         interrupted = True
         all_ended = session.pipeline.stop()
@@ -83,11 +85,21 @@ def _paint_to_the_end(session: Session, screen: TerminalScreen) -> None:
         screen.close()
 
 
+def wait_to_the_end(session: Session, console: Console) -> None:
+    """Wait without a status line; say once why, where the first frame is long in coming."""
+    begun_s, told = time.monotonic(), False
+    while not session.pipeline.wait(_REFRESH_S):
+        if not told and time.monotonic() - begun_s >= _LONG_START_S:
+            told = True
+            if session.pipeline.progress.first_frame_s is None:
+                _say(console, status_line(session).plain)
+
+
 def status_line(session: Session) -> Text:
     """Return how far a run has come, in one line."""
     progress, schedule = session.pipeline.progress, session.schedule
     if progress.first_frame_s is None:
-        return Text(f"{session.name}: starting (kernels are compiled once and kept) …", style="dim")
+        return Text(f"{session.name}: starting (compiling kernels, which are kept) …", style="dim")
     summary = session.summary().as_dict()
     total = "" if schedule.total is None else f" of {schedule.time_us(schedule.total - 1) * 1e-6:.2f}"
     share = real_time_share(summary)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from clsim.cli import status
 from clsim.cli.status import status_line
 from clsim.cli.summary import print_losses, print_summary
 from clsim.cli.words import count_text, percent_text
@@ -130,6 +131,30 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
     assert "clsim: 1,200 NaN or infinite pixels were masked" in text
     assert "clsim: 7 events beyond 1000 per pixel and step were not written" in text
     assert "0 frames came late, 3 were dropped" in text
+
+
+@pytest.mark.parametrize(("first_frame_s", "long_s", "told"), [(None, 0.0, 1), (None, 1e3, 0), (0.1, 0.0, 0)])
+def test_a_long_start_is_explained_once_without_a_terminal(
+    session: Session, monkeypatch: pytest.MonkeyPatch, first_frame_s: float | None, long_s: float, told: int
+) -> None:
+    waits = iter((False, False, False, True))
+    monkeypatch.setattr(session.pipeline, "wait", lambda _: next(waits))
+    monkeypatch.setattr(session.pipeline.progress, "first_frame_s", first_frame_s)
+    monkeypatch.setattr(status, "_LONG_START_S", long_s)
+    console = Console(file=io.StringIO(), width=500)
+    with console.capture() as capture:
+        status.wait_to_the_end(session, console)
+    assert capture.get().count("compiling kernels") == told
+
+
+def test_a_repeated_run_without_outputs_says_that_nothing_is_written(
+    clsim: Callable[..., object], tmp_path: Path
+) -> None:
+    (tmp_path / "run.json").write_text('{"scene": "still", "resolution": [16, 12], "frame_count": 2}')
+    said = "clsim: no events are written: --config repeats a run, but not its outputs; give --out\n"
+    for arguments, expected in ((), True), (("--out", tmp_path / "a.txt"), False):
+        outcome = clsim("live", "--config", tmp_path / "run.json", *arguments, "--view", "none")
+        assert outcome.status == 0 and (said in outcome.stderr) == expected
 
 
 def test_what_was_given_up_is_shown() -> None:
