@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import TracebackType
-from typing import cast
+from typing import Any, cast
 
 from clsim.detect.config import EventRule, Gate, Method
 from clsim.errors import Error, InputError
@@ -16,6 +16,7 @@ from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
 from clsim.scene import World
+from clsim.values import read_value
 
 
 class Simulator:
@@ -41,7 +42,7 @@ class Simulator:
         *,
         fps: float | None = None,
         resolution: tuple[int, int] | None = None,
-        threshold: tuple[float, float] | None = None,
+        threshold: float | tuple[float, float] | None = None,
         quality: Quality | None = None,
         seed: int = 0,
         spp: int | None = None,
@@ -74,35 +75,13 @@ class Simulator:
         Raises:
             InputError: the scene or an option cannot be used.
         """
+        given: dict[str, Any] = {name: value for name, value in locals().items() if name != "self"}
         world = scene if isinstance(scene, World) else None
         if world is not None and resolution is not None:
             raise InputError("`resolution` is for scenes that are loaded; a World's camera has its own")
-        options = LiveOptions(
-            scene=world.name if world is not None else scene,  # type: ignore[arg-type]
-            fps=fps,
-            resolution=resolution,
-            threshold=threshold,
-            quality=quality,
-            seed=seed,
-            spp=spp,
-            sampling=sampling,
-            probe_spp=probe_spp,
-            probe_every=probe_every,
-            first_hit_rays=first_hit_rays,
-            sampler=sampler,
-            noise=noise,
-            method=method,
-            gate=gate,
-            event_rule=event_rule,
-            window=window,
-            history=history,
-            follow_specular=follow_specular,
-            max_depth=max_depth,
-            threads=threads,
-            render_device=render_device,
-            opencl=opencl,
-            strict=strict,
-        )
+        if world is not None:
+            given["scene"] = world.name
+        options = LiveOptions(**given)
         self._stages = plan_stages(options, world)
         self.world, self.fps, self.warnings = self._stages.world, self._stages.fps, self._stages.warnings
         self.width, self.height = self.world.camera.width, self.world.camera.height
@@ -131,6 +110,7 @@ class Simulator:
         """
         if self._closed:
             raise Error("the simulator is closed")
+        until_us = read_value("until_us", until_us, int)
         if until_us < self.time_us:
             raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
         batches = []

@@ -81,7 +81,7 @@ def _with_scene(options: dict[str, Any]) -> dict[str, Any]:
 def _suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
     """Return the settings of ``files`` that concern one of the outputs."""
     from clsim.events.outputs import FileOptions
-    from clsim.live.plain import from_plain
+    from clsim.values import from_plain
 
     told = from_plain(FileOptions, files if isinstance(files, dict) else {})
     suited: dict[str, Any] = {}

@@ -153,7 +153,7 @@ def detect(
 
 def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, Any]) -> DetectorConfig:
     """Return the detector's options: those ``given`` (None: not given), else those that frames.json ``told``."""
-    from clsim.live.plain import from_plain
+    from clsim.values import from_plain
 
     chosen = {name: value for name, value in given.items() if value is not None}
     detector = told.get("detector")

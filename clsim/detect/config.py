@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING, Literal
 
 from clsim.detect.methods import method_of
-from clsim.errors import InputError, require_choice
+from clsim.errors import InputError
+from clsim.values import read_fields
 
 if TYPE_CHECKING:
     from clsim.detect.methods.base import Method as MethodObject
@@ -76,15 +77,7 @@ class DetectorConfig:
 
     def __post_init__(self) -> None:
         """Refuse values outside their range; see InputError for how messages name fields."""
-        require_choice("method", self.method, get_args(Method))
-        require_choice("gate", self.gate, get_args(Gate))
-        require_choice("event_rule", self.event_rule, get_args(EventRule))
-        require_choice("kernel", self.kernel, get_args(Kernel))
-        require_choice("bandwidth", self.bandwidth, get_args(Bandwidth))
-        require_choice("response", self.response, get_args(Response))
-        require_choice("regress", self.regress, get_args(Regress))
-        require_choice("luminance", self.luminance, get_args(Luminance))
-        require_choice("precision", self.precision, get_args(Precision))
+        read_fields(self)
         for name in ("threshold_on", "threshold_off"):
             value = getattr(self, name)
             if not SMALLEST_THRESHOLD <= value <= LARGEST_THRESHOLD:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from os import PathLike
 from pathlib import Path
 
 from clsim.errors import InputError
@@ -10,9 +10,10 @@ from clsim.events.address import is_address
 from clsim.events.filesource import EventSource
 from clsim.events.sidecar import read_sidecar, sidecar_size
 from clsim.events.socket_sources import SocketSource
+from clsim.values import read_value
 
 
-def open_events(path_or_url: str | os.PathLike[str]) -> EventSource | SocketSource:
+def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
     """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
 
     Returns an iterator of EventBatch that reads on as it is asked, in bounded memory; its ``width`` and ``height`` are
@@ -25,7 +26,7 @@ def open_events(path_or_url: str | os.PathLike[str]) -> EventSource | SocketSour
     Raises:
         InputError: the file or address cannot be used, or, while iterating, its contents are damaged.
     """
-    name = os.fspath(path_or_url)
+    name = read_value("path_or_url", path_or_url, str)
     if is_address(name):
         from clsim.events.socket_sources import open_socket_source
 

@@ -13,6 +13,7 @@ from clsim.events import Sink
 from clsim.events.address import is_address, is_standard_output, parse_address
 from clsim.events.files import FORMATS, format_named, format_of, open_sink
 from clsim.events.filesink import FlushPolicy
+from clsim.values import read_fields
 
 TextTime = Literal["us", "s"]
 
@@ -27,6 +28,10 @@ class FileOptions:
     """Unit of time in text, on standard output too; None is µs."""
     frames: bool = False
     """Whether AEDAT4 files get the rendered frames along with the events."""
+
+    def __post_init__(self) -> None:
+        """Refuse values of other types."""
+        read_fields(self)
 
     def check(self, names: Sequence[str]) -> None:
         """Raise InputError where an option concerns none of the outputs ``names``, or the format is unknown."""
@@ -69,7 +74,7 @@ def open_outputs(names: Sequence[str], width: int, height: int, options: FileOpt
         if place in places:
             raise InputError(f"{name}: is the same output as {places[place]}; expected each of them once")
         places[place] = name
-    new_files = [Path(os.path.realpath(name)) for name in names if not is_address(name) and not Path(name).exists()]
+    new_files = [Path(os.path.realpath(name)) for name in names if not is_address(name) and not os.path.exists(name)]
     sinks: dict[str, Sink] = {}
     try:
         for name in ordered:
@@ -93,11 +98,11 @@ def check_output(name: str, width: int, height: int, options: FileOptions) -> No
         chosen = format_named(kind)
         chosen.load().LIMITS.check_size(path, width, height)
         chosen.check_library(path)
-    if path.is_dir():
+    if os.path.isdir(path):  # False, unlike Path's, for names that are too long
         raise InputError(f"{name} is a folder, expected a file for events")
-    if not path.parent.is_dir():
+    if not os.path.isdir(path.parent):
         raise InputError(f"{name}: there is no folder {path.parent}")
-    if not os.access(path if path.exists() else path.parent, os.W_OK):
+    if not os.access(path if os.path.exists(path) else path.parent, os.W_OK):
         raise InputError(f"{name}: permission denied")
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-import os
+from os import PathLike
 from types import TracebackType
+
+import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
 from clsim.events.outputs import FileOptions, check_output, open_output
+from clsim.values import read_value
 
 
 class EventWriter:
     """Writes to one file or address; complete once it is closed, be it by a ``with`` block."""
 
-    def __init__(self, path: str | os.PathLike[str], width: int, height: int, *, format: str | None = None) -> None:
+    def __init__(self, path: str | PathLike[str], width: int, height: int, *, format: str | None = None) -> None:
         """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-`` for a sensor of ``width`` × ``height`` pixels.
 
         ``format`` names a format where the ending of the name shall not decide. A file that exists is replaced.
@@ -24,7 +27,8 @@ class EventWriter:
         Raises:
             InputError: the path or address cannot be used, or the format cannot hold the sensor.
         """
-        name = os.fspath(path)
+        name = read_value("path", path, str)
+        width, height = read_value("width", width, int), read_value("height", height, int)
         options = FileOptions(format=format)
         options.check([name])
         check_output(name, width, height, options)
@@ -40,6 +44,9 @@ class EventWriter:
             InputError: the array is another, an event lies outside the sensor, or its time does not fit the format.
             SinkError: the file or address can no longer be written.
         """
+        if not isinstance(events, np.ndarray):
+            raise InputError(f"{self._name}: events are {type(events).__name__}; expected an array of {EVENT_DTYPE}")
+        end_us = read_value("end_us", end_us, int)
         if events.dtype != EVENT_DTYPE or events.ndim != 1:
             raise InputError(
                 f"{self._name}: events are {events.dtype} {list(events.shape)}; expected one row of {EVENT_DTYPE}"

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import Any, get_args
+from numbers import Real
+from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
-from clsim.errors import InputError, require_choice
+from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
-from clsim.live.plain import from_plain, to_plain
 from clsim.live.quality import (
     CACHED,
     DEFAULT,
@@ -26,15 +25,18 @@ from clsim.live.quality import (
     setting_names,
     with_given,
 )
+from clsim.values import from_plain, read_fields
 
 LIVE_GATES = ("delta-r", "radiance")
+LONGEST_S = 1e12
+"""At 10⁶ frames a second, their number still has 64 bits."""
 
 
 @dataclass(frozen=True)
 class LiveOptions:
     """Options of a live run; None takes the scene's own value or, of those that `point` tells, that of the quality."""
 
-    scene: str | Path
+    scene: str
     """Name of a bundled scene, or a scene file."""
     strict: bool = False
     """Refuse a scene that asks for what clsim lacks, instead of warning."""
@@ -63,7 +65,7 @@ class LiveOptions:
     resolution: tuple[int, int] | None = None
     """Width and height [pixels]."""
     threshold: tuple[float, float] | None = None
-    """Contrast thresholds of ON and OFF events [natural-log units]."""
+    """Contrast thresholds of ON and OFF events [natural-log units]; one number is that of both."""
     method: Method | None = None
     gate: Gate | None = None
     event_rule: EventRule | None = None
@@ -93,21 +95,15 @@ class LiveOptions:
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
-        for option, choice, choices in (
-            ("quality", self.quality, get_args(Quality)),
-            ("sampling", self.sampling, get_args(Sampling)),
-            ("sampler", self.sampler, get_args(Sampler)),
-            ("noise", self.noise, get_args(Noise)),
-            ("method", self.method, get_args(Method)),
-            ("event_rule", self.event_rule, get_args(EventRule)),
-        ):
-            if choice is not None:
-                require_choice(option, choice, choices)
-        require_choice("pace", self.pace, get_args(Pace))
-        require_choice("ring", self.ring, get_args(Policy))
+        given: Any = self.threshold
+        if isinstance(given, Real):
+            object.__setattr__(self, "threshold", (given, given))
+        read_fields(self)
         for option, number in (("duration_s", self.duration_s), ("fps", self.fps)):
-            if number is not None and not 0 < number < float("inf"):
+            if number is not None and number <= 0:
                 raise InputError(f"`{option}` must be a positive number, got {number}")
+        if self.duration_s is not None and self.duration_s > LONGEST_S:
+            raise InputError(f"`duration_s` must be at most {LONGEST_S:g}, got {self.duration_s:g}")
         if self.max_depth < 1:
             raise InputError(f"`max_depth` must be at least 1, got {self.max_depth}")
         for option, maybe in (
@@ -127,7 +123,7 @@ class LiveOptions:
         if self.resolution is not None and min(self.resolution) < 1:
             width, height = self.resolution
             raise InputError(f"`resolution` must be at least 1x1, got {width}x{height}")
-        if self.threshold is not None and not all(0 < value < float("inf") for value in self.threshold):
+        if self.threshold is not None and min(self.threshold) <= 0:
             raise InputError(f"`threshold` must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
         self.files.check(self.outputs)
         if self.gate is not None and self.gate not in LIVE_GATES:
@@ -185,7 +181,7 @@ class LiveOptions:
         settings = asdict(self.point) | {"quality": self.basis}
         if self.point.sampling == "uniform":
             settings["probe_spp"] = None
-        return to_plain(self) | settings
+        return asdict(self) | settings
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> LiveOptions:
@@ -226,7 +222,7 @@ class LiveOptions:
 class RecordingOptions:
     """Options of detection on recorded frames."""
 
-    frames: str | Path
+    frames: str
     """Folder or glob pattern of an EXR sequence."""
     config: DetectorConfig
     fps: float | None = None
@@ -238,14 +234,15 @@ class RecordingOptions:
     """Frames per second by which the frames were rendered, if known: their times are whole µs and tell it less well."""
 
     def __post_init__(self) -> None:
-        """Refuse a frame rate that cannot be."""
-        if self.fps is not None and not 0 < self.fps < float("inf"):
+        """Refuse values that cannot work; see InputError for how messages name fields."""
+        read_fields(self)
+        if self.fps is not None and self.fps <= 0:
             raise InputError(f"`fps` must be a positive number, got {self.fps}")
         self.files.check(self.outputs)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options as plain values, for a sidecar; `from_dict` takes them back."""
-        return to_plain(self)
+        return asdict(self)
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> RecordingOptions:

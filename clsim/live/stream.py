@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -124,9 +124,9 @@ def stream(
     loop: bool = False,
     fps: float | None = None,
     resolution: tuple[int, int] | None = None,
-    threshold: tuple[float, float] | None = None,
+    threshold: float | tuple[float, float] | None = None,
     quality: Quality | None = None,
-    outputs: tuple[str, ...] = (),
+    outputs: str | Sequence[str] = (),
     files: FileOptions | None = None,
     seed: int = 0,
     spp: int | None = None,
@@ -164,7 +164,7 @@ def stream(
         loop: start the motion anew at its end, for ever or until ``duration_s``.
         fps: frames per simulated second; None takes the scene's.
         resolution: width and height [pixels]; None takes the scene's.
-        threshold: contrast thresholds of ON and OFF events [natural-log units]; None takes the scene's.
+        threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs: files and addresses that receive the events as well.
         files: how files are written.
@@ -185,5 +185,5 @@ def stream(
     Raises:
         InputError: a scene or option cannot be used.
     """
-    given: dict[str, Any] = locals() | {"files": files or FileOptions()}
+    given: dict[str, Any] = locals() | {"files": FileOptions() if files is None else files}
     return Stream(LiveOptions(**given))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -13,6 +14,7 @@ from clsim.errors import InputError
 from clsim.scene.drift import drifting
 from clsim.scene.validate import validate
 from clsim.scene.world import Material, World
+from clsim.values import read_value
 
 SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt")
 
@@ -31,6 +33,9 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
     Raises:
         InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
     """
+    scene = read_value("scene", scene, str)
+    resolution = read_value("resolution", resolution, tuple[int, int] | None)
+    strict = read_value("strict", strict, bool)
     with np.errstate(over="ignore", invalid="ignore"):  # what 32 bits cannot hold, validate names
         world = _warned(_load(scene))
         if strict and world.warnings:
@@ -90,13 +95,13 @@ def bundled_names() -> list[str]:
 
 def _load(scene: str | Path) -> World:
     path, animation = Path(scene), None
-    if "#" in path.name and not path.is_file():
+    if "#" in path.name and not os.path.isfile(path):
         name, _, animation = path.name.rpartition("#")
         path = path.with_name(name or "#")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         return _load_bundled(str(scene))
-    if not path.is_file():
+    if not os.path.isfile(path):  # False, unlike Path's, for names that are too long
         raise InputError(f"{path}: no such file, expected a scene")
     if animation is not None and suffix not in (".gltf", ".glb"):
         raise InputError(f"{scene}: only glTF files have animations to choose from")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[2] / "clsim"
-COMMON = {"clsim.errors", "clsim.version", "clsim.frames", "clsim.events"}
+COMMON = {"clsim.errors", "clsim.values", "clsim.version", "clsim.frames", "clsim.events"}
 ALLOWED = {
     "frames": {"clsim.errors", "clsim.version", "clsim.frames"},
     "opencl": {"clsim.errors", "clsim.opencl"},

@@ -163,15 +163,15 @@ def test_any_run_can_be_repeated_from_its_sidecar(given: dict[str, object]) -> N
     [
         ({"scene": "still", "resolutoin": [4, 4]}, "there is no option 'resolutoin'; did you mean 'resolution'?"),
         ({}, "`scene` is missing"),
-        ({"scene": "still", "spp": "8"}, "`spp` must be a whole number or null, got '8'"),
-        ({"scene": "still", "spp": True}, "`spp` must be a whole number or null, got True"),
-        ({"scene": "still", "fps": True}, "`fps` must be a number or null, got True"),
+        ({"scene": "still", "spp": "8"}, "`spp` must be a whole number, got '8'"),
+        ({"scene": "still", "spp": True}, "`spp` must be a whole number, got True"),
+        ({"scene": "still", "fps": True}, "`fps` must be a finite number, got True"),
         ({"scene": "still", "loop": 1}, "`loop` must be true or false, got 1"),
-        ({"scene": "still", "resolution": [4]}, "`resolution` must be a list of 2 numbers or null, got [4]"),
-        ({"scene": "still", "outputs": "a.txt"}, "`outputs` must be a list of texts, got 'a.txt'"),
+        ({"scene": "still", "resolution": [4]}, "`resolution` must be a list of 2 whole numbers, got [4]"),
+        ({"scene": "still", "outputs": 3}, "`outputs` must be a list of texts, got 3"),
         ({"scene": "still", "fps": -1}, "`fps` must be a positive number, got -1.0"),
         ({"scene": "still", "files": {"frame": True}}, "there is no option 'frame'; did you mean 'frames'?"),
-        ({"scene": "still", "pace": "slow"}, "`pace` must be one of 'max', 'real', got 'slow'"),
+        ({"scene": "still", "pace": "slow"}, "`pace` must be one of max, real, got 'slow'"),
     ],
 )
 def test_what_no_sidecar_could_say_is_refused(plain: dict[str, object], message: str) -> None:

@@ -1,0 +1,172 @@
+"""The one place that reads what users give: values by the types that dataclasses declare, from Python or from JSON."""
+
+from __future__ import annotations
+
+import math
+import os
+import types
+from collections.abc import Callable, Mapping
+from dataclasses import MISSING, fields, is_dataclass
+from difflib import get_close_matches
+from functools import cache
+from numbers import Integral, Real
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from clsim.errors import InputError
+
+Options = TypeVar("Options")
+
+_LARGEST_WHOLE = (1 << 64) - 1
+_LONGEST_SHOWN = 200
+
+
+def from_plain(kind: type[Options], plain: Mapping[str, Any]) -> Options:
+    """Return the dataclass ``kind`` with the values of ``plain``; what is not in it keeps its default.
+
+    Raises:
+        InputError: a key is unknown, one without a default is missing, or the dataclass refuses a value.
+    """
+    known = {field.name: field for field in fields(kind)}  # type: ignore[arg-type]
+    for key in plain:
+        if key not in known:
+            close = get_close_matches(str(key), known, 1)
+            hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(known)}"
+            raise InputError(f"there is no option {_shown(key)}; {hint}")
+    for name, field in known.items():
+        if name not in plain and field.default is MISSING and field.default_factory is MISSING:
+            raise InputError(f"`{name}` is missing")
+    return kind(**plain)
+
+
+_hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
+
+
+def read_fields(options: Any) -> None:
+    """Put what `read_value` makes of them in place of the fields of a frozen dataclass; for its ``__post_init__``."""
+    for name, kind in _hints(type(options)).items():
+        object.__setattr__(options, name, read_value(name, getattr(options, name), kind))
+
+
+def read_value(name: str, value: Any, kind: Any) -> Any:
+    """Return the value of a parameter as one of the declared type ``kind``.
+
+    Numbers of numpy count as Python's, paths as text, lists as tuples, and one value as a tuple of it where there may
+    be any number.
+
+    Raises:
+        InputError: it is none, or a number that is not finite.
+    """
+    try:
+        return _read(kind, value)
+    except TypeError:
+        raise InputError(f"`{name}` must be {_words(kind)}, got {_shown(value)}") from None
+
+
+def _read(kind: Any, value: Any) -> Any:
+    """Return ``value`` as one of ``kind``; raises TypeError where it is none."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        for part in parts:
+            try:
+                return _read(part, value)
+            except TypeError:
+                continue
+    elif origin is Literal:
+        if isinstance(value, str) and value in parts:
+            return str(value)
+    elif origin is tuple:
+        return _read_tuple(parts, value)
+    elif is_dataclass(kind):
+        if isinstance(value, Mapping):
+            return from_plain(kind, value)  # type: ignore[arg-type]
+        if isinstance(value, kind):  # type: ignore[arg-type]
+            return value
+    elif kind in _READERS:
+        return _READERS[kind](value)
+    elif isinstance(value, kind):
+        return value
+    raise TypeError
+
+
+def _read_tuple(parts: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
+    any_number = parts[1:] == (...,)
+    if isinstance(value, np.ndarray) and value.ndim == 1:
+        value = value.tolist()
+    if not isinstance(value, list | tuple):
+        if not any_number:
+            raise TypeError
+        value = (value,)
+    items = parts[:1] * len(value) if any_number else parts
+    if len(items) != len(value):
+        raise TypeError
+    return tuple(map(_read, items, value))
+
+
+def _read_number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise TypeError
+    try:
+        number = float(value)
+    except OverflowError:
+        raise TypeError from None
+    if not math.isfinite(number):
+        raise TypeError
+    return number
+
+
+def _read_whole(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, Integral) or abs(int(value)) > _LARGEST_WHOLE:
+        raise TypeError
+    return int(value)
+
+
+def _read_truth(value: Any) -> bool:
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    raise TypeError
+
+
+def _read_text(value: Any) -> str:
+    text = os.fspath(value)
+    if not isinstance(text, str) or "\0" in text:
+        raise TypeError
+    try:
+        os.fsencode(text)
+    except UnicodeEncodeError:  # half a character
+        raise TypeError from None
+    return text
+
+
+_READERS = {float: _read_number, int: _read_whole, bool: _read_truth, str: _read_text}
+
+
+def _words(kind: Any) -> str:
+    """Return what values of a type look like, None apart: who gives a value means one."""
+    origin, parts = get_origin(kind), get_args(kind)
+    if origin in (Union, types.UnionType):
+        return " or ".join(dict.fromkeys(_words(part) for part in parts if part is not types.NoneType))
+    if origin is Literal:
+        return f"one of {', '.join(parts)}"
+    if origin is tuple and parts[1:] != (...,):
+        return f"a list of {len(parts)} {_NAMES[parts[0]][1]}"
+    if origin is tuple:
+        return f"a list of {_NAMES[parts[0]][1]}"
+    return _NAMES[kind][0] if kind in _NAMES else f"{kind.__name__} or its fields by name"
+
+
+_NAMES = {
+    float: ("a finite number", "finite numbers"),
+    int: ("a whole number", "whole numbers"),
+    bool: ("true or false", "truths"),
+    str: ("a text", "texts"),
+}
+
+
+def _shown(value: Any) -> str:
+    try:
+        text = repr(value)
+    except Exception:  # some objects have no repr, and some whole numbers too many digits
+        return f"one of type {type(value).__name__}"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
