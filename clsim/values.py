@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 import types
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, fields, is_dataclass
@@ -11,8 +12,6 @@ from difflib import get_close_matches
 from functools import cache
 from numbers import Integral, Real
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
-
-import numpy as np
 
 from clsim.errors import InputError
 
@@ -59,9 +58,15 @@ def read_value(name: str, value: Any, kind: Any) -> Any:
         InputError: it is none, or a number that is not finite.
     """
     try:
-        return _read(kind, value)
+        return _read(kind, _without_numpy(value))
     except TypeError:
         raise InputError(f"`{name}` must be {_words(kind)}, got {_shown(value)}") from None
+
+
+def _without_numpy(value: Any) -> Any:
+    """Return Python's number or list in place of one of numpy, which is not loaded for that."""
+    numpy = sys.modules.get("numpy")
+    return value.tolist() if numpy is not None and isinstance(value, numpy.ndarray | numpy.generic) else value
 
 
 def _read(kind: Any, value: Any) -> Any:
@@ -92,8 +97,6 @@ def _read(kind: Any, value: Any) -> Any:
 
 def _read_tuple(parts: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
     any_number = parts[1:] == (...,)
-    if isinstance(value, np.ndarray) and value.ndim == 1:
-        value = value.tolist()
     if not isinstance(value, list | tuple):
         if not any_number:
             raise TypeError
@@ -101,7 +104,7 @@ def _read_tuple(parts: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
     items = parts[:1] * len(value) if any_number else parts
     if len(items) != len(value):
         raise TypeError
-    return tuple(map(_read, items, value))
+    return tuple(map(_read, items, map(_without_numpy, value)))
 
 
 def _read_number(value: Any) -> float:
@@ -123,8 +126,8 @@ def _read_whole(value: Any) -> int:
 
 
 def _read_truth(value: Any) -> bool:
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
+    if isinstance(value, bool):
+        return value
     raise TypeError
 
 

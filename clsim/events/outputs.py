@@ -53,7 +53,7 @@ class FileOptions:
             return address.options.get("format", "text") if address.scheme == "-" else None
         if self.format is not None:
             return self.format
-        if Path(name).is_dir():
+        if os.path.isdir(name):
             raise InputError(f"{name} is a folder, expected a file for events")
         try:
             return format_of(Path(name)).name

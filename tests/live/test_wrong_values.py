@@ -110,7 +110,7 @@ def test_one_value_stands_for_a_list_of_it(options_alone: None) -> None:
     assert built(threshold=0.2).threshold == built(threshold=[0.2, 0.2]).threshold == (0.2, 0.2)
     assert built(threshold=1).threshold == (1.0, 1.0)
     assert built(outputs="x.aedat4").outputs == built(outputs=[Path("x.aedat4")]).outputs == ("x.aedat4",)
-    assert built(resolution=np.array([16, 12])).resolution == (16, 12)
+    assert built(resolution=np.array([16, 12]), loop=np.bool_(False)).resolution == (16, 12)
     assert built(seed=np.int64(3), fps=np.float32(2), files={"frames": False}).files == FileOptions()
 
 
@@ -137,7 +137,10 @@ def test_a_simulator_refuses_the_same(name: str) -> None:
         (lambda: UNTYPED.load_scene("still", strict="no"), "strict"),
     ],
 )
-def test_files_and_scenes_name_the_parameter_too(call: Callable[[], object], name: str) -> None:
+def test_files_and_scenes_name_the_parameter_too(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, call: Callable[[], object], name: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
     with pytest.raises(clsim.InputError, match=f"`{name}` must be"):
         call()
 
