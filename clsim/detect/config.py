@@ -89,7 +89,7 @@ class DetectorConfig:
             raise InputError(f"`floor` must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
         for name in ("bandwidth_h", "gate_scale", "scale", "floor"):
             value = getattr(self, name)
-            if not 0 < value < float("inf"):
+            if value <= 0:
                 raise InputError(f"`{name}` must be a positive number, got {value}")
         if not 3 <= self.side <= 21 or self.side % 2 == 0:
             raise InputError(f"`window` must be an odd number from 3 to 21, got {self.window}")

@@ -102,7 +102,7 @@ def test_luminance_too_large_for_float32_squares_counts_as_the_largest():
     [
         ({"shrink": 1.5}, "`shrink` needs `regress` linear, got log"),
         ({"shrink": -1.0, "regress": "linear"}, "from 0 to 100, got -1"),
-        ({"shrink": float("nan"), "regress": "linear"}, "from 0 to 100, got nan"),
+        ({"shrink": float("nan"), "regress": "linear"}, "`shrink` must be a finite number, got nan"),
         ({"shrink": 1.0, "regress": "linear", "bandwidth": "tsvd"}, "`shrink` needs `bandwidth` fixed, got tsvd"),
         ({"regress": "linear", "gate": "published"}, "`gate` published needs `regress` log, got linear"),
         ({"regress": "square"}, "regress"),
