@@ -19,7 +19,7 @@ from clsim.events.address import is_address
 if TYPE_CHECKING:
     from clsim.events import EventBatch, Sink
     from clsim.events.filesource import EventSource
-    from clsim.events.socket_sources import SocketSource
+    from clsim.events.stream_source import SocketSource
 
 
 def view(

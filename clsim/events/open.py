@@ -9,7 +9,7 @@ from clsim.errors import InputError
 from clsim.events.address import is_address
 from clsim.events.filesource import EventSource
 from clsim.events.sidecar import read_sidecar, sidecar_size
-from clsim.events.socket_sources import SocketSource
+from clsim.events.stream_source import SocketSource
 from clsim.values import read_value
 
 

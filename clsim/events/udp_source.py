@@ -12,7 +12,7 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.events.address import Address, resolve, unusable
 from clsim.events.batch import EventBatch, gather
-from clsim.events.socket_sources import SocketSource
+from clsim.events.stream_source import SocketSource
 from clsim.events.udp_layouts import LAYOUTS, Unwrapper
 
 _BUFFER_BYTES = 4 << 20

@@ -23,7 +23,8 @@ from socket_help import HEIGHT, WIDTH, make_events
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.dv_stream import Compression, DvEncoder, StreamHeader, parse_header, parse_packet
-from clsim.events.socket_sources import SocketSource, open_socket_source
+from clsim.events.socket_sources import open_socket_source
+from clsim.events.stream_source import SocketSource
 from clsim.events.tcp import StreamServer, TcpSink
 from clsim.events.unix import UnixSink
 
