@@ -1,7 +1,8 @@
 // The ideal pixel: brightness becomes events. First how many each listed pixel fires, then, once their places are known,
 // the events.
 //
-// Build macros: CHUNK (pixels of the list that one work-item handles), FRAME_RULE (at most one event, at the step's end).
+// Build macros: CHUNK (pixels of the list that one work-item handles), FRAME_RULE (at most one event, at the step's end),
+// KNOTS (the path tells levels within the step).
 
 #include "types.clh"
 
@@ -15,38 +16,68 @@ typedef float stamp;
 #define MAX_EVENTS 1000   // of one pixel in one step
 #define MANY 3            // crossings in one step after which linear brightness between frames is a poor guess
 
-// Work-item: CHUNK pixels of the list, which holds y·span + x. start and end: levels at both ends of the step. Updates the
+// Lets a pixel fire until its reference is within a threshold of the level; moves the reference, tells the direction.
+static inline real crossings_to(real level, real on, real off, real *ref, int *rising) {
+    const real change = level - *ref, size = change > 0 ? on : off, length = change > 0 ? change : -change;
+    *rising = change > 0;
+    if (!(length >= size)) return 0;
+#ifdef FRAME_RULE
+    *ref = level;
+    return 1;
+#else
+    real crossings = floor(length / size);
+    crossings = crossings < 1 ? 1 : crossings;
+    *ref += (change > 0 ? crossings : -crossings) * size;
+    return crossings;
+#endif
+}
+
+#ifdef KNOTS
+#define KNOT_ARGUMENTS __global const int *offsets, __global const long *times, __global const real *levels,
+#else
+#define KNOT_ARGUMENTS
+#endif
+
+// Work-item: CHUNK pixels of the list, which holds y·span + x. start and end: levels at both ends of the step; KNOTS:
+// levels[k] at times[k] [ns from the start], k = offsets[i] … offsets[i + 1] - 1, for the i-th of the list. Updates the
 // references; a pixel without one (NaN) takes the level as its first and fires nothing.
-// out_fired: crossings, negative for OFF; out_from: level before, reference before, level after.
+// out_fired: crossings, negative where the last is OFF; out_from: level before, reference before, level after.
 // out_counts per work-item: events to write, pixels with many crossings, events left out, most crossings of a pixel.
 __kernel void decide_events(
-    __global const int *list, int count, __global const real *start, __global const real *end, real on, real off,
-    __global real *references, __global int *out_fired, __global real *out_from, __global long *out_counts)
+    __global const int *list, int count, __global const real *start, __global const real *end, KNOT_ARGUMENTS real on,
+    real off, __global real *references, __global int *out_fired, __global real *out_from, __global long *out_counts)
 {
     const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
     long events = 0, many = 0, capped = 0, most = 0;
     for (int i = first; i < last; i++) {
-        const real now = end[list[i]], before = start[list[i]], ref = references[list[i]], change = now - ref;
-        int fired = 0;
+        const real now = end[list[i]], before = start[list[i]], ref = references[list[i]];
+        real ref_after = ref, crossings = 0;
+        int fired = 0, rising = 0;
         if (ref != ref) {
             references[list[i]] = now;
         } else {
-            const real size = change > 0 ? on : off, length = change > 0 ? change : -change;
-            if (length >= size) {
-#ifdef FRAME_RULE
-                const real crossings = 1, ref_after = now;
+#ifdef KNOTS
+            for (int k = offsets[i]; k < offsets[i + 1]; k++) {
+                int knot_rising;
+                const real knot_crossings = crossings_to(levels[k], on, off, &ref_after, &knot_rising);
+                if (knot_crossings > 0) rising = knot_rising;
+                crossings += knot_crossings;
+            }
+            int end_rising;
+            const real end_crossings = crossings_to(now, on, off, &ref_after, &end_rising);
+            if (end_crossings > 0) rising = end_rising;
+            crossings += end_crossings;
 #else
-                real crossings = floor(length / size);
-                crossings = crossings < 1 ? 1 : crossings;
-                const real ref_after = ref + (change > 0 ? crossings : -crossings) * size;
+            crossings = crossings_to(now, on, off, &ref_after, &rising);
 #endif
+            if (crossings > 0) {
                 const int written = crossings > MAX_EVENTS ? MAX_EVENTS : (int)crossings;
                 many += crossings > MANY;
                 const int counted = (int)(crossings > 1e9f ? 1e9f : crossings);
                 capped += counted - written;
                 most = MAX(most, counted);
                 events += written;
-                fired = change > 0 ? written : -written;
+                fired = rising ? written : -written;
                 references[list[i]] = ref_after;
             }
         }
@@ -61,14 +92,14 @@ __kernel void decide_events(
     out_counts[4 * get_global_id(0) + 3] = most;
 }
 
-// When a pixel crosses its k-th threshold [µs from the step's start], counted from 1. from: its three values of out_from.
-static inline long crossed_at(__global const real *from, int k, int rising, real on, real off, long step) {
+// The whole µs from the step's start at which brightness, on its way from `before` at time t0 to `after` at t1 [µs],
+// has come to `level`.
+static inline long crossed_at(stamp before, stamp after, stamp level, stamp t0, stamp t1, long step) {
 #ifdef FRAME_RULE
     return step;
 #else
-    const stamp before = from[0], ref = from[1], rise = from[2] - before;
-    const stamp crossed = ref + k * (rising ? (stamp)on : -(stamp)off) - before;
-    const long t = (long)ceil(crossed / (rise == 0 ? 1 : rise) * step);
+    const stamp rise = after - before;
+    const long t = (long)ceil(t0 + (level - before) / (rise == 0 ? 1 : rise) * (t1 - t0));
     return t < 1 ? 1 : (t > step ? step : t);
 #endif
 }
@@ -76,18 +107,41 @@ static inline long crossed_at(__global const real *from, int k, int rising, real
 // Work-item: CHUNK pixels of the list, from work-item first_chunk on; its events go to out_* from place[work-item] on.
 __kernel void emit_events(
     __global const int *list, int count, int first_chunk, __global const int *fired, __global const real *from,
-    __global const int *place, int span, long time_before, long step, real on, real off, __global long *out_time,
-    __global ushort *out_x, __global ushort *out_y, __global uchar *out_on)
+    __global const int *place, int span, long time_before, long step, KNOT_ARGUMENTS real on, real off,
+    __global long *out_time, __global ushort *out_x, __global ushort *out_y, __global uchar *out_on)
 {
     const int first = (first_chunk + get_global_id(0)) * CHUNK, last = MIN(first + CHUNK, count);
     int next = place[get_global_id(0)];
     for (int i = first; i < last; i++) {
-        const int rising = fired[i] > 0, n = rising ? fired[i] : -fired[i];
-        for (int k = 1; k <= n; k++) {
-            out_time[next] = time_before + crossed_at(from + 3 * i, k, rising, on, off, step);
-            out_x[next] = list[i] % span;
-            out_y[next] = list[i] / span;
-            out_on[next++] = rising;
+        int left = fired[i] > 0 ? fired[i] : -fired[i];
+        if (!left) continue;
+        real before = from[3 * i], ref = from[3 * i + 1];
+        stamp t0 = 0;
+#ifdef KNOTS
+        for (int k = offsets[i]; k <= offsets[i + 1]; k++) {
+            const int at_end = k == offsets[i + 1];
+            const real after = at_end ? from[3 * i + 2] : levels[k];
+            const stamp t1 = at_end ? (stamp)step : times[k] * (stamp)1e-3;
+            real ref_after = ref;
+            int rising;
+            const real crossings = crossings_to(after, on, off, &ref_after, &rising);
+            const int n = crossings < left ? (int)crossings : left;
+#else
+        {
+            const real after = from[3 * i + 2], ref_after = ref;
+            const stamp t1 = step;
+            const int rising = fired[i] > 0, n = left;
+#endif
+            for (int j = 1; j <= n; j++) {
+                out_time[next] = time_before + crossed_at(before, after, ref + j * (rising ? (stamp)on : -(stamp)off), t0, t1, step);
+                out_x[next] = list[i] % span;
+                out_y[next] = list[i] / span;
+                out_on[next++] = rising;
+            }
+            left -= n;
+            before = after;
+            ref = ref_after;
+            t0 = t1;
         }
     }
 }

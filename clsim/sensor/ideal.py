@@ -43,7 +43,8 @@ class Fired:
 
     Attributes:
         events: sorted by t, then (y, x).
-        crossings: int32, for each listed pixel of the path: how many events, negative for OFF; on the device.
+        crossings: int32, for each listed pixel of the path: how many events, negative where the last is OFF; on the
+            device.
         many_crossings: pixels with more than 3 crossings.
         most_crossings: the most crossings of a pixel.
         capped: events left out because a pixel had more than 1000.
@@ -66,10 +67,7 @@ class IdealPixels:
     def __init__(self, place: Workplace[Grid], thresholds: Thresholds) -> None:
         """Build the kernels; no pixel has a reference."""
         self._place, self._thresholds = place, thresholds
-        macros: dict[str, object] = {"CHUNK": _CHUNK}
-        if thresholds.at_step_ends:
-            macros["FRAME_RULE"] = 1
-        self._decide, self._emit = place.kernels("sensor_ideal", ("decide_events", "emit_events"), macros)
+        self._kernels = {False: self._build({})}
         pixels = place.layout.height * place.layout.span
         chunks = -(-pixels // _CHUNK)
         self.references = place.allocate(place.layout.image_shape, fill=np.nan)
@@ -83,6 +81,20 @@ class IdealPixels:
         self._out = [place.allocate((self._capacity,), kind) for kind in kinds]
         self._host_out: list[npt.NDArray[Any]] = [np.empty(self._capacity, dtype=kind) for kind in kinds]
 
+    def _build(self, more: dict[str, object]) -> list[Any]:
+        macros: dict[str, object] = {"CHUNK": _CHUNK, **more}
+        if self._thresholds.at_step_ends:
+            macros["FRAME_RULE"] = 1
+        return self._place.kernels("sensor_ideal", ("decide_events", "emit_events"), macros)
+
+    def _for(self, path: BrightnessPath) -> tuple[Any, Any, tuple[Buffer, ...]]:
+        """Return the kernels for a path, and what they take of its knots: none where only the step's end counts."""
+        knots = None if self._thresholds.at_step_ends else path.knots
+        if knots is not None and True not in self._kernels:
+            self._kernels[True] = self._build({"KNOTS": 1})
+        decide, emit = self._kernels[knots is not None]
+        return decide, emit, () if knots is None else (knots.offsets, knots.times_ns, knots.levels)
+
     def forget(self) -> None:
         """Take all references back: the next level of each pixel is its first."""
         self._place.write(self.references, np.full(self.references.shape, np.nan, dtype=self._place.real))
@@ -92,9 +104,10 @@ class IdealPixels:
         if path.count == 0:
             return Fired(empty_batch(), self._crossings)
         place, thresholds = self._place, self._thresholds
+        decide, _, knots = self._for(path)
         chunks = -(-path.count // _CHUNK)
         place.launch(
-            self._decide, (chunks,), path.pixels, path.count, path.start, path.end, thresholds.on, thresholds.off,
+            decide, (chunks,), path.pixels, path.count, path.start, path.end, *knots, thresholds.on, thresholds.off,
             self.references, self._crossings, self._from, self._counts,
         )  # fmt: skip
         counts = place.read(self._counts, self._host_counts[:chunks])
@@ -118,13 +131,14 @@ class IdealPixels:
     def _write(self, path: BrightnessPath, first: int, events: npt.NDArray[np.int64], out_batch: EventBatch) -> int:
         """Write the events of the chunks from ``first`` on, in raster order, and return how many there are."""
         place, thresholds = self._place, self._thresholds
+        _, emit, knots = self._for(path)
         starts = np.zeros(len(events), dtype=np.int32)
         np.cumsum(events[:-1], out=starts[1:])
         total = int(events.sum())
         place.write(self._starts, starts)
         place.launch(
-            self._emit, (len(events),), path.pixels, path.count, first, self._crossings, self._from, self._starts,
-            place.layout.span, np.int64(path.start_us), np.int64(path.end_us - path.start_us), thresholds.on,
+            emit, (len(events),), path.pixels, path.count, first, self._crossings, self._from, self._starts,
+            place.layout.span, np.int64(path.start_us), np.int64(path.end_us - path.start_us), *knots, thresholds.on,
             thresholds.off, *self._out,
         )  # fmt: skip
         for name, buffer, host in zip(("t", "x", "y", "on"), self._out, self._host_out, strict=True):
