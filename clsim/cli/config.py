@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from clsim.cli import parse
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -40,8 +41,12 @@ def _is_scene_file(scene: str) -> bool:
     return Path(scene).is_file() or Path(scene.rpartition("#")[0]).is_file()
 
 
-def live_options(config: Path | None, given: Mapping[str, Any], files: Mapping[str, Any] | None = None) -> LiveOptions:
-    """Return the options of a run: those ``given`` on the command line (None: not given), else those of a file.
+def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
+    """Return the options of a run: those given on the command line, else those of a file.
+
+    Args:
+        parameters: a command's, by name: the fields of ``LiveOptions`` and ``FileOptions``, with ``duration``,
+            ``resolution`` and ``threshold`` as text, and ``config``, the file. None is not given.
 
     Where events go is never repeated: what is there already shall stay. Of how ``files`` are written, their time and
     frames are, where they suit the new outputs; the format is told by their names.
@@ -50,7 +55,14 @@ def live_options(config: Path | None, given: Mapping[str, Any], files: Mapping[s
     from clsim.live.options import LiveOptions
     from clsim.live.quality import setting_names
 
-    chosen, written = _given(given), _given(files or {})
+    chosen = {name: value for name, value in parameters.items() if value is not None}
+    config: Path | None = chosen.pop("config", None)
+    if "duration" in chosen:
+        chosen["duration_s"] = parse.duration_s(chosen.pop("duration"))
+    for name, read in (("resolution", parse.resolution), ("threshold", parse.threshold)):
+        if name in chosen:
+            chosen[name] = read(chosen[name])
+    written = {name: chosen.pop(name) for name in FileOptions.__dataclass_fields__ if name in chosen}
     if config is None:
         return LiveOptions(**_with_scene(chosen), files=FileOptions(**written))
     base = {name: value for name, value in read_config(config).items() if name != "outputs"}
@@ -66,10 +78,6 @@ def live_options(config: Path | None, given: Mapping[str, Any], files: Mapping[s
     except InputError as error:
         raise InputError(f"--config {config}: {error}") from None
     return replace(repeated, **chosen, files=FileOptions(**(how | written)))
-
-
-def _given(options: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in options.items() if value is not None}
 
 
 def _with_scene(options: dict[str, Any]) -> dict[str, Any]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-from typing import Annotated, Literal
+import socket
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from clsim.cli import parse
 from clsim.cli.config import live_options
 from clsim.cli.options import (
     CONFIG,
@@ -18,18 +18,24 @@ from clsim.cli.options import (
     FORMAT,
     FPS,
     FRAME_COUNT,
+    FRAMES,
+    GATE,
+    GOVERNOR,
     HISTORY,
     JSON,
+    LOOP,
     MAX_DEPTH,
     METHOD,
     NOISE,
     OPENCL,
     OUT_HELP,
+    PACE,
     PROBE_EVERY,
     PROBE_SPP,
     QUALITY,
     RENDER_DEVICE,
     RESOLUTION,
+    RING,
     SAMPLER,
     SAMPLING,
     SCENE,
@@ -40,10 +46,13 @@ from clsim.cli.options import (
     THREADS,
     THRESHOLD,
     WINDOW,
-    advanced,
 )
-from clsim.cli.watch import PORT, VIEW, attach, check, default_view, reserve
+from clsim.cli.watch import PORT, VIEW, View, attach, check, default_view, reserve
 from clsim.errors import InputError
+
+if TYPE_CHECKING:
+    from clsim.live.options import LiveOptions
+    from clsim.live.session import Session
 
 
 def live(
@@ -51,25 +60,16 @@ def live(
     out: Annotated[list[str] | None, typer.Option(help=OUT_HELP)] = None,
     view: VIEW = None,
     duration: DURATION = None,
-    loop: Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")] = None,
+    loop: LOOP = None,
     fps: FPS = None,
     resolution: RESOLUTION = None,
     threshold: THRESHOLD = None,
     quality: QUALITY = None,
-    pace: Annotated[
-        Literal["max", "real"] | None,
-        typer.Option(
-            help="As fast as it can; or by the wall clock, where a governor renders less while the machine is too "
-            "slow. [max]"
-        ),
-    ] = None,
+    pace: PACE = None,
     seed: SEED = None,
     config: CONFIG = None,
     as_json: JSON = False,
-    frames: Annotated[
-        bool | None,
-        advanced("--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files."),
-    ] = None,
+    frames: FRAMES = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
     port: PORT = None,
@@ -80,10 +80,7 @@ def live(
     probe_every: PROBE_EVERY = None,
     first_hit_rays: FIRST_HIT_RAYS = None,
     method: METHOD = None,
-    gate: Annotated[
-        Literal["radiance", "delta-r"] | None,
-        advanced(help="Where esim-ad solves its regression; delta-r is the paper's. [the quality's]"),
-    ] = None,
+    gate: GATE = None,
     event_rule: EVENT_RULE = None,
     window: WINDOW = None,
     history: HISTORY = None,
@@ -91,14 +88,8 @@ def live(
     sampler: SAMPLER = None,
     follow_specular: FOLLOW_SPECULAR = None,
     max_depth: MAX_DEPTH = None,
-    governor: Annotated[
-        bool | None,
-        advanced("--governor/--no-governor", help="With --pace real: render less rather than fall behind. [yes]"),
-    ] = None,
-    ring: Annotated[
-        Literal["block", "drop-oldest"] | None,
-        advanced(help="block loses nothing; drop-oldest never waits (with --pace real). [block]"),
-    ] = None,
+    governor: GOVERNOR = None,
+    ring: RING = None,
     threads: THREADS = None,
     render_device: RENDER_DEVICE = None,
     opencl: OPENCL = None,
@@ -108,65 +99,45 @@ def live(
 
     Example: `clsim live two-boxes --out events.aedat4 --out tcp://127.0.0.1:7777 --loop`
     """
-    from clsim.events.address import is_standard_output
-
+    given = dict(locals())
     outputs = tuple(out or ())
-    if as_json and any(map(is_standard_output, outputs)):
-        raise InputError("--json and --out - would both write to standard output; give --out a file instead")
+    if view is None:
+        view = default_view(outputs, as_json=as_json)
+    _check_standard_output(outputs, view, as_json)
+    about_the_command = ("out", "view", "port", "as_json")
     options = live_options(
-        config,
-        {
-            "scene": scene,
-            "outputs": outputs or None,
-            "duration_s": None if duration is None else parse.duration_s(duration),
-            "loop": loop,
-            "fps": fps,
-            "resolution": None if resolution is None else parse.resolution(resolution),
-            "threshold": None if threshold is None else parse.threshold(threshold),
-            "quality": quality,
-            "pace": pace,
-            "seed": seed,
-            "frame_count": frame_count,
-            "spp": spp,
-            "sampling": sampling,
-            "probe_spp": probe_spp,
-            "probe_every": probe_every,
-            "first_hit_rays": first_hit_rays,
-            "method": method,
-            "gate": gate,
-            "event_rule": event_rule,
-            "window": window,
-            "history": history,
-            "noise": noise,
-            "sampler": sampler,
-            "follow_specular": follow_specular,
-            "max_depth": max_depth,
-            "governor": governor,
-            "ring": ring,
-            "threads": threads,
-            "render_device": render_device,
-            "opencl": opencl,
-            "strict": strict,
-        },
-        {"format": format, "text_time": text_time, "frames": frames},
+        {name: value for name, value in given.items() if name not in about_the_command} | {"outputs": outputs or None}
     )
     if governor and options.pace != "real":
         raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
+    check(view, as_json=as_json)
+    session, listener = _open(options, view, port)
+    if config is not None and not outputs:
+        typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)
+    screen = attach(session, view, port, listener, as_json=as_json)
     from clsim.cli.status import run_session
+
+    return run_session(session, as_json=as_json, screen=screen)
+
+
+def _check_standard_output(outputs: tuple[str, ...], view: View, as_json: bool) -> None:
+    """Refuse two things that both write to standard output."""
+    from clsim.events.address import is_standard_output
+
+    if any(map(is_standard_output, outputs)):
+        for taken, option in ((as_json, "--json"), (view == "terminal", "--view terminal")):
+            if taken:
+                raise InputError(f"{option} and --out - would both write to standard output; give --out a file instead")
+
+
+def _open(options: LiveOptions, view: View, port: str | None) -> tuple[Session, socket.socket | None]:
+    """Return the session, and where the page will be served; nothing stays open if either fails."""
     from clsim.live.session import open_live
 
-    if view is None:
-        view = default_view(outputs, as_json=as_json)
-    if view == "terminal" and any(map(is_standard_output, outputs)):
-        raise InputError("--view terminal and --out - would both write to standard output; give --out a file instead")
-    check(view, as_json=as_json)
     with contextlib.ExitStack() as undo:
         listener = reserve(view, port)
         if listener is not None:
             undo.callback(listener.close)
         session = open_live(options)
         undo.pop_all()
-    if config is not None and not outputs:
-        typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)
-    screen = attach(session, view, port, listener, as_json=as_json)
-    return run_session(session, as_json=as_json, screen=screen)
+    return session, listener

@@ -49,6 +49,14 @@ QUALITY = Annotated[
         "win over it. [balanced; with --method, 8 plain paths]"
     ),
 ]
+PACE = Annotated[
+    Literal["max", "real"] | None,
+    typer.Option(
+        help="As fast as it can; or by the wall clock, where a governor renders less while the machine is too "
+        "slow. [max]"
+    ),
+]
+LOOP = Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")]
 SEED = Annotated[int | None, typer.Option(help="Seed of all random numbers. [0]")]
 JSON = Annotated[bool, typer.Option("--json", help="Print machine-readable results on standard output.")]
 
@@ -102,6 +110,14 @@ FOLLOW_SPECULAR = Annotated[
     ),
 ]
 MAX_DEPTH = Annotated[int | None, advanced(help="Longest light path in edges: 2 is direct light, 3 one bounce. [8]")]
+GOVERNOR = Annotated[
+    bool | None,
+    advanced("--governor/--no-governor", help="With --pace real: render less rather than fall behind. [yes]"),
+]
+RING = Annotated[
+    Literal["block", "drop-oldest"] | None,
+    advanced(help="block loses nothing; drop-oldest never waits (with --pace real). [block]"),
+]
 THREADS = Annotated[int | None, advanced(help="Threads that render. [one a core]")]
 RENDER_DEVICE = Annotated[str | None, advanced(help="Where to render: cpu, cuda:0 … (see `clsim devices`). [cpu]")]
 STRICT = Annotated[
@@ -115,6 +131,10 @@ METHOD = Annotated[
         help="esim: no denoising; wlr-esim: a regression at every pixel; esim-ad: only where the gate opens; "
         "irradiance: a filter of the light that falls on surfaces. [the quality's]"
     ),
+]
+GATE = Annotated[
+    Literal["radiance", "delta-r"] | None,
+    advanced(help="Where esim-ad solves its regression; delta-r is the paper's. [the quality's]"),
 ]
 EVENT_RULE = Annotated[
     EventRule | None,
@@ -136,4 +156,8 @@ FORMAT = Annotated[
 ]
 TEXT_TIME = Annotated[
     Literal["us", "s"] | None, advanced(help="Time in text: whole µs, or seconds with six decimals. [us]")
+]
+FRAMES = Annotated[
+    bool | None,
+    advanced("--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files."),
 ]

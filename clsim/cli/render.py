@@ -9,7 +9,6 @@ from typing import Annotated
 
 import typer
 
-from clsim.cli import parse
 from clsim.cli.config import live_options
 from clsim.cli.options import (
     CONFIG,
@@ -74,6 +73,7 @@ def render(
 
     Examples: `clsim render cornell --out frames`, `clsim render cornell --out clean --method esim --spp 512`
     """
+    given = dict(locals())
     from rich.console import Console
     from rich.progress import track
 
@@ -83,34 +83,7 @@ def render(
     from clsim.live.rendering import Rendering
     from clsim.live.sidecars import scene_from_here
 
-    options = live_options(
-        config,
-        {
-            "scene": scene,
-            "duration_s": None if duration is None else parse.duration_s(duration),
-            "frame_count": frame_count,
-            "fps": fps,
-            "resolution": None if resolution is None else parse.resolution(resolution),
-            "threshold": None if threshold is None else parse.threshold(threshold),
-            "quality": quality,
-            "seed": seed,
-            "spp": spp,
-            "sampling": sampling,
-            "probe_spp": probe_spp,
-            "probe_every": probe_every,
-            "first_hit_rays": first_hit_rays,
-            "method": method,
-            "window": window,
-            "noise": noise,
-            "sampler": sampler,
-            "follow_specular": follow_specular,
-            "max_depth": max_depth,
-            "threads": threads,
-            "render_device": render_device,
-            "opencl": opencl,
-            "strict": strict,
-        },
-    )
+    options = live_options({name: value for name, value in given.items() if name not in ("out", "as_json")})
     rendering = Rendering(options)
     writer = ExrWriter(out)
     console = Console(stderr=True)

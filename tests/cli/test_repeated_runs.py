@@ -118,26 +118,26 @@ def config(tmp_path: Path, **options: object) -> Path:
 def test_options_given_win_over_the_file(tmp_path: Path) -> None:
     run = LiveOptions("cornell", quality="accurate", duration_s=1.0, seed=4, fps=30.0, outputs=("a.txt",))
     file = config(tmp_path, options=run.as_dict())
-    again = live_options(file, {"outputs": ("b.h5",), "fps": 60.0})
+    again = live_options({"config": file, "outputs": ("b.h5",), "fps": 60.0})
     assert (again.scene, again.seed, again.fps, again.outputs) == ("cornell", 4, 60.0, ("b.h5",))
     assert again.point == run.point
-    assert live_options(file, {}).outputs == ()
-    assert live_options(file, {"scene": "still"}).scene == "still"
+    assert live_options({"config": file}).outputs == ()
+    assert live_options({"config": file, "scene": "still"}).scene == "still"
     # A quality means all its settings, not those of the file; a number of frames means no duration.
-    assert live_options(file, {"quality": "draft"}).point == LiveOptions("cornell", quality="draft").point
-    assert live_options(file, {"frame_count": 3}).duration_s is None
-    assert live_options(file, {"duration_s": 2.0}).duration_s == 2.0
+    assert live_options({"config": file, "quality": "draft"}).point == LiveOptions("cornell", quality="draft").point
+    assert live_options({"config": file, "frame_count": 3}).duration_s is None
+    assert live_options({"config": file, "duration": "2s"}).duration_s == 2.0
 
 
 def test_how_files_are_written_is_repeated_where_it_suits(tmp_path: Path) -> None:
     file = config(tmp_path, scene="still", files={"format": "evt2", "text_time": "s", "frames": True})
-    assert vars(live_options(file, {"outputs": ("a.txt",)}).files) == {
+    assert vars(live_options({"config": file, "outputs": ("a.txt",)}).files) == {
         "format": None,
         "text_time": "s",
         "frames": False,
     }
-    assert live_options(file, {"outputs": ("a.aedat4",)}).files.frames
-    assert not live_options(file, {"outputs": ("a.aedat4",)}, {"frames": False}).files.frames
+    assert live_options({"config": file, "outputs": ("a.aedat4",)}).files.frames
+    assert not live_options({"config": file, "outputs": ("a.aedat4",), "frames": False}).files.frames
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def test_files_that_hold_no_options(tmp_path: Path, text: str | None, sentence: 
     if text is not None:
         path.write_text(text)
     with pytest.raises(InputError, match=sentence):
-        live_options(path, {})
+        live_options({"config": path})
 
 
 def test_a_scene_is_asked_for(clsim: Callable[..., object]) -> None:
