@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import time
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 from clsim.detect.config import EventRule, Gate, Method
 from clsim.errors import Error, InputError
@@ -15,31 +18,41 @@ from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
-from clsim.scene import World
+from clsim.render.features import light_stands_still
+from clsim.scene import World, validate
+from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
+from clsim.scene.motion import Matrix
+from clsim.scene.trajectory import Axes, turned
 from clsim.values import read_value
+
+Clock = Literal["frames", "wall", "caller"]
 
 
 class Simulator:
     """Turns a scene into events as far as it is told to, with the same bits as a live run.
 
-    >>> with clsim.Simulator("two-boxes", fps=120.0) as simulator:  # doctest: +SKIP
-    ...     events = simulator.step(until_us=50_000)
+    >>> with clsim.Simulator("two-boxes", fps=1000.0) as simulator:  # doctest: +SKIP
+    ...     simulator.set_pose("tall box", pose)  # where it is when the next step ends
+    ...     events = simulator.step(until_us=1_000)
 
-    Frames are rendered at k/fps, k = 0, 1 …; the one at 0 sets the references and fires nothing. Beyond the end of the
-    scene's motion, time goes on as the motion does.
+    The frame at 0 sets the references and fires nothing. Beyond the end of the scene's motion, time goes on as the
+    motion does.
 
     Attributes:
         width, height: of the sensor [pixels].
-        fps: frames per simulated second.
-        world: the scene.
+        fps: frames per simulated second; with the caller's clock, at least so many.
+        world: the scene, with what is driven.
+        names: what has a pose that can be set: the camera, and objects and lights whose names are their own.
         warnings: what is asked for and will not be, one sentence each.
         time_us: time of the last frame; 0 before the first.
+        lag_s: with the wall clock, by how much the last step ended late.
     """
 
     def __init__(
         self,
         scene: str | Path | World,
         *,
+        clock: Clock = "frames",
         fps: float | None = None,
         resolution: tuple[int, int] | None = None,
         threshold: float | tuple[float, float] | None = None,
@@ -64,10 +77,13 @@ class Simulator:
         opencl: str | None = None,
         strict: bool = False,
     ) -> None:
-        """Load the scene, choose devices and copy the scene to the one that renders.
+        """Load the scene and choose devices; the first step copies the scene to the one that renders.
 
         Args:
             scene: name of a bundled scene, a scene file, or a World.
+            clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and
+                no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
+                each step, and evenly between where a step is longer than 1/fps.
             fps, resolution, threshold, quality, seed, spp, sampling, probe_spp, probe_every, first_hit_rays, sampler,
                 noise, method, gate, event_rule, window, history, follow_specular, max_depth, threads, render_device,
                 opencl, strict: as in `clsim.stream`; a World has its own resolution.
@@ -75,28 +91,99 @@ class Simulator:
         Raises:
             InputError: the scene or an option cannot be used.
         """
-        given: dict[str, Any] = {name: value for name, value in locals().items() if name != "self"}
+        given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
+        self._clock: Clock = read_value("clock", clock, Clock)
         world = scene if isinstance(scene, World) else None
         if world is not None and resolution is not None:
             raise InputError("`resolution` is for scenes that are loaded; a World's camera has its own")
         if world is not None:
+            validate(world, world.name)
             given["scene"] = world.name
-        options = LiveOptions(**given)
-        self._stages = plan_stages(options, world)
+        self._options = LiveOptions(**given)
+        self._stages = plan_stages(self._options, world)
         self.world, self.fps, self.warnings = self._stages.world, self._stages.fps, self._stages.warnings
         self.width, self.height = self.world.camera.width, self.world.camera.height
+        self._motions = placed(self.world)
+        self.names = tuple(self._motions)
         self._frame = Frame(page_aligned((len(self._stages.planes), self.height, self.width)), self._stages.planes)
-        self._data = self._stages.scene_data()
+        self._driven: dict[str, Driven] = {}
+        self._lights: dict[str, tuple[float, float, float]] = {}
+        self._data: Any = None
         self._closed = False
-        self._build()
+        self._begin()
 
-    def _build(self) -> None:
-        """Begin at frame 0, with nothing kept from earlier frames."""
-        self._board = self._stages.board("refuse")
-        self._view = self._stages.view(self._data, self._board)
-        self._detector = self._stages.make_detector()
-        self._next = 0
-        self.time_us = 0
+    def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
+        """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
+
+        The first pose holds from the start; where steps were made before, the way leads there from where it is now.
+
+        Args:
+            name: one of ``names``.
+            T_world: its pose in the world [m]: a matrix ``[4, 4]`` with at most one positive scale, or a pair of
+                position and quaternion x, y, z, w. A camera looks along −z, and +y is up; see `set_camera` for other
+                axes.
+            at_us: the time [µs], after the last frame and no earlier than the last pose that was set; None is the end
+                of the next step.
+
+        Raises:
+            InputError: the name, the pose or the time cannot be, or it stands still in the scene and steps were made
+                already: what may move must be known before the first step.
+        """
+        self._check_open()
+        self._set_place(read_value("name", name, str), read_place("T_world", T_world), at_us)
+
+    def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
+        """Say where the camera is at a time, as `set_pose` does.
+
+        Args:
+            T_world: its pose, as for `set_pose`.
+            at_us: the time [µs]; None is the end of the next step.
+            axes: "opengl": it looks along −z, and +y is up; "opencv": along +z, and +y is down.
+
+        Raises:
+            InputError: as `set_pose`.
+        """
+        position, rotation, scale = read_place("T_world", T_world)
+        if read_value("axes", axes, Axes) == "opencv":
+            rotation = turned(rotation)
+        self._set_place(CAMERA, (position, rotation, scale), at_us)
+
+    def pose(self, name: str, time_us: int | None = None) -> Matrix:
+        """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
+
+        Raises:
+            InputError: nothing is called so.
+        """
+        if name not in self._motions:
+            raise InputError(self._unknown(name))
+        motion = self._driven.get(name, self._motions[name])
+        pose: Matrix = motion.pose((self.time_us if time_us is None else time_us) * 1e-6).copy()
+        return pose
+
+    def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
+        """Let lights shine with another radiance from the next frame on.
+
+        Args:
+            name: of a light, or of a material that emits.
+            radiance: linear Rec. 709 [W·sr⁻¹·m⁻²]; of a point or spot its intensity [W·sr⁻¹], of a directional
+                light its irradiance [W·m⁻²].
+
+        Raises:
+            InputError: nothing of that name shines in the scene, the radiance cannot be, or light is kept on surfaces.
+        """
+        self._check_open()
+        red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
+        if min(red, green, blue) < 0:
+            raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
+        if self._options.point.sampling == "cached":
+            raise InputError("`sampling` cached keeps the light on surfaces, so no light can be set; use adaptive")
+        shining = self._shining()
+        if name not in shining:
+            known = ", ".join(sorted(shining)) or "none has a name"
+            raise InputError(f"no light called {name!r} shines in {self.world.name}, expected one of: {known}")
+        self._lights[name] = (red, green, blue)
+        if self._data is not None:
+            self._data.set_light(name, self._lights[name])
 
     def step(self, until_us: int) -> EventBatch:
         """Render and detect all frames up to ``until_us`` [µs], that time included, and return their events.
@@ -108,27 +195,53 @@ class Simulator:
             InputError: ``until_us`` lies before the last frame.
             clsim.Error: the simulator is closed.
         """
-        if self._closed:
-            raise Error("the simulator is closed")
+        self._check_open()
         until_us = read_value("until_us", until_us, int)
         if until_us < self.time_us:
             raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
-        batches = []
-        while frame_time_us(self._next, self.fps) <= until_us:
-            self._view.fill(self._next, self._frame)
-            batches.append(self._detector.step(self._frame).copy())
-            if self._board is not None:
-                self._board.publish(cast(InterestedDetector, self._detector).interest())
-            self.time_us = self._frame.time_us
-            self._next += 1
+        for name, place in self._pending.items():
+            self._add_key(name, place, until_us)
+        self._pending.clear()
+        if self._data is None:
+            self._build()
+        batches = [self._advance(time_us) for time_us in self._frame_times(until_us)]
+        if self._clock == "wall":
+            self._wait_for(until_us)
         return gather(batches)
 
-    def reset(self) -> None:
-        """Begin anew: the next frame is at 0, and the same steps return the same events again."""
-        if self._closed:
-            raise Error("the simulator is closed")
-        self._release()
-        self._build()
+    def frame(self) -> Frame:
+        """Return a copy of the last frame, with all its planes.
+
+        Raises:
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_open()
+        if self._next == 0:
+            raise Error("there is no frame yet: step first")
+        return self._frame.copy()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin anew: the next frame is at 0, and all stands and shines as in the scene, until it is set.
+
+        The same steps return the same events again.
+
+        Args:
+            seed: of the random numbers from now on; None keeps it.
+        """
+        self._check_open()
+        if seed is not None:
+            self._options = replace(self._options, seed=seed)
+            self._stages = plan_stages(self._options, self.world)
+        for driven in self._driven.values():
+            driven.release()
+        if self._data is not None:
+            for name in self._lights:
+                self._data.set_light(name, self._shining()[name])
+            self._data.move_anew()
+            self._release()
+            self._connect()
+        self._lights.clear()
+        self._begin()
 
     def close(self) -> None:
         """Release the devices' memory; safe to call twice."""
@@ -136,9 +249,118 @@ class Simulator:
             self._closed = True
             self._release()
 
+    def _begin(self) -> None:
+        """Let no time have passed."""
+        self._pending: dict[str, Place] = {}
+        self._next = 0
+        self.time_us = 0
+        self.lag_s = 0.0
+        self._started_s: float | None = None
+
+    def _build(self) -> None:
+        """Copy the scene to the device, and build what works on it."""
+        still_camera = self.world.camera.shutter_s > 0 and not self._motions[CAMERA].duration_s > 0
+        for name, motion in self._motions.items():
+            if motion.duration_s > 0 or (name == CAMERA and not still_camera):
+                self._driven.setdefault(name, Driven(motion))
+        self.world = with_driven(self.world, self._driven)
+        if self._options.point.sampling == "cached" and not light_stands_still(self.world):
+            raise InputError("`sampling` cached needs a scene in which nothing but the camera moves; use adaptive")
+        self._stages = replace(self._stages, world=self.world)
+        self._data = self._stages.scene_data()
+        for name, radiance in self._lights.items():
+            self._data.set_light(name, radiance)
+        self._connect()
+
+    def _connect(self) -> None:
+        """Build a camera and a detector without a past."""
+        self._board = self._stages.board("refuse")
+        self._view = self._stages.view(self._data, self._board)
+        self._detector = self._stages.make_detector()
+
+    def _frame_times(self, until_us: int) -> list[int]:
+        """Return the times of the frames of a step."""
+        if self._clock != "caller":
+            last = self._next
+            while frame_time_us(last, self.fps) <= until_us:
+                last += 1
+            return [frame_time_us(index, self.fps) for index in range(self._next, last)]
+        first = [0] if self._next == 0 else []
+        length_us = until_us - self.time_us
+        parts = math.ceil(length_us * self.fps / 1e6 - 1e-6)
+        return first + [self.time_us + round(length_us * (k + 1) / parts) for k in range(parts)]
+
+    def _advance(self, time_us: int) -> EventBatch:
+        """Render a frame and return its events."""
+        self._view.fill_at(self._next, time_us, self._frame)
+        events: EventBatch = self._detector.step(self._frame).copy()
+        if self._board is not None:
+            self._board.publish(cast(InterestedDetector, self._detector).interest())
+        before_us, self.time_us = self.time_us, time_us
+        self._next += 1
+        for driven in self._driven.values():
+            driven.forget_before(before_us * 1e-6 - self.world.camera.shutter_s)
+        return events
+
+    def _wait_for(self, until_us: int) -> None:
+        now_s = time.perf_counter()
+        if self._started_s is None:
+            self._started_s = now_s - until_us * 1e-6
+        early_s = self._started_s + until_us * 1e-6 - now_s
+        self.lag_s = max(0.0, -early_s)
+        time.sleep(max(0.0, early_s))
+
+    def _set_place(self, name: str, place: Place, at_us: int | None) -> None:
+        self._drive(name)
+        if at_us is None:
+            self._pending[name] = place
+        else:
+            self._add_key(name, place, read_value("at_us", at_us, int))
+
+    def _drive(self, name: str) -> None:
+        """Have the thing of that name move as it is set to."""
+        if name not in self._motions:
+            raise InputError(self._unknown(name))
+        if name not in self._driven:
+            if self._data is not None:
+                raise InputError(
+                    f"{name} stands still in {self.world.name} and is built in; to move it later, set its pose before "
+                    "the first step too"
+                )
+            self._driven[name] = Driven(self._motions[name])
+
+    def _add_key(self, name: str, place: Place, at_us: int) -> None:
+        driven = self._driven[name]
+        if at_us < 0 or (self._next > 0 and at_us <= self.time_us):
+            raise InputError(f"`at_us` must be after the last frame, at {self.time_us} µs, got {at_us}")
+        if driven.last_s is not None and at_us / 1e6 < driven.last_s:
+            last_us = round(driven.last_s * 1e6)
+            raise InputError(
+                f"{name} has a pose at {last_us} µs already, expected one at that time or later, got {at_us}"
+            )
+        if driven.last_s is None and self._next > 0:
+            driven.set(self.time_us / 1e6, place_of(driven.pose(self.time_us * 1e-6)))
+        driven.set(at_us / 1e6, place)
+
+    def _shining(self) -> dict[str, tuple[float, float, float]]:
+        """Return the radiance that lights and materials with names have in the scene, those without light left out."""
+        world = self.world
+        found = {light.name: light.radiance for light in world.sphere_lights}
+        found |= {light.name: light.intensity for light in world.punctual_lights}
+        found |= {material.name: material.emission for material in world.materials}
+        return {name: radiance for name, radiance in found.items() if name and any(radiance)}
+
+    def _unknown(self, name: str) -> str:
+        return f"nothing in {self.world.name} is called {name!r}, expected one of: {', '.join(self.names)}"
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise Error("the simulator is closed")
+
     def _release(self) -> None:
-        self._view.close()
-        self._detector.close()
+        if self._data is not None:
+            self._view.close()
+            self._detector.close()
 
     def __enter__(self) -> Simulator:
         """Return the simulator, which is closed with the block."""

@@ -15,9 +15,10 @@ from clsim.render.placement import place
 from clsim.render.shutter import key_times
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
-from clsim.render.upload_materials import upload_materials
+from clsim.render.upload_materials import emit, upload_materials
 from clsim.scene import World
 from clsim.scene.validate import validate
+from clsim.scene.world import Vec3
 
 
 class SceneData:
@@ -76,6 +77,23 @@ class SceneData:
             self._geometry.update(times_s)
             self._lights.update(times_s)
             self._time_s = time_s
+
+    def move_anew(self) -> None:
+        """Let the next `move` move everything, whatever its time: motions themselves have changed."""
+        self._time_s = None
+
+    def set_light(self, name: str, radiance: Vec3) -> None:
+        """Let all lights and emitting materials of a name shine so from now on.
+
+        They are drawn as often as before, by the power that they have in ``world``.
+
+        Args:
+            name: of sphere lights, lights without size, and materials.
+            radiance: of spheres and materials [W·sr⁻¹·m⁻²]; of a point or spot the intensity [W·sr⁻¹], of a directional
+                light the irradiance [W·m⁻²].
+        """
+        self._lights.shine(self.world, name, radiance)
+        emit(self.scene.materials, self.world, name, radiance)
 
     def _key_times(self, time_s: float) -> Any:
         return key_times(time_s, self.interval_s if self.features.motion_blur else 0.0)

@@ -18,6 +18,7 @@ from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
 from clsim.render.upload_arrays import array
 from clsim.scene import Mesh, Motion, World
+from clsim.scene.world import Vec3
 
 _F64 = npt.NDArray[np.float64]
 
@@ -113,6 +114,16 @@ class LightData:
             self._punctual.positions.assign(positions)
             self._punctual.steps.assign(steps_m)
             self._punctual.axes.assign(axes)
+
+    def shine(self, world: World, name: str, radiance: Vec3) -> None:
+        """Give the spheres and the lights without size of a name another radiance or intensity."""
+        for lights, table in (
+            (world.sphere_lights, self.lights.sphere_radiance),
+            (world.punctual_lights, self._punctual.intensity),
+        ):
+            for i, light in enumerate(lights):
+                if light.name == name:
+                    table[i : i + 1].assign(np.array([radiance], np.float32))
 
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
         """Return the table of emitting triangles, all of them in the mesh of what never moves."""

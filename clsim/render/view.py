@@ -128,11 +128,18 @@ class View:
         Raises:
             RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
+        self.fill_at(index, frame_time_us(index, self.fps), out)
+
+    def fill_at(self, index: int, time_us: int, out: Frame) -> None:
+        """Render the world at a time [µs] of the caller's choice, as frame ``index``, into ``out``.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
+        """
         if out.names != self.names or (out.height, out.width) != (self.height, self.width):
             raise ValueError(f"expected a frame {self.width}x{self.height} with the planes {', '.join(self.names)}")
         if self._cancelled.is_set():
             raise RenderCancelled
-        time_us = frame_time_us(index, self.fps)
         time_s = time_us * 1e-6
         self._data.move(time_s)
         self._settings.stream = stream_state(

@@ -81,6 +81,7 @@ def lamp(center: Vec3, size: F64) -> SphereLight:
         radius_m=0.5 * radius,
         radiance=(30.0, 28.8, 27.0),
         motion=Static(compose((x + 1.5 * radius, y + 2.5 * radius, z + 1.5 * radius), np.eye(3))),
+        name="lamp",
     )
 
 

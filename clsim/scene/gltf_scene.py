@@ -396,6 +396,7 @@ class _Reader:
                 motion,
                 inner_deg=math.degrees(min(cone.innerConeAngle, cone.outerConeAngle)),
                 outer_deg=math.degrees(cone.outerConeAngle),
+                name=self.file.json.nodes[index].name or light.name or f"nodes[{index}]",
             )
         )
 

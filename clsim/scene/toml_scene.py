@@ -95,7 +95,7 @@ def load_toml(path: Path) -> World:
     lights: list[SphereLight] = []
     for i, light in enumerate(scene.sphere_lights):
         with _collecting(problems, f"{path}: sphere_lights[{i}]"):
-            lights.append(SphereLight(light.radius_m, light.radiance, _motion(light)))
+            lights.append(SphereLight(light.radius_m, light.radiance, _motion(light), light.name))
     for i, punctual in enumerate(scene.lights):
         with _collecting(problems, f"{path}: lights[{i}]"):
             builder.add_light(punctual)
@@ -144,7 +144,7 @@ class _Builder:
     def add_material(self, name: str, table: schema.MaterialTable) -> None:
         self.material_ids[name] = len(self.materials)
         self.materials.append(Material())  # stands in where the real one has a problem
-        self.materials[-1] = self._material(table)
+        self.materials[-1] = replace(self._material(table), name=name)
 
     def _material(self, table: schema.MaterialTable) -> Material:
         bright = table.texture is not None or table.kind in ("conductor", "dielectric", "thin-dielectric")
@@ -200,7 +200,8 @@ class _Builder:
     def add_light(self, table: schema.LightTable) -> None:
         motion = _motion(table, table.rotation_deg, table.look_at)
         inner = min(table.inner_deg, table.outer_deg)
-        self.punctual_lights.append(PunctualLight(table.kind, table.intensity, motion, inner, table.outer_deg))
+        light = PunctualLight(table.kind, table.intensity, motion, inner, table.outer_deg, name=table.name)
+        self.punctual_lights.append(light)
 
     def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
         if table.map is None:
@@ -251,7 +252,8 @@ class _Builder:
                 raise InputError(f"{part.name} is animated, expected one scale for all axes, got {table.scale}")
             self.instances.append(Instance(index, placed, f"{name}/{part.name}"))
         for light in parts.lights:
-            self.punctual_lights.append(replace(light, motion=Nested(Attached(motion, stretch), light.motion)))
+            placed = Nested(Attached(motion, stretch), light.motion)
+            self.punctual_lights.append(replace(light, motion=placed, name=f"{name}/{light.name}"))
 
 
 def _read_parts(path: Path) -> Parts:

@@ -118,7 +118,7 @@ def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation 
             raise InputError(f"{path}:{number}: time {words[0]} does not come after the line before")
         times.append(time_s - start)
         positions.append(position)
-        rotations.append(_turned(rotation) if axes == "opencv" else rotation)
+        rotations.append(turned(rotation) if axes == "opencv" else rotation)
     if not times:
         raise InputError(f"{path}: has no poses, expected lines of t tx ty tz qx qy qz qw")
     if len(times) == 1:
@@ -139,7 +139,7 @@ def _line(place: str, words: list[str]) -> tuple[float, Vec3, Quaternion]:
     return t, (x, y, z), (qx / length, qy / length, qz / length, qw / length)
 
 
-def _turned(rotation: Quaternion) -> Quaternion:
-    """Return the rotation after half a turn about its own x: from z ahead and y down to −z ahead and y up."""
+def turned(rotation: Quaternion) -> Quaternion:
+    """Return the rotation after half a turn about its own x: from z ahead and y down to −z ahead and y up, or back."""
     x, y, z, w = rotation
     return w, z, -y, -x

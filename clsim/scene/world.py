@@ -155,6 +155,7 @@ class SphereLight:
     radius_m: float
     radiance: Vec3
     motion: Motion
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -175,6 +176,7 @@ class PunctualLight:
     inner_deg: float = 0.0
     outer_deg: float = 45.0
     falloff: Falloff = "squared"
+    name: str = ""
 
 
 @dataclass(frozen=True)

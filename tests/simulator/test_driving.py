@@ -1,0 +1,176 @@
+"""What is set from outside: poses, light, and the clock."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import Error, InputError
+from clsim.render import SceneData
+from clsim.scene.driven import Driven, place_of
+from clsim.scene.motion import Static, compose, look_at, rotation_matrix
+from tests.simulator.stage import KEYS, keyframed, scene, simulator
+
+POSES = {round(t * 1e6): (position, quaternion) for t, position, quaternion in KEYS}
+
+
+def test_the_same_keyframes_by_hand_and_by_file_give_the_same_bits(tmp_path: Path) -> None:
+    with clsim.Simulator(scene(tmp_path, keyframed())) as by_file:
+        expected = by_file.step(40_000)
+    assert len(expected) > 200
+    with clsim.Simulator(scene(tmp_path)) as by_hand:
+        for at_us, pose in POSES.items():
+            by_hand.set_pose("box", pose, at_us)
+        assert by_hand.step(40_000).tobytes() == expected.tobytes()
+        by_hand.reset()
+        by_hand.set_pose("box", POSES[0])
+        parts = [by_hand.step(0)]
+        for at_us in (12_000, 30_000, 40_000):
+            by_hand.set_pose("box", compose(POSES[at_us][0], rotation_matrix(POSES[at_us][1])))
+            parts.append(by_hand.step(at_us))
+    assert np.concatenate(parts).tobytes() == expected.tobytes()
+
+
+def test_poses_turn_by_slerp_and_grow_evenly() -> None:
+    driven = Driven(Static(np.eye(4)))
+    assert driven.duration_s > 0, "or it would be baked"
+    for time_s, degrees, scale in ((1.0, 0.0, 1.0), (3.0, 170.0, 3.0)):
+        angle = np.radians(degrees)
+        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+        driven.set(time_s, place_of(compose((time_s, 0.0, 0.0), scale * turn)))
+    for time_s, degrees, scale, x in ((0.0, 0.0, 1.0, 1.0), (1.5, 42.5, 1.5, 1.5), (9.0, 170.0, 3.0, 3.0)):
+        angle = np.radians(degrees)
+        pose = driven.pose(time_s)
+        assert pose[:2, 0] == pytest.approx([scale * np.cos(angle), scale * np.sin(angle)], abs=1e-12)
+        assert pose[0, 3] == pytest.approx(x)
+    driven.set(3.0, ((7.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0))
+    assert driven.pose(3.0)[0, 3] == 7.0, "a second pose for a time takes the place of the first"
+    driven.forget_before(2.0)
+    assert driven.pose(2.0)[0, 3] == 4.0
+    driven.forget_before(5.0)
+    assert driven.pose(2.0)[0, 3] == 7.0, "what no later pose needs is gone"
+    driven.release()
+    assert (driven.pose(3.0) == np.eye(4)).all()
+
+
+def test_a_way_that_begins_later_begins_where_the_thing_is(tmp_path: Path) -> None:
+    start = look_at((0.0, 0.4, 3.0), (0.0, 0.4, 0.0))
+    with simulator(tmp_path) as run:
+        assert len(run.step(20_000)) == 0, "nothing moves"
+        end = compose((0.2, 0.4, 3.0), np.eye(3))
+        run.set_camera(end @ np.diag([1.0, -1.0, -1.0, 1.0]), axes="opencv")
+        assert len(run.step(40_000)) > 50
+        assert run.pose("camera", 20_000) == pytest.approx(start, abs=1e-12)
+        assert run.pose("camera", 30_000)[0, 3] == pytest.approx(0.1)
+        assert run.pose("camera") == pytest.approx(end)
+        run.step(60_000)  # what was seen of the motion steers a few frames more
+        assert len(run.step(100_000)) == 0, "it rests where it was put"
+
+
+def test_light_is_data(tmp_path: Path) -> None:
+    """What a lamp adds to the picture is as its radiance, sample by sample."""
+    with simulator(tmp_path) as run:
+
+        def first_picture(*radiance: float) -> np.ndarray:
+            run.reset()
+            if radiance:
+                run.set_light("lamp", radiance)
+            run.step(0)
+            return run.frame().planes[:3]
+
+        scenes, dark, twice = first_picture(), first_picture(0.0, 0.0, 0.0), first_picture(40, 40, 40)
+        assert (scenes - dark).max() > 0.02
+        np.testing.assert_allclose(twice - dark, 2 * (scenes - dark), rtol=1e-4, atol=1e-6)
+        red = first_picture(20.0, 0.0, 0.0)
+        assert (red[0] == scenes[0]).all() and (red[1:] == dark[1:]).all()
+        run.set_light("lamp", (80.0, 80.0, 80.0))
+        more = run.step(5_000)
+        assert len(more) > 20 and more["on"].all(), "there is light from the next frame on"
+        assert (first_picture() == scenes).all(), "after a reset the light is the scene's again"
+
+
+def test_the_caller_says_when_frames_are(tmp_path: Path) -> None:
+    with clsim.Simulator(scene(tmp_path, keyframed()), clock="caller", fps=100.0) as run:
+        seen = []
+        for until_us in (0, 777, 1_001, 1_001, 31_001):
+            run.step(until_us)
+            seen.append(run._next)
+            assert run.time_us == until_us
+        assert seen == [1, 2, 3, 3, 6], "30 ms are three parts of at most 10"
+    with clsim.Simulator(scene(tmp_path, keyframed()), clock="wall") as run:
+        run.step(0)
+        begin = time.perf_counter()
+        run.step(10_000)
+        run.step(400_000)
+        assert time.perf_counter() - begin > 0.39 and run.lag_s >= 0
+
+
+def test_frames_can_be_seen(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run:
+        with pytest.raises(Error, match="there is no frame yet"):
+            run.frame()
+        run.step(5_000)
+        frame = run.frame()
+        assert frame.time_us == 5_000 and frame.planes is not run._frame.planes
+        assert frame.plane("G").mean() > 0.05
+
+
+def test_another_seed_is_other_noise(tmp_path: Path) -> None:
+    with simulator(tmp_path, seed=1) as run:
+        run.step(0)
+        first = run.frame().planes
+        run.reset(seed=2)
+        run.step(0)
+        assert (run.frame().planes != first).any()
+        run.reset(seed=1)
+        run.step(0)
+        assert (run.frame().planes == first).all()
+
+
+def test_what_cannot_be_set_is_told(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run:
+        with pytest.raises(InputError, match=r"called 'bx', expected one of: camera, floor, box, lamp"):
+            run.set_pose("bx", np.eye(4))
+        sheared, mirror, origin = np.eye(4) + 0.5 * np.eye(4, k=1), np.diag([1.0, -1.0, 1.0, 1.0]), (0.0, 0.0, 0.0)
+        far = ((0.0, 0.0, np.inf), (0.0, 0.0, 0.0, 1.0))
+        for pose in (np.eye(3), np.full((4, 4), np.nan), "here", sheared, mirror, origin, (origin, origin), far):
+            with pytest.raises(InputError, match="`T_world` must be a 4×4 matrix of a rotation"):
+                run.set_pose("box", pose)
+        with pytest.raises(InputError, match="no light called 'floor' shines in stage, expected one of: lamp"):
+            run.set_light("floor", (1.0, 1.0, 1.0))
+        with pytest.raises(InputError, match="`radiance` must not be negative"):
+            run.set_light("lamp", (1.0, 1.0, -1.0))
+        run.set_pose("box", np.eye(4), 3_000)
+        with pytest.raises(InputError, match=r"box has a pose at 3000 µs already, .* got 2000"):
+            run.set_pose("box", np.eye(4), 2_000)
+        run.step(5_000)
+        with pytest.raises(InputError, match="`at_us` must be after the last frame, at 5000 µs, got 5000"):
+            run.set_pose("box", np.eye(4), 5_000)
+        with pytest.raises(InputError, match="floor stands still in stage and is built in"):
+            run.set_pose("floor", np.eye(4))
+    with pytest.raises(InputError, match="`clock` must be one of frames, wall, caller, got 'fast'"):
+        clsim.Simulator(scene(tmp_path), clock="fast")
+    with clsim.Simulator(scene(tmp_path), sampling="cached") as run:
+        with pytest.raises(InputError, match="`sampling` cached keeps the light"):
+            run.set_light("lamp", (1.0, 1.0, 1.0))
+        run.set_pose("box", np.eye(4))
+        with pytest.raises(InputError, match="nothing but the camera moves"):
+            run.step(0)
+
+
+def test_every_sort_of_light_has_its_own(tmp_path: Path) -> None:
+    file = tmp_path / "lights.toml"
+    light = '[[lights]]\nname = "NAME"\nkind = "KIND"\nintensity = [1.0, 2.0, 3.0]\n'
+    file.write_text(
+        "[camera]\nposition = [0.0, 0.0, 3.0]\n[materials.glow]\nemission = [1.0, 1.0, 1.0]\n"
+        + '[[objects]]\nshape = "quad"\nmaterial = "glow"\n'
+        + light.replace("NAME", "spot").replace("KIND", "spot")
+        + light.replace("NAME", "sun").replace("KIND", "directional")
+    )
+    data = SceneData(clsim.load_scene(file))
+    for name in ("glow", "sun"):
+        data.set_light(name, (4.0, 5.0, 6.0))
+    assert data.scene.materials.rows.numpy()["emission"].tolist() == [[0.0, 0.0, 0.0], [4.0, 5.0, 6.0]]
+    assert data.scene.lights.punctual.intensity.numpy().tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
