@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from clsim.events.open import open_events as open
     from clsim.events.write import EventWriter as write  # noqa: N813 - called like a function
     from clsim.live.stream import stream
-    from clsim.scene import World
+    from clsim.scene import World, WorldBuilder
     from clsim.scene import load_world as load_scene
     from clsim.simulator import Simulator
 
@@ -32,6 +32,7 @@ __all__ = [
     "Simulator",
     "SinkError",
     "World",
+    "WorldBuilder",
     "__version__",
     "load_scene",
     "open",
@@ -44,6 +45,7 @@ _WHERE = {
     "Simulator": ("clsim.simulator", "Simulator"),
     "SinkError": ("clsim.events", "SinkError"),
     "World": ("clsim.scene", "World"),
+    "WorldBuilder": ("clsim.scene", "WorldBuilder"),
     "load_scene": ("clsim.scene", "load_world"),
     "open": ("clsim.events.open", "open_events"),
     "stream": ("clsim.live.stream", "stream"),

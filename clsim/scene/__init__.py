@@ -1,8 +1,9 @@
 """What the world is: the scene schema, loaders and motion."""
 
+from clsim.scene.builder import WorldBuilder
 from clsim.scene.describe import describe
 from clsim.scene.load import bundled_names, bundled_scenes, load_world
-from clsim.scene.motion import Motion, Static
+from clsim.scene.motion import Motion, Static, look_at
 from clsim.scene.validate import validate
 from clsim.scene.world import (
     Camera,
@@ -38,9 +39,11 @@ __all__ = [
     "Static",
     "Texture",
     "World",
+    "WorldBuilder",
     "bundled_names",
     "bundled_scenes",
     "describe",
     "load_world",
+    "look_at",
     "validate",
 ]

@@ -104,6 +104,12 @@ def place_of(pose: Matrix) -> Place:
     return (x, y, z), quaternion_of(pose[:3, :3] / scale), scale
 
 
+def matrix_of(place: Place) -> Matrix:
+    """Return the 4×4 matrix of a place."""
+    position, rotation, scale = place
+    return compose(position, scale * rotation_matrix(rotation))
+
+
 def _pair(position: Matrix, quaternion: Matrix) -> Place:
     sound = np.isfinite(position).all() and abs(np.linalg.norm(quaternion) - 1.0) < 0.01
     if position.shape != (3,) or quaternion.shape != (4,) or not sound:

@@ -198,15 +198,27 @@ def _as_utf8(data: bytes) -> bytes:
 
 
 def _mesh(path: Path, name: str, geometry: Any, material: int) -> Mesh:
+    try:
+        return mesh_of(name, geometry, material)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
+    """Return a mesh of trimesh as one of ours, with the normals that came with its file, if any.
+
+    Raises:
+        InputError: a vertex is not finite, or a triangle names none; the message says in which mesh.
+    """
     vertices = np.asarray(geometry.vertices, np.float64)
     faces = np.asarray(geometry.faces)
     if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
         wrong = faces[(faces < 0) | (faces >= len(vertices))][0]
-        raise InputError(f"{path}: mesh {name}: a triangle uses vertex {wrong}, expected 0 to {len(vertices) - 1}")
+        raise InputError(f"mesh {name}: a triangle uses vertex {wrong}, expected 0 to {len(vertices) - 1}")
     if len(faces) and not np.isfinite(vertices).all():
         bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
         value = ", ".join(f"{x:g}" for x in vertices[bad])
-        raise InputError(f"{path}: mesh {name}: vertex {bad} is ({value}), expected finite numbers")
+        raise InputError(f"mesh {name}: vertex {bad} is ({value}), expected finite numbers")
     # Only normals that came with the file stand in the cache here; asking for others would invent smooth ones.
     normals = np.array(geometry.vertex_normals, np.float64) if "vertex_normals" in geometry._cache else None
     if normals is not None:
