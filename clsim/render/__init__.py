@@ -4,6 +4,7 @@ from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
 from clsim.render.features import light_stands_still
 from clsim.render.options import RenderOptions
+from clsim.render.retracer import Retracer
 from clsim.render.scene_data import SceneData
 from clsim.render.tracer import PathTracer, describe_build
 from clsim.render.view import RenderCancelled, View
@@ -13,6 +14,7 @@ __all__ = [
     "PathTracer",
     "RenderCancelled",
     "RenderOptions",
+    "Retracer",
     "SceneData",
     "View",
     "check_device",

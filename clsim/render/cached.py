@@ -197,7 +197,7 @@ def make_cached(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, settin
                 if wp.static(sobol):
                     stream.reversed_index = reverse_bits(wp.uint32(i))
                 stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, stream, True)
+                sample = shoot(scene, camera, settings, pixel, 0, stream, True)
                 looks = looks + 1
                 # A sample that is not finite is dropped whole.
                 if sampling.finite(sample.normal) and sampling.finite(sample.emission):
@@ -223,7 +223,7 @@ def make_cached(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, settin
                 if wp.static(sobol):
                     stream.reversed_index = reverse_bits(wp.uint32(number))
                 stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
-                sample = shoot(scene, camera, settings, pixel, stream, False)
+                sample = shoot(scene, camera, settings, pixel, 0, stream, False)
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     reflected = sample.radiance - sample.emission
                     p = sample.position

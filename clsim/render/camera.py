@@ -28,6 +28,7 @@ from clsim.render.shutter import (
     shutter_key,
     shutter_weight,
 )
+from clsim.render.upload_arrays import array
 from clsim.scene import Camera
 
 _ITERATIONS = wp.constant(12)
@@ -41,7 +42,8 @@ class CameraState:
 
     A plain pinhole is ``origin`` and the plane of the image: ``right`` and ``down`` span one pixel, ``corner`` points
     to its top left corner. The others have their intrinsics in pixels, and a pose for each key of the exposure;
-    ``limit`` is the tangent (fisheye: the angle) squared up to which distortion can be inverted.
+    ``limit`` is the tangent (fisheye: the angle) squared up to which distortion can be inverted. Where requests tell
+    the instant, each has a pose, and of a plain pinhole ``positions`` and ``images`` (right, down and corner as rows).
     """
 
     origin: wp.vec3
@@ -57,6 +59,7 @@ class CameraState:
     positions: wp.array(dtype=wp.vec3)
     steps: wp.array(dtype=wp.vec3)
     rotations: wp.array(dtype=wp.quat)
+    images: wp.array(dtype=wp.mat33)
 
 
 @wp.struct
@@ -112,7 +115,7 @@ def make_camera(features: Features) -> Any:
     """Return the Warp function ``camera_ray(view, x, y, lens, time)``.
 
     x, y is the image position [pixels], the top left corner being 0, 0; ``lens`` a pair of random numbers for the
-    position on the aperture, ``time`` goes from 0 to 1 through the exposure.
+    position on the aperture, ``time`` goes from 0 to 1 through the exposure; of requests it is the instant's number.
     """
 
     @wp.func
@@ -120,8 +123,13 @@ def make_camera(features: Features) -> Any:
         ray = CameraRay()
         ray.exists = True
         if wp.static(plain(features)):
-            ray.origin = view.origin
-            ray.direction = wp.normalize(view.corner + view.right * x + view.down * y)
+            if wp.static(features.requests):
+                image = view.images[int(time)]
+                ray.origin = view.positions[int(time)]
+                ray.direction = wp.normalize(image[2] + image[0] * x + image[1] * y)
+            else:
+                ray.origin = view.origin
+                ray.direction = wp.normalize(view.corner + view.right * x + view.down * y)
         else:
             across = (x - view.centre_px[0]) / view.focal_px
             down = (y - view.centre_px[1]) / view.focal_px
@@ -143,8 +151,11 @@ def make_camera(features: Features) -> Any:
                 phi = 2.0 * wp.pi * lens[1]
                 start = wp.vec3(r * wp.cos(phi), r * wp.sin(phi), 0.0)
                 target = target * view.focus_m - start
-            position = view.positions[0]
-            rotation = view.rotations[0]
+            instant = int(0.0)
+            if wp.static(features.requests):
+                instant = int(time)
+            position = view.positions[instant]
+            rotation = view.rotations[instant]
             if wp.static(features.camera_blur):
                 key = shutter_key(time)
                 weight = shutter_weight(time)
@@ -195,6 +206,7 @@ class CameraData:
         self._view.positions = wp.zeros(keys, dtype=wp.vec3, device=device)
         self._view.steps = wp.zeros(keys, dtype=wp.vec3, device=device)
         self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
+        self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
 
     def at(self, time_s: float) -> Any:
         """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
@@ -206,13 +218,26 @@ class CameraData:
         self._view.steps.assign(key_steps([motion], times_s, positions[:, None])[:, 0].astype(np.float32))
         self._view.rotations.assign(quaternions(axes).astype(np.float32))
         middle = motion.pose(time_s)
-        right, up, back = (middle[:3, i] / np.linalg.norm(middle[:3, i]) for i in range(3))
-        x, y = (c / self._focal_px for c in self._centre_px)
         self._view.origin = wp.vec3(*(middle[:3, 3] - self._origin_m))
-        self._view.right = wp.vec3(*(right / self._focal_px))
-        self._view.down = wp.vec3(*(-up / self._focal_px))
-        self._view.corner = wp.vec3(*(-back - right * x + up * y))
+        right, down, corner = self._image(middle)
+        self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
         return self._view
+
+    def at_instants(self, times_s: npt.NDArray[np.float64], device: Any) -> Any:
+        """Return the views at those times, one after the other."""
+        poses = np.array([self._camera.motion.pose(float(t)) for t in times_s])
+        axes = poses[:, :3, :3] / np.linalg.norm(poses[:, :3, :3], axis=1, keepdims=True)
+        images = np.array([self._image(pose) for pose in poses], np.float32)
+        self._view.positions = array((poses[:, :3, 3] - self._origin_m).astype(np.float32), wp.vec3, device)
+        self._view.rotations = array(quaternions(axes).astype(np.float32), wp.quat, device)
+        self._view.images = array(images, wp.mat33, device)
+        return self._view
+
+    def _image(self, pose: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
+        """Return the plane of the image: right, down and the corner."""
+        right, up, back = (pose[:3, i] / np.linalg.norm(pose[:3, i]) for i in range(3))
+        x, y = (c / self._focal_px for c in self._centre_px)
+        return right / self._focal_px, -up / self._focal_px, -back - right * x + up * y
 
 
 def invertible(distortion: tuple[float, ...], fisheye: bool) -> float:

@@ -56,6 +56,11 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
+def first_look(first_hit_rays: int) -> int:
+    """Return after how many of so many first-hit rays a pixel may be found to show one thing."""
+    return min(max(LEAST_LOOK, first_hit_rays // 4), first_hit_rays)
+
+
 class Steerer:
     """Decides from interest maps which pixels of a frame get how many samples, and counts what they got.
 
@@ -103,7 +108,7 @@ class Steerer:
         effort = self.effort
         steering: Any = Steering()
         steering.first_hits = effort.first_hit_rays
-        steering.first_look = min(max(LEAST_LOOK, effort.first_hit_rays // 4), effort.first_hit_rays)
+        steering.first_look = first_look(effort.first_hit_rays)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._number == 0:

@@ -40,6 +40,7 @@ class SceneFeatures:
         environment_map: the environment is an image, with the constant environment added to it.
         motion_blur: the interval lasts, and an object or a light moves or deforms.
         deforming_blur: the interval lasts, and something deforms.
+        instants: rays are of several instants, and what moves has a place for each.
     """
 
     two_level: bool
@@ -65,6 +66,7 @@ class SceneFeatures:
     environment_map: bool
     motion_blur: bool
     deforming_blur: bool
+    instants: bool
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,7 @@ class Features(SceneFeatures):
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         light_cache: first hits take their light from what is kept on surfaces.
+        requests: a list tells which pixels are traced, and at which instants.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
     """
@@ -94,6 +97,7 @@ class Features(SceneFeatures):
     variances: bool
     first_hits: bool
     light_cache: bool
+    requests: bool
     strategy: Strategy
 
     def describe(self) -> dict[str, list[str]]:
@@ -203,8 +207,8 @@ def light_stands_still(world: World) -> bool:
     return not objects_move(world) and not any(deforms(mesh) for mesh in _used_meshes(world))
 
 
-def scene_features(world: World, interval_s: float) -> SceneFeatures:
-    """Return what the world needs on a device, over an interval of that length [s]."""
+def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:
+    """Return what the world needs on a device, over an interval of that length [s], or at several ``instants``."""
     meshes, materials = _used_meshes(world), _used_materials(world)
     kinds = {material.kind for material in materials} or {"diffuse"}
     uses = {use for material in materials for use in textures_of(material)}
@@ -234,6 +238,8 @@ def scene_features(world: World, interval_s: float) -> SceneFeatures:
         environment_map=world.environment_map is not None,
         motion_blur=interval_s > 0 and (deforming or objects_move(world)),
         deforming_blur=interval_s > 0 and deforming,
+        # What deforms is traced an instant at a time.
+        instants=instants and objects_move(world) and not deforming,
     )
 
 
@@ -246,6 +252,7 @@ def view_features(
     sobol: bool = False,
     first_hits: bool = False,
     light_cache: bool = False,
+    requests: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     return Features(
@@ -259,5 +266,6 @@ def view_features(
         variances=variances,
         first_hits=first_hits,
         light_cache=light_cache,
+        requests=requests,
         strategy=strategy,
     )

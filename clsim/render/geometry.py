@@ -33,9 +33,10 @@ class Place:
 class Geometry:
     """The triangles of all meshes one after the other, their instances and the analytic spheres.
 
-    Without motion blur instances have ``to_world`` and ``to_object``, with it ``places``, one after the other for each
-    key of the interval, and so have spheres, with ``sphere_steps``. Where deforming meshes blur, each has a mesh for
-    each key, which differ in their vertices alone, and ``instance_mesh`` goes on for each key.
+    Without motion blur instances have ``to_world`` and ``to_object``, one after the other for each instant, with it
+    ``places``, likewise for each key of the interval, and so have spheres, with ``sphere_steps``. Where deforming
+    meshes blur, each has a mesh for each key, which differ in their vertices alone, and ``instance_mesh`` goes on for
+    each key.
     """
 
     mesh_handles: wp.array(dtype=wp.uint64)
@@ -170,12 +171,29 @@ def hit_sphere(sphere: wp.vec4, origin: wp.vec3, direction: wp.vec3) -> float:
     return t
 
 
+def make_row(features: Features) -> Any:
+    """Return the Warp function ``row_at(count, index, time)``: where a table has number ``index`` of ``count`` things.
+
+    A ray's ``time`` goes from 0 to 1 through the interval; where there are ``instants``, it is the instant's number.
+    """
+
+    @wp.func
+    def row_at(count: int, index: int, time: float) -> int:
+        row = int(index)
+        if wp.static(features.instants):
+            row = int(time) * count + index
+        return row
+
+    return row_at
+
+
 def make_sphere_at(features: Features) -> Any:
     """Return the Warp function ``sphere_at(geometry, index, time)``: centre and radius."""
+    row_at = make_row(features)
 
     @wp.func
     def sphere_at(geometry: Geometry, index: int, time: float) -> wp.vec4:
-        sphere = geometry.spheres[index]
+        sphere = geometry.spheres[row_at(geometry.sphere_count, index, time)]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * geometry.sphere_count + index
             after = first + geometry.sphere_count
@@ -198,6 +216,7 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
     All take (geometry, instance, time). The last gives the place of an instance's mesh, as it is shaped at that time,
     in the table of meshes.
     """
+    row_at = make_row(features)
 
     @wp.func
     def to_world_at(geometry: Geometry, instance: int, time: float) -> mat34:
@@ -213,7 +232,7 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
                 m[0, 0], m[0, 1], m[0, 2], p[0], m[1, 0], m[1, 1], m[1, 2], p[1], m[2, 0], m[2, 1], m[2, 2], p[2]
             )
         else:
-            to_world = geometry.to_world[instance]
+            to_world = geometry.to_world[row_at(geometry.instance_count, instance, time)]
         return to_world
 
     @wp.func
@@ -234,7 +253,7 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
                 c[0], c[1], c[2], -wp.dot(c, moved),
             )  # fmt: skip
         else:
-            to_object = geometry.to_object[instance]
+            to_object = geometry.to_object[row_at(geometry.instance_count, instance, time)]
         return to_object
 
     @wp.func

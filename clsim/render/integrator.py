@@ -23,6 +23,7 @@ from clsim.render.intersection import face, make_intersection
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
+from clsim.render.retraced import make_retraced
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.steered import make_steered
 
@@ -69,7 +70,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """Return the kernel ``render(scene, camera, settings, first_pixel, out_planes, out_bits)``; a thread is a pixel.
 
     ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as unsigned integers. Where first hits are
-    sampled apart, it is the kernel of ``steered.py``.
+    sampled apart, it is the kernel of ``steered.py``, and for requests one of ``retraced.py``.
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -267,7 +268,13 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     @wp.func
     def shoot(
-        scene: Scene, camera: CameraState, settings: Settings, pixel: int, stream: sampling.Stream, only_look: bool
+        scene: Scene,
+        camera: CameraState,
+        settings: Settings,
+        pixel: int,
+        instant: int,
+        stream: sampling.Stream,
+        only_look: bool,
     ) -> Sample:
         jitter = uniform2(stream, sampling.CAMERA)
         lens = wp.vec2()
@@ -277,6 +284,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         if wp.static(features.camera_blur or features.motion_blur):
             shutter = uniform2(stream, sampling.TIME)[0]
         time = settings.opens + settings.lasts * shutter
+        if wp.static(features.requests):
+            shutter = float(instant)
+            time = float(instant)
         x = float(pixel % settings.width)
         y = float(pixel // settings.width)
         ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, shutter)
@@ -285,6 +295,37 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, only_look)
         return sample
 
+    @wp.func
+    def gather(scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int) -> Moments:
+        """Trace all paths of a pixel."""
+        state = sampling.absorb(settings.stream, pixel)
+        stream = sampling.Stream()
+        moments = Moments()
+        if wp.static(features.sobol):
+            for batch in range(settings.batches):
+                # No sample has a negative number.
+                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1 - batch))
+                part = Moments()
+                for i in range(batch, settings.samples, settings.batches):
+                    stream.key = sampling.stream_key(sampling.absorb(state, i))
+                    stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
+                    sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                    if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                        part = add(part, sample)
+                moments = merge(moments, part)
+        else:
+            for i in range(settings.samples):
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
+                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    moments = add(moments, sample)
+        return moments
+
+    if features.requests:
+        types = Scene, CameraState, Settings
+        paths, first_hits = make_retraced(features.sobol, shoot, gather, store, *types, kernel_options())
+        return first_hits if features.first_hits else paths
     if features.light_cache:
         return make_cached(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
     if features.first_hits:
@@ -304,28 +345,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         out_bits: wp.array2d(dtype=wp.uint32),
     ):
         pixel = first_pixel + wp.tid()
-        state = sampling.absorb(settings.stream, pixel)
-        stream = sampling.Stream()
-        moments = Moments()
-        if wp.static(features.sobol):
-            for batch in range(settings.batches):
-                # No sample has a negative number.
-                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1 - batch))
-                part = Moments()
-                for i in range(batch, settings.samples, settings.batches):
-                    stream.key = sampling.stream_key(sampling.absorb(state, i))
-                    stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
-                    sample = shoot(scene, camera, settings, pixel, stream, False)
-                    if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                        part = add(part, sample)
-                moments = merge(moments, part)
-        else:
-            for i in range(settings.samples):
-                stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, stream, False)
-                # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
-                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                    moments = add(moments, sample)
-        store(moments, pixel, out_planes, out_bits)
+        store(gather(scene, camera, settings, pixel, 0), pixel, out_planes, out_bits)
 
     return render

@@ -8,10 +8,9 @@ import numpy as np
 import warp as wp
 
 from clsim.render.cached import Gathering
-from clsim.render.effort import Effort
+from clsim.render.effort import Effort, first_look
 from clsim.render.launch import record
 from clsim.render.light_cache import FIELDS, LEVELS, add_to_cells, move_cells, open_cells
-from clsim.render.steered import LEAST_LOOK
 
 KNOWN = 0.5
 """Where less is known of the light, a pixel traces all its paths."""
@@ -75,7 +74,7 @@ class LightKeeper:
             self._make_room(effort.spp)
         self._gathering: Any = Gathering()
         self._gathering.first_hits = effort.first_hit_rays
-        self._gathering.first_look = min(max(LEAST_LOOK, effort.first_hit_rays // 4), effort.first_hit_rays)
+        self._gathering.first_look = first_look(effort.first_hit_rays)
         self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN

@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.features import Features
+from clsim.render.features import Features, SceneFeatures
+from clsim.render.geometry import make_row
 from clsim.render.shutter import key_steps, position_between, shutter_key, shutter_weight
 from clsim.scene import PunctualLight
 from clsim.scene.world import Falloff
@@ -24,7 +25,7 @@ _SMOOTH = wp.constant(CURVES["smooth"])
 
 @wp.struct
 class Punctual:
-    """The lights; positions and axes (where a light shines) light by light for each key of the exposure.
+    """The lights; positions and axes (where a light shines) light by light for each key of the interval or instant.
 
     A spot fades as ``clamp(x·scale + offset)``, of which ``curve`` makes its falloff; x is the cosine to its axis, and
     the angle [rad] where the curve is linear. A point has scale 0 and offset 1.
@@ -51,10 +52,11 @@ class PunctualSample:
 
 def make_punctual(features: Features) -> Any:
     """Return the Warp function ``towards_punctual(lights, index, position, time)``."""
+    row_at = make_row(features)
 
     @wp.func
     def axis_at(lights: Punctual, index: int, time: float) -> wp.vec3:
-        axis = lights.axes[index]
+        axis = lights.axes[row_at(lights.count, index, time)]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * lights.count + index
             axis = wp.lerp(lights.axes[first], lights.axes[first + lights.count], shutter_weight(time))
@@ -62,7 +64,7 @@ def make_punctual(features: Features) -> Any:
 
     @wp.func
     def position_at(lights: Punctual, index: int, time: float) -> wp.vec3:
-        position = lights.positions[index]
+        position = lights.positions[row_at(lights.count, index, time)]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * lights.count + index
             after = first + lights.count
@@ -134,11 +136,16 @@ def power(light: PunctualLight, radius_m: float) -> npt.NDArray[np.float64]:
 
 
 def rows(
-    lights: Sequence[PunctualLight], times_s: npt.NDArray[np.float64], origin_m: npt.NDArray[np.float64]
+    lights: Sequence[PunctualLight],
+    times_s: npt.NDArray[np.float64],
+    origin_m: npt.NDArray[np.float64],
+    features: SceneFeatures,
 ) -> tuple[npt.NDArray[np.float32], ...]:
-    """Return positions from the origin, steps (``shutter.key_steps``) and axes at the keys, ``[keys · lights, 3]``."""
+    """Return positions from the origin, steps (``shutter.key_steps``) and axes, ``[times · lights, 3]`` each."""
     poses = np.array([light.motion.pose(float(t)) for t in times_s for light in lights]).reshape(len(times_s), -1, 4, 4)
     axes = -poses[..., :3, 2] / np.linalg.norm(poses[..., :3, 2], axis=-1, keepdims=True)
     positions = poses[..., :3, 3] - origin_m
-    steps = key_steps([light.motion for light in lights], times_s, positions)
+    steps = np.zeros_like(positions)
+    if features.motion_blur:
+        steps = key_steps([light.motion for light in lights], times_s, positions)
     return tuple(table.reshape(-1, 3).astype(np.float32) for table in (positions, steps, axes))

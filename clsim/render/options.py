@@ -123,11 +123,19 @@ class RenderOptions:
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
-    def features(self, scene: SceneFeatures, camera: Camera) -> Features:
-        """Return what the kernel has with which a camera looks at such a scene."""
+    def features(self, scene: SceneFeatures, camera: Camera, requests: bool = False) -> Features:
+        """Return what the kernel has with which a camera looks at such a scene, at all pixels or those of requests."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
         return view_features(
-            scene, camera, self.variances, self.strategy, self.follow_specular, sobol, first_hits, self.light_cache
+            scene,
+            camera,
+            self.variances,
+            self.strategy,
+            self.follow_specular,
+            sobol,
+            first_hits,
+            self.light_cache and not requests,
+            requests,
         )
 
     def features_of(self, world: World) -> Features:

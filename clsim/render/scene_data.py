@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
 from clsim.render.devices import check_device, fastest_tree
-from clsim.render.features import scene_features
+from clsim.render.features import light_stands_still, scene_features
 from clsim.render.geometry import Tree
 from clsim.render.integrator import Scene
 from clsim.render.placement import place
@@ -37,7 +39,12 @@ class SceneData:
     """
 
     def __init__(
-        self, world: World, device: str = "cpu", tree: Tree | None = None, interval_s: float | None = None
+        self,
+        world: World,
+        device: str = "cpu",
+        tree: Tree | None = None,
+        interval_s: float | None = None,
+        instants: bool = False,
     ) -> None:
         """Copy the world to the device and build its trees.
 
@@ -46,6 +53,7 @@ class SceneData:
             device: render device, "cpu" or "cuda:0" …
             tree: how rays find triangles; None takes the fastest of the device.
             interval_s: at least the longest exposure of all views [s]; None takes that of the world's camera.
+            instants: everything has a place for each of several instants, for `move_to`, and there is no interval.
 
         Raises:
             InputError: the world, the device or the tree cannot be used.
@@ -58,7 +66,9 @@ class SceneData:
         if self.tree == "bvh8" and not self.device.is_cpu:
             raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {device}')
         self.interval_s = world.camera.shutter_s if interval_s is None else interval_s
-        self.features = scene_features(world, self.interval_s)
+        if instants:
+            self.interval_s = 0.0
+        self.features = scene_features(world, self.interval_s, instants)
         self._time_s: float | None = None
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
@@ -94,6 +104,26 @@ class SceneData:
         """
         self._lights.shine(self.world, name, radiance)
         emit(self.scene.materials, self.world, name, radiance)
+
+    def move_to(self, times_s: npt.NDArray[np.float64]) -> None:
+        """Put everything where it is at each of those times [s], for rays that tell which of them is theirs.
+
+        Raises:
+            ValueError: what deforms can be at one of them at a time only.
+        """
+        if self.features.instants:
+            self._geometry.update(times_s)
+            self._lights.update(times_s)
+            self.scene.geometry, self.scene.lights = self._geometry.geometry, self._lights.lights
+        elif not self.still:
+            if len(times_s) != 1:
+                raise ValueError(f"what deforms is at one instant at a time, got {len(times_s)}")
+            self.move(float(times_s[0]))
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing but cameras moves, so that all instants are alike."""
+        return light_stands_still(self.world)
 
     def _key_times(self, time_s: float) -> Any:
         return key_times(time_s, self.interval_s if self.features.motion_blur else 0.0)

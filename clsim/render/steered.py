@@ -228,7 +228,7 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
                     stream.reversed_index = reverse_bits(wp.uint32(i))
                 stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, stream, not on)
+                sample = shoot(scene, camera, settings, pixel, 0, stream, not on)
                 # A sample that is not finite is dropped whole.
                 sound = sampling.finite(sample.normal)
                 if look and sound and sampling.finite(sample.emission):

@@ -14,8 +14,8 @@ from clsim.render.features import SceneFeatures
 from clsim.render.geometry import Geometry, Place, Tree, mat34
 from clsim.render.placement import Placement, uvs
 from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
-from clsim.render.upload_arrays import array
-from clsim.scene import SphereLight
+from clsim.render.upload_arrays import array, write
+from clsim.scene import Motion, SphereLight
 
 _F64 = npt.NDArray[np.float64]
 
@@ -94,6 +94,9 @@ class GeometryData:
             self._trees[entry] = deforming.tree
         if self._deforming:
             self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
+        if self._features.instants and len(times_s) > self._most_times:
+            self._create_places(times_s)
+            return
         if self._features.two_level:
             poses, steps = self._poses(times_s)
             lowers, uppers = self._bounds(poses, steps)
@@ -105,16 +108,18 @@ class GeometryData:
             if self._features.motion_blur:
                 self._places.assign(_place_rows(poses, steps))
             else:
-                self._to_world.assign(poses[0, :, :3].astype(np.float32))
-                self._to_object.assign(np.linalg.inv(poses[0])[:, :3].astype(np.float32))
-        if any(light.motion.duration_s > 0 for light in self._sphere_lights):
+                to_world, to_object = _matrices(poses)
+                write(self._to_world, to_world)
+                write(self._to_object, to_object)
+        if self._features.instants or any(light.motion.duration_s > 0 for light in self._sphere_lights):
             spheres, sphere_steps = self._sphere_rows(times_s)
-            self._spheres.assign(spheres)
-            self._sphere_steps.assign(sphere_steps)
+            write(self._spheres, spheres)
+            write(self._sphere_steps, sphere_steps)
 
     def _create_places(self, times_s: _F64) -> None:
         """Put instances and spheres where they are at those times and build the tree over instances."""
         geometry = self.geometry
+        self._most_times = len(times_s)
         poses, steps = self._poses(times_s)
         lowers, uppers = self._bounds(poses, steps)
         self.middle_m = (lowers.min(axis=0) + uppers.max(axis=0)) / 2
@@ -128,10 +133,11 @@ class GeometryData:
                 self._places = array(_place_rows(poses, steps), Place, self._device)
                 geometry.places = self._places
             else:
-                self._to_world = array(poses[0, :, :3].astype(np.float32), mat34, self._device)
-                self._to_object = array(np.linalg.inv(poses[0])[:, :3].astype(np.float32), mat34, self._device)
+                to_world, to_object = _matrices(poses)
+                self._to_world = array(to_world, mat34, self._device)
+                self._to_object = array(to_object, mat34, self._device)
                 geometry.to_world, geometry.to_object = self._to_world, self._to_object
-        if self._sphere_lights:
+        if self._sphere_lights or self._features.instants:
             spheres, sphere_steps = self._sphere_rows(times_s)
             self._spheres = array(spheres, wp.vec4, self._device)
             self._sphere_steps = array(sphere_steps, wp.vec3, self._device)
@@ -142,7 +148,10 @@ class GeometryData:
         motions = [instance.motion for instance in self._instances]
         poses = np.array([[motion.pose(float(t)) for motion in motions] for t in times_s])
         poses[..., :3, 3] -= self._origin_m
-        return poses, key_steps(motions, times_s, poses[..., :3, 3])
+        return poses, self._steps(motions, times_s, poses[..., :3, 3])
+
+    def _steps(self, motions: list[Motion], times_s: _F64, positions: _F64) -> _F64:
+        return key_steps(motions, times_s, positions) if self._features.motion_blur else np.zeros_like(positions)
 
     def _bounds(self, poses: _F64, steps: _F64) -> tuple[_F64, _F64]:
         """Boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
@@ -152,7 +161,7 @@ class GeometryData:
         extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
         extents += 1e-6 * (1.0 + np.abs(centres) + extents)
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
-        if len(poses) > 1:
+        if self._features.motion_blur:
             farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)), axis=1)
             beyond = bulge(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
             lowers, uppers = lowers - beyond, uppers + beyond
@@ -161,11 +170,18 @@ class GeometryData:
     def _sphere_rows(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Centres from the origin and radii ``[keys · spheres, 4]``, and steps (``shutter.key_steps``)."""
         motions = [light.motion for light in self._sphere_lights]
-        centres = np.array([[motion.pose(float(t))[:3, 3] for motion in motions] for t in times_s]) - self._origin_m
+        centres = np.array([[motion.pose(float(t))[:3, 3] for motion in motions] for t in times_s])
+        centres = centres.reshape(len(times_s), -1, 3) - self._origin_m
         radii = np.broadcast_to([light.radius_m for light in self._sphere_lights], centres.shape[:2])
         rows = np.concatenate([centres, radii[..., None]], axis=2).reshape(-1, 4)
-        steps = key_steps(motions, times_s, centres).reshape(-1, 3)
+        steps = self._steps(motions, times_s, centres).reshape(-1, 3)
         return rows.astype(np.float32), steps.astype(np.float32)
+
+
+def _matrices(poses: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the upper three rows of poses ``[times, instances, 4, 4]`` and of their inverses, one after the other."""
+    poses = poses.reshape(-1, 4, 4)
+    return poses[:, :3].astype(np.float32), np.linalg.inv(poses)[:, :3].astype(np.float32)
 
 
 def _place_rows(poses: _F64, steps: _F64) -> npt.NDArray[np.void]:

@@ -16,7 +16,7 @@ from clsim.render.light_choice import arriving, fair
 from clsim.render.lights import Lamp, Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
-from clsim.render.upload_arrays import array
+from clsim.render.upload_arrays import array, write
 from clsim.scene import Mesh, Motion, World
 from clsim.scene.world import Vec3
 
@@ -42,6 +42,7 @@ class LightData:
     ) -> None:
         """Number the lights, give each its probability and put those without size where they are at those times."""
         self._device = device
+        self._features = features
         self._punctual_lights = world.punctual_lights
         self._origin_m = placement.origin_m
         emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
@@ -108,12 +109,15 @@ class LightData:
         return float(np.linalg.norm(motion.pose(0.0)[:3, 3] - self._origin_m - middle_m))
 
     def update(self, times_s: _F64) -> None:
-        """Put the lights without size where they are at those times; work only where one moves."""
-        if any(light.motion.duration_s > 0 for light in self._punctual_lights):
-            positions, steps_m, axes = lights_punctual.rows(self._punctual_lights, times_s, self._origin_m)
-            self._punctual.positions.assign(positions)
-            self._punctual.steps.assign(steps_m)
-            self._punctual.axes.assign(axes)
+        """Put the lights without size where they are at those times; work only where one moves, or times are others."""
+        if self._features.instants and len(times_s) * len(self._punctual_lights) > len(self._punctual.positions):
+            self.lights.punctual = self._punctual_table(times_s)
+        elif self._features.instants or any(light.motion.duration_s > 0 for light in self._punctual_lights):
+            tables = lights_punctual.rows(self._punctual_lights, times_s, self._origin_m, self._features)
+            for out, rows in zip(
+                (self._punctual.positions, self._punctual.steps, self._punctual.axes), tables, strict=True
+            ):
+                write(out, rows)
 
     def shine(self, world: World, name: str, radiance: Vec3) -> None:
         """Give the spheres and the lights without size of a name another radiance or intensity."""
@@ -140,7 +144,7 @@ class LightData:
 
     def _punctual_table(self, times_s: _F64) -> Any:
         lights, table = self._punctual_lights, Punctual()
-        positions, steps_m, axes = lights_punctual.rows(lights, times_s, self._origin_m)
+        positions, steps_m, axes = lights_punctual.rows(lights, times_s, self._origin_m, self._features)
         table.count = len(lights)
         table.directional = array([int(light.kind == "directional") for light in lights], wp.int32, self._device)
         table.intensity = array([light.intensity for light in lights], wp.vec3, self._device)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import warp as wp
@@ -12,23 +10,31 @@ import warp as wp
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.devices import usable_cores
 from clsim.render.effort import Effort, Steerer
 from clsim.render.features import light_stands_still
 from clsim.render.integrator import Settings, build_kernel
-from clsim.render.launch import record
+from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.light_keeper import LightKeeper
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
 
-_TILE_PATHS = 4096
-"""Paths a launch on a CPU traces: some 10 ms, so that an interrupt is quick and threads end together."""
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
 SOBOL_BATCHES = 4
 """Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
+
+
+def settings_of(options: RenderOptions, width: int) -> Any:
+    """Return the kernel's settings for pictures of that width."""
+    settings: Any = Settings()
+    settings.samples = options.spp
+    settings.batches = SOBOL_BATCHES
+    settings.max_depth = options.max_depth
+    settings.roulette_start = options.roulette_start
+    settings.width = width
+    return settings
 
 
 class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
@@ -86,12 +92,7 @@ class View:
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
         self._camera = CameraData(camera, features, data.origin_m, self._device)
-        self._settings: Any = Settings()
-        self._settings.samples = options.spp
-        self._settings.batches = SOBOL_BATCHES
-        self._settings.max_depth = options.max_depth
-        self._settings.roulette_start = options.roulette_start
-        self._settings.width = camera.width
+        self._settings: Any = settings_of(options, camera.width)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
@@ -107,20 +108,10 @@ class View:
             else:
                 self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
         self._paths = 0
-        self._cancelled = threading.Event()
         self._targets: dict[int, tuple[Any, Any]] = {}
-
-        pixels = camera.width * camera.height
-        if self._device.is_cpu:
-            threads = options.threads or usable_cores()
-            self._tile = options.tile_pixels or max(1, _TILE_PATHS // (options.probe_spp or options.spp))
-        else:
-            threads = 1
-            self._tile = options.tile_pixels or pixels
-        self._tile = min(self._tile, pixels)
-        self._launches = [self._record() for _ in range(min(threads, -(-pixels // self._tile)))]
-        # The calling thread renders too.
-        self._pool = ThreadPoolExecutor(len(self._launches) - 1, "clsim-tile") if len(self._launches) > 1 else None
+        tile = options.tile_pixels or tile_size(options.probe_spp or options.spp, self._device)
+        pixels, on_cpu = camera.width * camera.height, self._device.is_cpu
+        self._tiles = Tiles(self._record, "first_pixel", pixels, tile, options.threads, on_cpu)
 
     def fill(self, index: int, out: Frame) -> None:
         """Render frame ``index`` (from 0; beyond the motion's end it goes on as the motion does) into ``out``.
@@ -138,7 +129,7 @@ class View:
         """
         if out.names != self.names or (out.height, out.width) != (self.height, self.width):
             raise ValueError(f"expected a frame {self.width}x{self.height} with the planes {', '.join(self.names)}")
-        if self._cancelled.is_set():
+        if self._tiles.cancelled:
             raise RenderCancelled
         time_s = time_us * 1e-6
         self._data.move(time_s)
@@ -193,22 +184,18 @@ class View:
 
         Its board is closed, so that a ``fill`` that waits for an interest map ends too.
         """
-        self._cancelled.set()
+        self._tiles.cancel()
         if self._steerer is not None:
             self._steerer.cancel()
 
     def close(self) -> None:
         """End the threads and let go of all memory; safe to call twice."""
         self.cancel()
-        if self._pool is not None:
-            self._pool.shutdown()
-            self._pool = None
-        self._launches.clear()
+        self._tiles.close()
         self._targets.clear()
 
-    def _record(self) -> Any:
-        """Record a launch, one for each thread since its parameters change."""
-        planes = wp.zeros((len(self.names), self._tile), dtype=wp.float32, device=self._device)
+    def _record(self, tile: int) -> Any:
+        planes = wp.zeros((len(self.names), tile), dtype=wp.float32, device=self._device)
         arguments = {
             "scene": self._data.scene,
             "camera": self._camera.at(0.0),
@@ -220,35 +207,12 @@ class View:
             arguments["out_bits"] = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
         else:
             arguments |= self._steerer.arguments
-        return record(self._kernel, self._tile, self._device, **arguments)
+        return record(self._kernel, tile, self._device, **arguments)
 
     def _render(self, changed: dict[str, Any]) -> None:
         """Render all pixels with those arguments of the kernel that have changed."""
-        for launch in self._launches:
-            for name, value in changed.items():
-                launch.set_param_by_name(name, value)
-        pixels = self.width * self.height
-        tiles = iter(range(0, pixels, self._tile))
-        # next() of a range iterator is one step of the interpreter, so that threads may share it.
-        workers = [self._pool.submit(self._drain, launch, tiles) for launch in self._launches[1:]] if self._pool else []
-        try:
-            self._drain(self._launches[0], tiles)
-        except BaseException:
-            self._cancelled.set()
-            raise
-        finally:
-            for worker in workers:
-                worker.result()
-        if self._cancelled.is_set():
+        if not self._tiles.run(self.width * self.height, changed):
             raise RenderCancelled
-
-    def _drain(self, launch: Any, tiles: Any) -> None:
-        for first in tiles:
-            if self._cancelled.is_set():
-                return
-            launch.set_dim(min(self._tile, self.width * self.height - first))
-            launch.set_param_by_name("first_pixel", first)
-            launch.launch()
 
     def _target(self, out: Frame) -> tuple[Any, Any]:
         """Return the array that the kernel writes, and the same as bits: the frame's own memory on a CPU."""

@@ -1,0 +1,148 @@
+"""Host side of retraced.py: chosen pixels at chosen times."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.errors import InputError
+from clsim.frames import rendered_planes
+from clsim.render.camera import CameraData
+from clsim.render.effort import first_look
+from clsim.render.integrator import build_kernel
+from clsim.render.launch import Tiles, record, tile_size
+from clsim.render.options import RenderOptions
+from clsim.render.sampling import stream_state
+from clsim.render.scene_data import SceneData
+from clsim.render.view import RenderCancelled, settings_of
+
+_MOST_INSTANTS = 64
+"""Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
+_MOST_REQUESTS = 1 << 20
+"""Requests of a launch, so that memory does not grow."""
+
+
+class Retracer:
+    """One camera's pixels, traced where and when somebody asks.
+
+    A pixel has the same bits at a time as in the frame of that time, as far as its planes are here: of frames with
+    first-hit rays those that such rays find, and instead of radiance emission alone.
+
+    Attributes:
+        names: the planes.
+        requests: how many were answered so far.
+        samples: paths, or first-hit rays, traced so far.
+    """
+
+    def __init__(self, data: SceneData, options: RenderOptions) -> None:
+        """Build the kernel.
+
+        Args:
+            data: what is rendered, with a place for each of several instants; nothing else moves it.
+            options: how it is rendered; as for the frames.
+
+        Raises:
+            InputError: frames have noise of their own, or the camera exposes for a while.
+        """
+        camera = data.world.camera
+        if options.noise != "common":
+            raise InputError(f"pixels can be traced between frames with `noise` common only, got {options.noise}")
+        if camera.shutter_s > 0:
+            raise InputError(
+                f"pixels can be traced at instants only, but the camera exposes for {camera.shutter_s:g} s; expected 0"
+            )
+        self.names = rendered_planes(first_hit_rays=options.first_hit_rays > 0).names
+        self.requests = self.samples = 0
+        self._data, self._device = data, data.device
+        self._first_hits = options.first_hit_rays
+        features = options.features(data.features, camera, requests=True)
+        self._kernel = build_kernel(features, data.tree)
+        self._camera = CameraData(camera, features, data.origin_m, self._device)
+        self._settings: Any = settings_of(options, camera.width)
+        self._settings.stream = stream_state(options.seed, None)
+        if self._first_hits:
+            self._settings.samples = self._first_hits
+        size = options.tile_pixels or tile_size(self._settings.samples, self._device)
+        self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
+
+    def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return the planes ``[C, N]`` of N requests.
+
+        Args:
+            pixels: y·width + x of each, ``[N]``.
+            times_s: when each is traced [s], ``[N]``.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
+        """
+        instants_s, numbers = np.unique(times_s, return_inverse=True)
+        order = np.argsort(numbers, kind="stable")
+        ends = np.searchsorted(numbers, np.arange(len(instants_s)), side="right", sorter=order)
+        planes = np.empty((len(self.names), len(pixels)), np.float32)
+        done = first = 0
+        while first < len(instants_s):
+            last = self._last_of(first, ends, done)
+            for start in range(done, int(ends[last - 1]), _MOST_REQUESTS):
+                part = order[start : min(start + _MOST_REQUESTS, int(ends[last - 1]))]
+                planes[:, part] = self._trace(pixels[part], instants_s[first:last], numbers[part] - first)
+            done, first = int(ends[last - 1]), last
+        return planes
+
+    def cancel(self) -> None:
+        """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
+        self._tiles.cancel()
+
+    def close(self) -> None:
+        """End the threads; safe to call twice."""
+        self._tiles.close()
+
+    def _last_of(self, first: int, ends: npt.NDArray[np.int64], done: int) -> int:
+        """Return the end of the run of instants, from ``first`` on, that one launch traces."""
+        if self._data.still:
+            return max(first + 1, int(np.searchsorted(ends, done + _MOST_REQUESTS, side="right")))
+        return min(first + (_MOST_INSTANTS if self._data.features.instants else 1), len(ends))
+
+    def _trace(
+        self, pixels: npt.NDArray[np.int32], instants_s: npt.NDArray[np.float64], numbers: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.float32]:
+        if self._tiles.cancelled:
+            raise RenderCancelled
+        self._data.move_to(instants_s)
+        planes, bits = self._target(len(pixels))
+        changed = {
+            "scene": self._data.scene,
+            "camera": self._camera.at_instants(instants_s, self._device),
+            "pixels": self._upload(pixels),
+            "instants": self._upload(numbers),
+            "out_planes": planes,
+        }
+        if not self._tiles.run(len(pixels), changed | ({} if self._first_hits else {"out_bits": bits})):
+            raise RenderCancelled
+        out: npt.NDArray[np.float32] = planes.numpy()
+        self.requests += len(pixels)
+        self.samples += int(out[self.names.index("Samples")].sum())
+        return out
+
+    def _record(self, tile: int) -> Any:
+        planes, bits = self._target(tile)
+        arguments = {
+            "scene": self._data.scene,
+            "camera": self._camera.at_instants(np.zeros(1), self._device),
+            "settings": self._settings,
+            "first": 0,
+            "pixels": self._upload(np.zeros(tile)),
+            "instants": self._upload(np.zeros(tile)),
+            "out_planes": planes,
+        }
+        more = {"first_look": first_look(self._first_hits)} if self._first_hits else {"out_bits": bits}
+        return record(self._kernel, tile, self._device, **arguments, **more)
+
+    def _upload(self, values: Any) -> Any:
+        return wp.array(values, dtype=wp.int32, device=self._device)
+
+    def _target(self, requests: int) -> tuple[Any, Any]:
+        planes: Any = wp.empty((len(self.names), requests), dtype=wp.float32, device=self._device)
+        return planes, wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)

@@ -1,0 +1,119 @@
+"""Chosen pixels at chosen times: the same bits as the frame of that time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import hand_worlds as hw
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.frames import Frame, frame_time_us, page_aligned
+from clsim.render import PathTracer, RenderOptions, Retracer, SceneData
+from clsim.scene import Material, PunctualLight, SphereLight, Static
+
+FPS = 30.0
+FRAMES = (0, 3, 4, 11)
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Turns fast about the vertical, and goes along a slope."""
+
+    start: np.ndarray
+    velocity: tuple[float, float, float] = (0.7, 0.1, 0.0)
+    turns_per_s: float = 0.0
+    duration_s: float = 10.0
+
+    def pose(self, time_s):
+        angle = 2 * np.pi * self.turns_per_s * time_s
+        turn = np.eye(4)
+        turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        return hw.translation(*np.multiply(time_s, self.velocity)) @ self.start @ turn
+
+
+def busy_world(camera_moves=True, things_move=True, size=(13, 11)):
+    """A spinning block over a floor, under a sphere light and a spot that go their ways."""
+    start = hw.look_from((0.2, 1.1, 2.5), (0, 0.2, 0))
+    camera = replace(hw.camera(start, *size, fov_deg=60.0), motion=Swing(start) if camera_moves else Static(start))
+    floor = hw.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6))
+    block = hw.box((-0.3, 0.1, -0.3), (0.3, 0.6, 0.3), material=1)
+    spin = Swing(np.eye(4), turns_per_s=11.0) if things_move else Static(np.eye(4))
+
+    def place(x, y, z):
+        pose = hw.look_from((x, y, z), (0, 0, 0))
+        return Swing(pose, (-1.5, 0.2, 0.1)) if things_move else Static(pose)
+
+    world = hw.world(
+        floor, block, materials=(hw.GREY, Material(color=(0.7, 0.2, 0.1))), view=camera,
+        motions=[hw.IDENTITY, spin], fps=FPS,
+    )  # fmt: skip
+    return replace(
+        world,
+        sphere_lights=(SphereLight(0.2, (9.0, 8.0, 7.0), place(1, 1.6, 0.5)),),
+        punctual_lights=(PunctualLight("spot", (6.0, 6.0, 4.0), place(-1.0, 2.0, 1.0)),),
+    )
+
+
+def frames(world, options):
+    tracer = PathTracer(world, options)
+    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+    try:
+        for index in FRAMES:
+            tracer.fill(index, frame)
+            yield index, frame.copy()
+    finally:
+        tracer.close()
+
+
+def compare(world, options, left_out=()):
+    """All pixels of several frames in one list, shuffled."""
+    retracer = Retracer(SceneData(world, instants=True), options)
+    pixels = world.camera.width * world.camera.height
+    times_s = np.repeat([frame_time_us(index, FPS) * 1e-6 for index in FRAMES], pixels)
+    shuffled = np.random.default_rng(1).permutation(len(times_s))
+    try:
+        found = np.empty((len(retracer.names), len(times_s)), np.float32)
+        found[:, shuffled] = retracer.trace((shuffled % pixels).astype(np.int32), times_s[shuffled])
+        assert retracer.requests == len(times_s)
+    finally:
+        retracer.close()
+    found = found.reshape(len(found), len(FRAMES), pixels)
+    different = 0
+    for k, (_, frame) in enumerate(frames(world, options)):
+        for plane, name in enumerate(retracer.names):
+            if name not in left_out:
+                np.testing.assert_array_equal(found[plane, k], frame.plane(name).ravel(), name)
+        different += int((found[:, k] != found[:, 0]).any(axis=0).sum())
+    assert different > 0.2 * pixels, "the frames differ"
+    return found
+
+
+def test_a_request_gives_the_bits_of_the_frame_where_everything_moves():
+    compare(busy_world(), RenderOptions(spp=4, sampler="sobol", threads=2, tile_pixels=50))
+
+
+@pytest.mark.slow
+def test_first_hits_of_a_request_are_those_of_the_frame():
+    """Radiance is what shines alone: requests find no irradiance."""
+    options = RenderOptions(spp=1, sampler="sobol", first_hit_rays=16, threads=2, tile_pixels=50)
+    found = compare(busy_world(), options, left_out=("R", "G", "B", "Samples"))
+    assert not found[:3].any() and not found[-1].any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "things"])
+@pytest.mark.parametrize("rays", [0, 16])
+def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, rays):
+    left_out = ("R", "G", "B", "Samples") if rays else ()
+    compare(busy_world(*moving), RenderOptions(spp=2, first_hit_rays=rays), left_out)
+
+
+def test_what_cannot_be_traced_at_instants_is_told():
+    world = busy_world(size=(2, 2))
+    blurred = replace(world, camera=replace(world.camera, shutter_s=0.01))
+    with pytest.raises(InputError, match="`noise` common only, got independent"):
+        Retracer(SceneData(world, instants=True), RenderOptions(noise="independent"))
+    with pytest.raises(InputError, match=r"exposes for 0\.01 s; expected 0"):
+        Retracer(SceneData(blurred, instants=True), RenderOptions())
