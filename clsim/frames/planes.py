@@ -6,14 +6,19 @@ the layout of the ICIP 2023 program (R, G, B, Albedo.*, Nx, Ny, Nz, Depth, Varia
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-Reduction = Literal["mean", "mean over hits", "sum"]
-"""How a pixel's samples become its value; "mean over hits" leaves out samples that hit nothing, 0 where all did."""
-Given = Literal["always", "first-hit rays", "variance only"]
-"""Which rendered frames have a plane: all, those whose first hits are sampled apart, or none but for its variance."""
+Reduction = Literal["mean", "mean over hits", "sum", "centre ray"]
+"""How a pixel's samples become its value; "mean over hits" leaves out samples that hit nothing, 0 where all did.
+
+A "centre ray" is no sample: it goes through the middle of the pixel at the frame's very time."""
+Given = Literal["always", "first-hit rays", "variance only", "truth"]
+"""Which rendered frames have a plane.
+
+All, those whose first hits are sampled apart, none but for its variance, or those for which it was asked as truth."""
 
 _RADIANCE_UNIT = "W·sr⁻¹·m⁻²"
 
@@ -50,6 +55,19 @@ class Plane:
         """Names of the channels of the variance of its value; none where there is no variance."""
         return tuple(f"Variance.{channel}" for channel in self.channels) if self.variance else ()
 
+
+def _truth(name: str, channels: tuple[str, ...], unit: str, meaning: str) -> Plane:
+    return Plane(name, channels, unit, meaning, "centre ray", False, "truth")
+
+
+def _flow_channels(way: str) -> tuple[str, ...]:
+    return tuple(f"Flow.{way}.{channel}" for channel in ("X", "Y", "valid", "covisible"))
+
+
+_FLOW = (
+    "where the point at the pixel's centre goes in the {0} interval of truth: pixels to the right and down; valid is 1 "
+    "where that is known, covisible 1 where the point is in the picture and seen {1} too"
+)
 
 PLANES = (
     Plane("Radiance", ("R", "G", "B"), _RADIANCE_UNIT, "linear Rec. 709 radiance", "mean", True),
@@ -92,8 +110,37 @@ PLANES = (
     Plane(
         "Luminance", ("Luminance",), _RADIANCE_UNIT, "Rec. 709 luminance of R, G and B", "mean", True, "variance only"
     ),
+    _truth("Z", ("Z",), "m", "distance along the camera's axis to what the pixel's centre shows; inf where nothing is"),
+    _truth("Truth.Depth", ("Truth.Depth",), "m", "distance along the ray to it; inf where nothing is"),
+    _truth(
+        "Truth.Normal",
+        ("Truth.Nx", "Truth.Ny", "Truth.Nz"),
+        "1",
+        "its shading normal along the world's axes, facing the ray; 0 where nothing is",
+    ),
+    _truth(
+        "Truth.Albedo",
+        ("Truth.Albedo.R", "Truth.Albedo.G", "Truth.Albedo.B"),
+        "1",
+        "share of light that it reflects; 0 where nothing is",
+    ),
+    _truth("Id.object", ("Id.object",), "1", "number of the object, from 1; 0 where nothing is"),
+    _truth("Id.material", ("Id.material",), "1", "number of its material, from 1; 0 where nothing is, or a sphere light"),
+    _truth("Flow.forward", _flow_channels("forward"), "px, px, 1, 1", _FLOW.format("next", "at its end")),
+    _truth("Flow.backward", _flow_channels("backward"), "px, px, 1, 1", _FLOW.format("last", "at its start")),
 )
 """All planes, in the order in which frames have them."""
+
+TRUTH_PLANES: dict[str, tuple[str, ...]] = {
+    "depth": ("Z",),
+    "distance": ("Truth.Depth",),
+    "normal": ("Truth.Normal",),
+    "albedo": ("Truth.Albedo",),
+    "ids": ("Id.object", "Id.material"),
+    "flow": ("Flow.forward",),
+    "backward-flow": ("Flow.backward",),
+}
+"""The planes of truth by the names under which they are asked for."""
 
 
 def plane_of(name: str) -> Plane:
@@ -106,21 +153,24 @@ def plane_of(name: str) -> Plane:
 
 @dataclass(frozen=True)
 class PlaneSet:
-    """The planes of a rendered frame and where each lies: values first, then variances, both in the table's order.
+    """The planes of a rendered frame and where each lies: values, then variances, then truth, in the table's order.
 
     Attributes:
         planes: the planes whose values are there.
         with_variance: the planes whose variances are there.
+        truth: the planes of truth.
     """
 
     planes: tuple[Plane, ...]
     with_variance: tuple[Plane, ...] = ()
+    truth: tuple[Plane, ...] = ()
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """The name of each channel, as in `Frame.names`."""
         values = [channel for plane in self.planes for channel in plane.channels]
-        return (*values, *(channel for plane in self.with_variance for channel in plane.variance_channels))
+        variances = [channel for plane in self.with_variance for channel in plane.variance_channels]
+        return (*values, *variances, *(channel for plane in self.truth for channel in plane.channels))
 
     def first(self, name: str) -> int:
         """Return the index of the first channel of the plane called ``name``; KeyError if the set lacks it."""
@@ -139,14 +189,20 @@ class PlaneSet:
         return self.names.index(channel)
 
 
-def rendered_planes(*, first_hit_rays: bool = False, variances: bool = False) -> PlaneSet:
+def rendered_planes(*, first_hit_rays: bool = False, variances: bool = False, truth: Collection[str] = ()) -> PlaneSet:
     """Return the planes of frames as the path tracer renders them.
 
-    ``first_hit_rays``: first hits are sampled apart; ``variances``: so far as planes have one, their variances too.
+    ``first_hit_rays``: first hits are sampled apart; ``variances``: so far as planes have one, their variances too;
+    ``truth``: what is asked for of `TRUTH_PLANES`.
     """
     wanted = ("always", "first-hit rays") if first_hit_rays else ("always",)
     values = tuple(plane for plane in PLANES if plane.given in wanted)
-    return PlaneSet(values, tuple(plane for plane in PLANES if plane.variance) if variances else ())
+    asked = {name for each in truth for name in TRUTH_PLANES[each]}
+    return PlaneSet(
+        values,
+        tuple(plane for plane in PLANES if plane.variance) if variances else (),
+        tuple(plane for plane in PLANES if plane.name in asked),
+    )
 
 
 RADIANCE = plane_of("Radiance").channels

@@ -19,10 +19,13 @@ _MOST_LAYERS = wp.constant(256)
 """After as many surfaces on one ray the next one is opaque, so that every ray ends."""
 
 
-def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) -> tuple[Any, Any]:
+def make_alpha(
+    features: Features, closest: Any, surface_of: Any, opacity: Any, chance: Any = uniform_of
+) -> tuple[Any, Any]:
     """Return the Warp functions ``pierce`` and ``transmittance``.
 
     The first gives the nearest hit that stops a ray, the second what is left of a shadow ray, 0 to 1.
+    ``chance(word, layer)`` is the number below which opacity stops a ray.
     """
 
     @wp.func
@@ -65,7 +68,7 @@ def make_alpha(features: Features, closest: Any, surface_of: Any, opacity: Any) 
             if wp.static(features.culled_backs):
                 if from_camera and unseen(geometry, materials, hit, direction, time):
                     opaque = 0.0
-            if opaque >= 1.0 or uniform_of(word, layer) < opaque:
+            if opaque >= 1.0 or chance(word, layer) < opaque:
                 break
             passed = passed + past(geometry, hit, direction, time)
             hit = closest(geometry, origin + direction * passed, direction, time)

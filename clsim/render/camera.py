@@ -170,6 +170,46 @@ def make_camera(features: Features) -> Any:
     return camera_ray
 
 
+def make_projection(features: Features) -> Any:
+    """Return the Warp function ``project(view, way)`` for a camera that stands still.
+
+    ``way`` leads from the camera to a point, in the world; the result is its image position [pixels], as ``camera_ray``
+    takes it, and 1, or 0 where the lens does not see that way.
+    """
+
+    @wp.func
+    def project(view: CameraState, way: wp.vec3) -> wp.vec3:
+        k = view.distortion
+        local = wp.quat_rotate_inv(view.rotations[0], way)
+        ahead = -local[2]
+        x = float(0.0)
+        y = float(0.0)
+        seen = float(0.0)
+        if wp.static(features.projection == "fisheye"):
+            across = wp.sqrt(local[0] * local[0] + local[1] * local[1])
+            angle = wp.atan2(across, ahead)
+            t = angle * angle
+            radius = angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
+            scale = radius / wp.max(across, 1.0e-20)
+            x = local[0] * scale
+            y = -local[1] * scale
+            seen = wp.where(t <= view.limit, 1.0, 0.0)
+        else:
+            if ahead > 0.0:
+                x = local[0] / ahead
+                y = -local[1] / ahead
+                r2 = x * x + y * y
+                seen = wp.where(r2 <= view.limit, 1.0, 0.0)
+                if wp.static(features.distortion):
+                    radial = 1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4]))
+                    u = x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x)
+                    y = y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y
+                    x = u
+        return wp.vec3(x * view.focal_px + view.centre_px[0], y * view.focal_px + view.centre_px[1], seen)
+
+    return project
+
+
 def plain(features: Features) -> bool:
     """Whether the camera is a still pinhole without distortion."""
     return (

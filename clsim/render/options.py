@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from clsim.errors import InputError, require_choice
+from clsim.frames import TRUTH_PLANES
 from clsim.render.features import Features, SceneFeatures, Strategy, scene_features, view_features
 from clsim.render.geometry import Tree
 from clsim.render.sampling import MAX_BOUNCES
@@ -77,6 +78,10 @@ class RenderOptions:
     Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
     little is known, ``probe_spp`` elsewhere.
     """
+    truth: tuple[str, ...] = ()
+    """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
+    truth_every: int = 1
+    """Frames from one with truth to the next, the first being one; in the others these planes hold nothing of use."""
     tree: Tree | None = None
     """How rays find triangles; None takes the fastest of the device, others are there to compare."""
 
@@ -93,6 +98,7 @@ class RenderOptions:
             ("tile_pixels", self.tile_pixels),
             ("probe_spp", self.probe_spp),
             ("probe_every", self.probe_every),
+            ("truth_every", self.truth_every),
         ):
             if value is not None and value < 1:
                 raise InputError(f"`{option}` must be at least 1, got {value}")
@@ -107,6 +113,8 @@ class RenderOptions:
             raise InputError(f"`fps` must be a positive number, got {self.fps}")
         if not 0 <= self.seed <= _LARGEST_SEED:
             raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
+        for name in self.truth:
+            require_choice("truth", name, tuple(TRUTH_PLANES))
         if self.first_hit_rays < 0:
             raise InputError(f"`first_hit_rays` must be at least 0, got {self.first_hit_rays}")
         if self.first_hit_rays and self.variances:

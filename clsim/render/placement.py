@@ -26,11 +26,15 @@ class Placement:
         meshes: the meshes; the one of what never moves has coordinates from ``origin_m``.
         instances: where they are in the world.
         origin_m: the world's point at which the device has its origin.
+        instance_objects: which of the world's instances each is; −1 for what never moves.
+        triangle_objects: which of the world's instances each triangle of what never moves belongs to.
     """
 
     meshes: list[Mesh]
     instances: list[Instance]
     origin_m: npt.NDArray[np.float64]
+    instance_objects: npt.NDArray[np.int32]
+    triangle_objects: npt.NDArray[np.int32]
 
 
 def place(world: World) -> Placement:
@@ -39,8 +43,10 @@ def place(world: World) -> Placement:
     def moves(instance: Instance) -> bool:
         return instance.motion.duration_s > 0 or deforms(world.meshes[instance.mesh])
 
-    still = [instance for instance in world.instances if not moves(instance)]
-    moving = [instance for instance in world.instances if moves(instance)]
+    moving_objects = [number for number, instance in enumerate(world.instances) if moves(instance)]
+    still_objects = sorted(set(range(len(world.instances))) - set(moving_objects))
+    still = [world.instances[number] for number in still_objects]
+    moving = [world.instances[number] for number in moving_objects]
     meshes: list[Mesh] = []
     instances: list[Instance] = []
     origin_m = _origin(world)
@@ -55,7 +61,15 @@ def place(world: World) -> Placement:
             slots[instance.mesh] = len(meshes)
             meshes.append(shaped(world.meshes[instance.mesh], 0.0))
         instances.append(Instance(slots[instance.mesh], instance.motion, instance.name))
-    return Placement(meshes, instances, origin_m)
+    joined = [-1] * (len(instances) - len(moving))
+    lengths = [len(world.meshes[instance.mesh].triangles) for instance in still]
+    return Placement(
+        meshes,
+        instances,
+        origin_m,
+        np.array(joined + moving_objects, np.int32),
+        np.repeat(np.array(still_objects, np.int32), lengths),
+    )
 
 
 def _origin(world: World) -> npt.NDArray[np.float64]:

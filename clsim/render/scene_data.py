@@ -36,6 +36,7 @@ class SceneData:
         origin_m: the world's point at which the device has its origin.
         interval_s: the time that it covers, about the instant to which it was moved [s].
         scene: what kernels take.
+        instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class SceneData:
         self._time_s: float | None = None
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
+        self.instance_objects, self.triangle_objects = placement.instance_objects, placement.triangle_objects
         self._geometry = GeometryData(placement, world.sphere_lights, self.features, self.tree, times_s, self.device)
         box = self._geometry.middle_m, self._geometry.radius_m
         self._lights = LightData(world, placement, *box, self.features, times_s, self.device)

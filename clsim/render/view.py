@@ -18,6 +18,7 @@ from clsim.render.light_keeper import LightKeeper
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
+from clsim.render.truth import TruthPass
 from clsim.scene import Camera
 
 _MAX_TARGETS = 16
@@ -81,7 +82,9 @@ class View:
                 f"{data.interval_s:g} s"
             )
         self.width, self.height = camera.width, camera.height
-        planes = rendered_planes(first_hit_rays=options.first_hit_rays > 0, variances=options.variances)
+        planes = rendered_planes(
+            first_hit_rays=options.first_hit_rays > 0, variances=options.variances, truth=options.truth
+        )
         self.names: tuple[str, ...] = planes.names
         self.fps = options.fps or data.world.fps
         self.frame_count: int | None = options.frames or max(1, round(data.world.duration_s * self.fps)) + 1
@@ -107,6 +110,7 @@ class View:
                 self._steerer = LightKeeper(camera.width, camera.height, effort, pixel_angle, self._device)
             else:
                 self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
+        self._truth = TruthPass(data, camera, planes) if planes.truth else None
         self._paths = 0
         self._targets: dict[int, tuple[Any, Any]] = {}
         tile = options.tile_pixels or tile_size(options.probe_spp or options.spp, self._device)
@@ -150,6 +154,10 @@ class View:
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
+        every = self._options.truth_every
+        if self._truth is not None and index % every == 0:
+            before_us = frame_time_us(index - every, self.fps) if index >= every else None
+            self._truth.fill(out.planes, before_us, time_us, frame_time_us(index + every, self.fps))
         out.time_us, out.index = time_us, index
 
     @property

@@ -1,0 +1,89 @@
+"""Truth of a view: a pass of its own over the pixels' centres, so that the path tracer's kernels know nothing of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.frames.planes import PlaneSet
+from clsim.render.camera import CameraData
+from clsim.render.features import view_features
+from clsim.render.launch import record
+from clsim.render.scene_data import SceneData
+from clsim.render.truth_rays import Objects, TruthHit, build_truth, truth_features
+from clsim.render.upload_arrays import array
+from clsim.scene import Camera
+
+
+class TruthPass:
+    """Fills the planes of truth of a frame: one ray a pixel, and one more for each way of flow.
+
+    The rays go through the pixels' centres at the frame's very time, whatever the exposure and the aperture. A surface
+    counts where its opacity is at least one half; mirrors and glass count as themselves.
+    """
+
+    def __init__(self, data: SceneData, camera: Camera, planes: PlaneSet) -> None:
+        """Build the kernels for the planes of truth among ``planes``, which are those of the frames to come."""
+        sharp = replace(camera, shutter_s=0.0, lens=replace(camera.lens, aperture_radius_m=0.0))
+        own = PlaneSet((), (), planes.truth)
+        features = truth_features(view_features(data.features, sharp), own)
+        look, follow = build_truth(features, own, data.tree)
+        self._data = data
+        self._camera = CameraData(sharp, features, data.origin_m, data.device)
+        self._first_row = planes.first(planes.truth[0].name)
+        names = [plane.name for plane in planes.truth]
+        self._flow_rows = {way: own.first(f"Flow.{way}") for way in ("forward", "backward") if f"Flow.{way}" in names}
+        pixels = camera.width * camera.height
+        self._planes = wp.zeros((len(own.names), pixels), dtype=wp.float32, device=data.device)
+        hits = wp.zeros(pixels, dtype=TruthHit, device=data.device)
+        objects = Objects()
+        objects.of_instance = array(data.instance_objects, wp.int32, data.device)
+        objects.of_triangle = array(data.triangle_objects, wp.int32, data.device)
+        objects.count = len(data.world.instances)
+        shared = {"scene": data.scene, "camera": self._camera.at(0.0), "width": camera.width, "first_pixel": 0}
+        self._look = record(
+            look, pixels, data.device, objects=objects, out_hits=hits, out_planes=self._planes, **shared
+        )
+        self._follow: Any = None
+        if self._flow_rows:
+            self._follow = record(
+                follow,
+                pixels,
+                data.device,
+                hits=hits,
+                height=camera.height,
+                row=0,
+                out_planes=self._planes,
+                **shared,
+            )
+
+    def fill(
+        self, out_planes: npt.NDArray[np.float32], before_us: int | None, time_us: int, after_us: int
+    ) -> None:
+        """Write truth at ``time_us`` into the frame's planes ``[C, H, W]``; flow leads to the times before and after.
+
+        Where there is no time before, no backward flow is valid. The scene is left at one of these times.
+        """
+        self._launch(self._look, time_us)
+        for way, other_us in (("forward", after_us), ("backward", before_us)):
+            row = self._flow_rows.get(way)
+            if row is None:
+                continue
+            if other_us is None:
+                self._planes[row : row + 4].zero_()
+                continue
+            self._follow.set_param_by_name("row", row)
+            self._launch(self._follow, other_us)
+        truth = self._planes.numpy()
+        out_planes[self._first_row : self._first_row + len(truth)] = truth.reshape(len(truth), *out_planes.shape[1:])
+
+    def _launch(self, launch: Any, time_us: int) -> None:
+        time_s = time_us * 1e-6
+        self._data.move(time_s)
+        launch.set_param_by_name("camera", self._camera.at(time_s))
+        launch.launch()
+        wp.synchronize_device(self._data.device)
