@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -76,6 +77,7 @@ class Simulator:
         render_device: str = "cpu",
         opencl: str | None = None,
         strict: bool = False,
+        truth: str | Sequence[str] = (),
     ) -> None:
         """Load the scene and choose devices; the first step copies the scene to the one that renders.
 
@@ -87,6 +89,7 @@ class Simulator:
             fps, resolution, threshold, quality, seed, spp, sampling, probe_spp, probe_every, first_hit_rays, sampler,
                 noise, method, gate, event_rule, window, history, follow_specular, max_depth, threads, render_device,
                 opencl, strict: as in `clsim.stream`; a World has its own resolution.
+            truth: planes of truth that frames get, of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
             InputError: the scene or an option cannot be used.

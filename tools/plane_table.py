@@ -52,7 +52,12 @@ the poses beside a recording, in `NAME.poses.txt`, as its first lines say.
 0.2126 R + 0.7152 G + 0.0722 B.
 """
 
-_GIVEN = {"always": "always", "first-hit rays": "with first-hit rays", "variance only": "its variance only"}
+_GIVEN = {
+    "always": "always",
+    "first-hit rays": "with first-hit rays",
+    "variance only": "its variance only",
+    "truth": "with `--truth`",
+}
 
 
 def row(plane: Plane) -> str:

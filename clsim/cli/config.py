@@ -46,7 +46,7 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
 
     Args:
         parameters: a command's, by name: the fields of ``LiveOptions`` and ``FileOptions``, with ``duration``,
-            ``resolution`` and ``threshold`` as text, and ``config``, the file. None is not given.
+            ``resolution``, ``threshold`` and ``truth`` as text, and ``config``, the file. None is not given.
 
     Where events go is never repeated: what is there already shall stay. Of how ``files`` are written, their time and
     frames are, where they suit the new outputs; the format is told by their names.
@@ -59,7 +59,8 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
     config: Path | None = chosen.pop("config", None)
     if "duration" in chosen:
         chosen["duration_s"] = parse.duration_s(chosen.pop("duration"))
-    for name, read in (("resolution", parse.resolution), ("threshold", parse.threshold)):
+    readers = (("resolution", parse.resolution), ("threshold", parse.threshold), ("truth", parse.names))
+    for name, read in readers:
         if name in chosen:
             chosen[name] = read(chosen[name])
     written = {name: chosen.pop(name) for name in FileOptions.__dataclass_fields__ if name in chosen}

@@ -10,6 +10,8 @@ import typer
 from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
+from clsim.truth.layouts import LAYOUTS
+from clsim.truth.names import TRUTH_NAMES
 
 
 def advanced(*names: str, **more: Any) -> Any:
@@ -145,6 +147,25 @@ WINDOW = Annotated[
 ]
 HISTORY = Annotated[int | None, advanced(help="Frames whose windows form one regression, 1…5. [1]")]
 OPENCL = Annotated[str | None, advanced(help="Part of the name of the OpenCL device. [a GPU if there is one]")]
+
+# What is recorded beside events.
+TRUTH = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAMES",
+        help=f"What is known beside the events, such as depth,flow: all, or of {', '.join(TRUTH_NAMES)}. "
+        f"clsim live writes it to outputs that end in {', '.join(e for kind in LAYOUTS for e in kind.endings)}.",
+    ),
+]
+FRAME_RATE = Annotated[
+    float | None,
+    advanced(help="Frames of --truth per simulated second; goes into --fps without a rest. [all that are rendered]"),
+]
+POSE_RATE = Annotated[float | None, advanced(help="Poses per simulated second, with --truth poses. [200]")]
+IMU_RATE = Annotated[float | None, advanced(help="Inertial samples per simulated second, with --truth imu. [1000]")]
+IMU_NOISE = Annotated[
+    str | None, advanced(metavar="FILE", help="Noise of the inertial sensor: Kalibr's imu.yaml. [none]")
+]
 
 # How files are written.
 FORMAT = Annotated[

@@ -49,3 +49,8 @@ def _number(text: str) -> float | None:
         return float(text)
     except ValueError:
         return None
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Return the names of ``depth,flow``."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())

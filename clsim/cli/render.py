@@ -35,6 +35,7 @@ from clsim.cli.options import (
     STRICT,
     THREADS,
     THRESHOLD,
+    TRUTH,
     WINDOW,
 )
 
@@ -50,6 +51,7 @@ def render(
     threshold: THRESHOLD = None,
     quality: QUALITY = None,
     seed: SEED = None,
+    truth: TRUTH = None,
     as_json: JSON = False,
     spp: SPP = None,
     sampling: SAMPLING = None,

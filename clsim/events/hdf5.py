@@ -16,12 +16,13 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
@@ -38,8 +39,18 @@ _CHUNK_ROWS = 1 << 14
 class Hdf5Sink(FileSink):
     """Extends the columns and flushes the file."""
 
-    def __init__(self, path: Path, width: int, height: int, flush: FlushPolicy) -> None:
-        """Create the file with empty columns; raises InputError when it cannot be."""
+    def __init__(
+        self,
+        path: Path,
+        width: int,
+        height: int,
+        flush: FlushPolicy,
+        prepare: Callable[[Any], None] = lambda file: None,
+    ) -> None:
+        """Create the file with empty columns; raises InputError when it cannot be.
+
+        ``prepare(file)`` creates what else the file shall hold; `append` fills it.
+        """
         super().__init__(path, width, height, LIMITS, flush)
         try:
             self._medium = _Medium(path)
@@ -52,6 +63,7 @@ class Hdf5Sink(FileSink):
             group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK_ROWS,))
         self._file.create_dataset("ms_to_idx", (0,), "<u8", maxshape=(None,), chunks=(1 << 12,))
         self._file.create_dataset("t_offset", data=np.int64(0))
+        prepare(self._file)
         self._file.flush()
         if self._medium.error:
             self._file.close()
@@ -80,6 +92,24 @@ class Hdf5Sink(FileSink):
         index[self._next_ms :] = self._rows + np.searchsorted(t, marks * 1000)
         self._next_ms += len(marks)
         self._rows = end
+        self._commit()
+
+    def append(self, rows: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Append rows to data sets of these names, and hand them and all events so far to the operating system.
+
+        Raises SinkError when the medium fails.
+        """
+        self._check_open()
+        self.flush()
+        with self._noting_failures():
+            for name, values in rows.items():
+                dataset = self._file[name]
+                start = len(dataset)
+                dataset.resize(start + len(values), axis=0)
+                dataset[start:] = values
+            self._commit()
+
+    def _commit(self) -> None:
         self._file.flush()
         self._medium.commit()
         self._medium.check()

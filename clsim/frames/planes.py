@@ -125,7 +125,9 @@ PLANES = (
         "share of light that it reflects; 0 where nothing is",
     ),
     _truth("Id.object", ("Id.object",), "1", "number of the object, from 1; 0 where nothing is"),
-    _truth("Id.material", ("Id.material",), "1", "number of its material, from 1; 0 where nothing is, or a sphere light"),
+    _truth(
+        "Id.material", ("Id.material",), "1", "number of its material, from 1; 0 where nothing is or a sphere light"
+    ),
     _truth("Flow.forward", _flow_channels("forward"), "px, px, 1, 1", _FLOW.format("next", "at its end")),
     _truth("Flow.backward", _flow_channels("backward"), "px, px, 1, 1", _FLOW.format("last", "at its start")),
 )

@@ -25,6 +25,9 @@ from clsim.live.quality import (
     setting_names,
     with_given,
 )
+from clsim.live.schedule import LARGEST_FPS
+from clsim.truth.layouts import check_layouts, layout_of
+from clsim.truth.names import truth_names
 from clsim.values import from_plain, read_fields
 
 LIVE_GATES = ("delta-r", "radiance")
@@ -92,6 +95,16 @@ class LiveOptions:
     outputs: tuple[str, ...] = field(default=())
     """Files and addresses that receive the events."""
     files: FileOptions = field(default_factory=FileOptions)
+    truth: tuple[str, ...] = ()
+    """What is recorded beside events, of `clsim.truth.TRUTH_NAMES`, or all of it."""
+    frame_rate: float | None = None
+    """Frames of truth per simulated second, which go into ``fps`` without a rest; None takes all that are rendered."""
+    pose_rate: float = 200.0
+    """Poses of camera and objects per simulated second."""
+    imu_rate: float = 1000.0
+    """Inertial samples per simulated second."""
+    imu_noise: str | None = None
+    """Kalibr's imu.yaml, which says how noisy the inertial sensor is; None is a perfect one."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
@@ -125,7 +138,9 @@ class LiveOptions:
             raise InputError(f"`resolution` must be at least 1x1, got {width}x{height}")
         if self.threshold is not None and min(self.threshold) <= 0:
             raise InputError(f"`threshold` must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
-        self.files.check(self.outputs)
+        object.__setattr__(self, "truth", truth_names(self.truth))
+        self._check_truth()
+        self.files.check([name for name in self.outputs if not (self.truth and layout_of(name))])
         if self.gate is not None and self.gate not in LIVE_GATES:
             raise InputError(
                 f"`gate` {self.gate} needs the windows of past frames, which a live run does not keep; "
@@ -191,6 +206,21 @@ class LiveOptions:
             InputError: a key is unknown, or a value cannot be.
         """
         return from_plain(cls, plain)
+
+    def _check_truth(self) -> None:
+        for option, rate in (
+            ("frame_rate", self.frame_rate),
+            ("pose_rate", self.pose_rate),
+            ("imu_rate", self.imu_rate),
+        ):
+            if rate is not None and not 0 < rate <= LARGEST_FPS:
+                raise InputError(f"`{option}` must be positive and at most {LARGEST_FPS}, got {rate:g}")
+        if self.frame_rate is not None and not self.truth:
+            raise InputError("`frame_rate` is that of `truth`; say what shall be recorded")
+        if self.truth and self.outputs:
+            check_layouts(self.outputs, self.truth)
+        if self.truth and self.loop:
+            raise InputError("`truth` is of one pass of the motion; give it without `loop`")
 
     def _check_sampling(self) -> None:
         if self.first_hit_rays is not None and self.first_hit_rays < 0:

@@ -7,7 +7,7 @@ from dataclasses import asdict, replace
 from typing import Any, cast
 
 from clsim.errors import InputError
-from clsim.frames import Frame, page_aligned
+from clsim.frames import TRUTH_PLANES, Frame, page_aligned
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.schedule import plan
@@ -33,6 +33,9 @@ class Rendering:
         """Load the scene; raises InputError where it or an option cannot be used."""
         if options.loop:
             raise InputError("`loop` is for live runs; for frames give `duration_s` or `frame_count`")
+        for name in options.truth:
+            if name not in TRUTH_PLANES:
+                raise InputError(f"`truth` {name} is no plane of a frame; expected of {', '.join(TRUTH_PLANES)}")
         stages = self._stages = plan_stages(options)
         world, camera = stages.world, stages.world.camera
         schedule = plan(world.duration_s, stages.fps, duration_s=options.duration_s, frames=options.frame_count)
@@ -55,7 +58,8 @@ class Rendering:
 
         stages = self._stages
         board = stages.board("refuse")
-        view = View(stages.scene_data(), replace(stages.render, variances=stages.render.first_hit_rays == 0), board)
+        every_frame = replace(stages.render, variances=stages.render.first_hit_rays == 0, truth_every=1)
+        view = View(stages.scene_data(), every_frame, board)
         frame = Frame(page_aligned((len(view.names), self.height, self.width)), view.names)
         detector = None if board is None else stages.make_detector()
         try:

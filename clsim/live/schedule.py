@@ -93,3 +93,16 @@ def plan(
     else:
         total = None if loop else pass_frames + 1
     return Schedule(fps, pass_frames, total, loop, periodic)
+
+
+def truth_every(fps: float, frame_rate: float | None) -> int:
+    """Return the rendered frames from one frame of truth to the next; raises InputError unless they are whole."""
+    if frame_rate is None:
+        return 1
+    every = max(1, round(fps / frame_rate))
+    if abs(fps / every - frame_rate) > 1e-6 * frame_rate:
+        raise InputError(
+            f"`frame_rate` must go into the {fps:g} frames per second that are rendered without a rest, got "
+            f"{frame_rate:g}; expected {fps / every:g}, or another `fps`"
+        )
+    return every

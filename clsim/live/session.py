@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -146,6 +147,7 @@ class Session:
 
 def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
     """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered."""
+    from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
     started = _now()
@@ -162,7 +164,10 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     level = Level(stages.render.probe_spp or point.spp, point.spp, point.first_hit_rays, point.probe_every)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     board = stages.board("wait" if options.ring == "block" else "newest")
-    outputs = _open_outputs(options.outputs, options.files, extra_sinks, (camera.width, camera.height))
+    window = None if "window" in config.strategy.unused(config) else config.side
+    about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
+    own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
+    outputs = _open_outputs(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
         lambda: PathTracer(world, stages.render, board),
         stages.make_detector,
@@ -175,8 +180,6 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
         governed=governed,
         share_cores=options.render_device == "cpu",
     )
-    window = None if "window" in config.strategy.unused(config) else config.side
-    about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
     return Session(
         world.name,
         camera.width,
@@ -259,10 +262,16 @@ def _cpu_s() -> float:
 
 
 def _open_outputs(
-    names: Sequence[str], options: FileOptions, extra_sinks: Sequence[Sink], size: tuple[int, int]
+    names: Sequence[str],
+    options: FileOptions,
+    extra_sinks: Sequence[Sink],
+    size: tuple[int, int],
+    own: Mapping[str, Callable[[], Sink]] = MappingProxyType({}),
 ) -> list[Output]:
+    """Open all outputs; ``own`` opens those that are not for events alone, the last."""
     try:
-        sinks = open_outputs(names, *size, options)
+        sinks = open_outputs([name for name in names if name not in own], *size, options)
+        sinks |= {name: open_one() for name, open_one in own.items()}
     except BaseException:
         for sink in extra_sinks:
             sink.close()

@@ -11,7 +11,9 @@ from clsim.errors import InputError
 from clsim.frames import InterestBoard, rendered_planes
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
+from clsim.live.schedule import truth_every
 from clsim.scene import World, load_world
+from clsim.truth.names import plane_names
 
 if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
@@ -85,6 +87,8 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
         seed=options.seed,
         noise=point.noise,
         sampler=point.sampler,
+        truth=plane_names(options.truth),
+        truth_every=truth_every(fps, options.frame_rate),
         follow_specular=options.follow_specular,
         max_depth=options.max_depth,
         threads=options.threads,
@@ -92,7 +96,7 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     )
     check_device(options.render_device)
     detector = _detector_config(options, world)
-    planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0).names
+    planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0, truth=render.truth).names
     size = world.camera.width, world.camera.height
     make_detector = detector_maker(detector, size, planes, options.opencl)
     return Stages(world, fps, render, detector, planes, make_detector, steered)

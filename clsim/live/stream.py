@@ -150,6 +150,11 @@ def stream(
     render_device: str = "cpu",
     opencl: str | None = None,
     strict: bool = False,
+    truth: str | Sequence[str] = (),
+    frame_rate: float | None = None,
+    pose_rate: float = 200.0,
+    imu_rate: float = 1000.0,
+    imu_noise: str | None = None,
 ) -> Stream:
     """Return the events of a scene, frame by frame, as an iterator; everything is checked now.
 
@@ -181,6 +186,10 @@ def stream(
         render_device: where to render, "cpu" or "cuda:0" …
         opencl: part of the name of the OpenCL device.
         strict: refuse a scene that asks for what clsim lacks, instead of warning.
+        truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
+        frame_rate: frames of truth per simulated second; None takes all that are rendered.
+        pose_rate, imu_rate: poses and inertial samples per simulated second.
+        imu_noise: Kalibr's imu.yaml, which says how noisy the inertial sensor is.
 
     Raises:
         InputError: a scene or option cannot be used.

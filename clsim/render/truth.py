@@ -38,7 +38,7 @@ class TruthPass:
         names = [plane.name for plane in planes.truth]
         self._flow_rows = {way: own.first(f"Flow.{way}") for way in ("forward", "backward") if f"Flow.{way}" in names}
         pixels = camera.width * camera.height
-        self._planes = wp.zeros((len(own.names), pixels), dtype=wp.float32, device=data.device)
+        self._planes: Any = wp.zeros((len(own.names), pixels), dtype=wp.float32, device=data.device)
         hits = wp.zeros(pixels, dtype=TruthHit, device=data.device)
         objects = Objects()
         objects.of_instance = array(data.instance_objects, wp.int32, data.device)
@@ -61,9 +61,7 @@ class TruthPass:
                 **shared,
             )
 
-    def fill(
-        self, out_planes: npt.NDArray[np.float32], before_us: int | None, time_us: int, after_us: int
-    ) -> None:
+    def fill(self, out_planes: npt.NDArray[np.float32], before_us: int | None, time_us: int, after_us: int) -> None:
         """Write truth at ``time_us`` into the frame's planes ``[C, H, W]``; flow leads to the times before and after.
 
         Where there is no time before, no backward flow is valid. The scene is left at one of these times.
@@ -78,7 +76,7 @@ class TruthPass:
                 continue
             self._follow.set_param_by_name("row", row)
             self._launch(self._follow, other_us)
-        truth = self._planes.numpy()
+        truth: npt.NDArray[np.float32] = self._planes.numpy()
         out_planes[self._first_row : self._first_row + len(truth)] = truth.reshape(len(truth), *out_planes.shape[1:])
 
     def _launch(self, launch: Any, time_us: int) -> None:

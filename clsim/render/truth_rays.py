@@ -1,5 +1,5 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
-# ruff: noqa: SIM102
+# ruff: noqa: RUF046, SIM102, UP018
 """The kernels of truth: what the middle of each pixel shows, and where that goes.
 
 ``look`` traces a ray through each pixel's centre and keeps what it met. ``follow`` runs when the scene and the camera

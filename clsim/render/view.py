@@ -124,6 +124,10 @@ class View:
             RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
         self.fill_at(index, frame_time_us(index, self.fps), out)
+        every = self._options.truth_every
+        if index % every == 0:
+            before_us = frame_time_us(index - every, self.fps) if index >= every else None
+            self.fill_truth(out, before_us, frame_time_us(index + every, self.fps))
 
     def fill_at(self, index: int, time_us: int, out: Frame) -> None:
         """Render the world at a time [µs] of the caller's choice, as frame ``index``, into ``out``.
@@ -154,11 +158,15 @@ class View:
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
-        every = self._options.truth_every
-        if self._truth is not None and index % every == 0:
-            before_us = frame_time_us(index - every, self.fps) if index >= every else None
-            self._truth.fill(out.planes, before_us, time_us, frame_time_us(index + every, self.fps))
         out.time_us, out.index = time_us, index
+
+    def fill_truth(self, out: Frame, before_us: int | None, after_us: int) -> None:
+        """Fill the planes of truth, if there are any, of a frame that was rendered; flow leads to these times [µs].
+
+        The scene is left at one of the three times.
+        """
+        if self._truth is not None:
+            self._truth.fill(out.planes, before_us, out.time_us, after_us)
 
     @property
     def effort(self) -> Effort:

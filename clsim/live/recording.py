@@ -1,0 +1,56 @@
+"""Truth of a live run: from its options to recorders of the layouts among its outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from clsim.live.options import LiveOptions
+from clsim.live.schedule import Schedule
+from clsim.live.sidecars import about_camera
+from clsim.scene import World
+from clsim.truth.imu_file import read_imu_noise
+from clsim.truth.layouts import check_place, layout_of, open_layout
+from clsim.truth.record import About
+from clsim.truth.recorder import Plan, TruthRecorder
+from clsim.truth.world_facts import material_names, object_motions, object_names, poses_at_start
+
+
+def recorder_openers(
+    options: LiveOptions, world: World, schedule: Schedule, about: dict[str, Any], every: int
+) -> dict[str, Callable[[], TruthRecorder]]:
+    """Return, for each output that takes truth, what opens it; raises InputError where one could not be."""
+    if not options.truth:
+        return {}
+    names = [name for name in options.outputs if layout_of(name) is not None]
+    for name in names:
+        check_place(name)
+    plan = _plan(options, world, schedule, about, every)
+
+    def opener(name: str) -> Callable[[], TruthRecorder]:
+        return lambda: TruthRecorder(plan, open_layout(name, plan.about))
+
+    return {name: opener(name) for name in names}
+
+
+def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str, Any], every: int) -> Plan:
+    objects = object_names(world)
+    motions = zip(objects, object_motions(world), strict=True)
+    moving = tuple((name, motion) for name, motion in motions if motion.duration_s > 0)
+    about = About(
+        width=world.camera.width,
+        height=world.camera.height,
+        camera=about_camera(world.camera),
+        names=options.truth,
+        frame_rate=schedule.fps / every,
+        objects=objects,
+        materials=material_names(world),
+        object_poses=poses_at_start(world),
+        moving=tuple(name for name, _ in moving),
+        imu_rate=options.imu_rate,
+        more=more,
+    )
+    if options.imu_noise is not None:
+        about = replace(about, imu_noise=read_imu_noise(options.imu_noise))
+    return Plan(about, every, schedule.time_us, world.camera.motion, moving, options.pose_rate, options.seed)

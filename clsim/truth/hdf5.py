@@ -1,0 +1,174 @@
+"""clsim's own layout: one HDF5 file, whose events any reader of DSEC reads.
+
+====================  ==========================================================================================
+/events, /ms_to_idx   as DSEC has them (`clsim.events.hdf5`)
+/frames/t             time of each frame of truth [µs], int64 ``[n]``
+/frames/event_index   index of the first event at or after it, int64 ``[n]``
+/frames/flow_end      where forward flow leads to [µs], int64 ``[n]``; backward flow leads to ``flow_start``
+/frames/NAME          ``[n, H, W]`` or ``[n, H, W, 2 or 3]``, a chunk a frame, compressed
+/objects, /materials  names, number k of a plane of ids at k − 1; pose at time 0 of each object
+/poses/NAME           ``t``, ``pose`` x y z qx qy qz qw, ``velocity`` for the camera and each object that moves
+/imu                  ``t``, ``acceleration``, ``angular_velocity``
+====================  ==========================================================================================
+
+Attributes tell units, axes, signs and clocks. Each flush leaves a whole file behind.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.events import EventBatch
+from clsim.events.filesink import FlushPolicy
+from clsim.events.hdf5 import Hdf5Sink
+from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.version import VERSION
+
+CONVENTIONS = (
+    "times: int64 microseconds of the events' clock; images: row 0 on top, x right, y down, centre of the first pixel "
+    "at (0.5, 0.5); lengths: metres; world: right-handed, +y up; camera: +z ahead, +x right, +y down (OpenCV); poses: "
+    "body to world, x y z qx qy qz qw; velocity: linear in the world [m/s], then angular in the body's axes [rad/s]; "
+    "imu: specific force [m/s^2] and angular rate [rad/s] in the camera's axes"
+)
+
+_PLANES: dict[str, tuple[tuple[int, ...], str, str, str]] = {
+    "intensity": ((), "f4", "W sr^-1 m^-2", "Rec. 709 luminance of linear radiance, as rendered"),
+    "depth": ((), "f4", "m", "along the optical axis; inf where nothing is"),
+    "distance": ((), "f4", "m", "along the ray; inf where nothing is"),
+    "normal": ((3,), "f4", "1", "shading normal in the world, facing the camera; 0 where nothing is"),
+    "albedo": ((3,), "f4", "1", "share of light reflected, linear Rec. 709; 0 where nothing is"),
+    "object": ((), "u4", "1", "k is the object named objects/name[k - 1]; 0 where nothing is"),
+    "material": ((), "u4", "1", "k is the material named materials/name[k - 1]; 0 where nothing is"),
+}
+"""Shape of a pixel, type, unit and meaning."""
+_FLOWS = {
+    "flow": ("from frames/t to frames/flow_end", "flow_end"),
+    "backward_flow": ("from frames/t to frames/flow_start", "flow_start"),
+}
+_GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+
+
+class Hdf5Layout:
+    """Writes the file."""
+
+    def __init__(self, path: Path, about: About) -> None:
+        """Create it; raises InputError when it cannot be."""
+        self._about = about
+        self._tracks: dict[str, str] = {}
+        self._sink = Hdf5Sink(path, about.width, about.height, FlushPolicy(), self._prepare)
+
+    def events(self, batch: EventBatch, end_us: int) -> None:
+        """Append events."""
+        self._sink.write(batch, end_us)
+
+    def shot(self, shot: Shot) -> None:
+        """Append a frame."""
+        rows: dict[str, npt.NDArray[Any]] = {
+            "frames/t": np.array([shot.time_us]),
+            "frames/event_index": np.array([shot.event_index]),
+        }
+        for name, values in shot.planes.items():
+            if name in _PLANES:
+                rows[f"frames/{name}"] = values[None]
+        for name, end, end_us in (
+            ("flow", "flow_end", shot.after_us),
+            ("backward_flow", "flow_start", shot.before_us),
+        ):
+            flow = shot.planes.get(name.replace("_", "-"))
+            if flow is not None:
+                rows[f"frames/{name}"] = flow[None, :, :, :2]
+                rows[f"frames/{name}_valid"] = flow[None, :, :, 2] > 0
+                rows[f"frames/{name}_covisible"] = flow[None, :, :, 3] > 0
+                rows[f"frames/{end}"] = np.array([end_us])
+        self._sink.append(rows)
+
+    def track(self, chunk: TrackChunk) -> None:
+        """Append poses."""
+        group = self._tracks[chunk.name]
+        self._sink.append(
+            {f"{group}/t": chunk.times_us, f"{group}/pose": chunk.poses, f"{group}/velocity": chunk.velocities}
+        )
+
+    def imu(self, chunk: ImuChunk) -> None:
+        """Append inertial samples."""
+        self._sink.append(
+            {
+                "imu/t": chunk.times_us,
+                "imu/acceleration": chunk.acceleration,
+                "imu/angular_velocity": chunk.angular_velocity,
+            }
+        )
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._sink.close()
+
+    def _prepare(self, file: Any) -> None:
+        about = self._about
+        file.attrs["layout"] = "clsim"
+        file.attrs["clsim_version"] = VERSION
+        file.attrs["conventions"] = CONVENTIONS
+        file.attrs["camera"] = json.dumps(dict(about.camera))
+        file.attrs["about"] = json.dumps(dict(about.more))
+        self._prepare_frames(file)
+        for group, names in (("objects", about.objects), ("materials", about.materials)):
+            if "ids" in about.names or (group == "objects" and "poses" in about.names):
+                file.create_dataset(f"{group}/name", data=list(names), dtype=_text_type())
+        if "poses" in about.names:
+            file["objects"].create_dataset("pose", data=about.object_poses)
+            for number, name in enumerate(("camera", *about.moving)):
+                self._tracks[name] = group = f"poses/{number:04d}" if number else "poses/camera"
+                file.create_group(group).attrs["name"] = name
+                _column(file, f"{group}/t", (), "i8", 1 << 12)
+                _column(file, f"{group}/pose", (7,), "f8", 1 << 10)
+                _column(file, f"{group}/velocity", (6,), "f8", 1 << 10)
+        if "imu" in about.names:
+            imu = file.create_group("imu")
+            imu.attrs["rate_hz"], imu.attrs["gravity"] = about.imu_rate, about.gravity
+            for name, value in vars(about.imu_noise).items():
+                imu.attrs[name] = value
+            _column(file, "imu/t", (), "i8", 1 << 12)
+            _column(file, "imu/acceleration", (3,), "f8", 1 << 11)
+            _column(file, "imu/angular_velocity", (3,), "f8", 1 << 11)
+
+    def _prepare_frames(self, file: Any) -> None:
+        about = self._about
+        size = about.height, about.width
+        file.create_group("frames").attrs["rate_hz"] = about.frame_rate
+        _column(file, "frames/t", (), "i8", 1 << 10)
+        _column(file, "frames/event_index", (), "i8", 1 << 10)
+        asked = {*about.names, *(("object", "material") if "ids" in about.names else ())}
+        for name, (width, kind, unit, meaning) in _PLANES.items():
+            if name in asked:
+                _image(file, f"frames/{name}", (*size, *width), kind, unit, meaning)
+        for name, (meaning, end) in _FLOWS.items():
+            if name.replace("_", "-") in asked:
+                _image(file, f"frames/{name}", (*size, 2), "f4", "px", f"right and down, {meaning}")
+                _image(file, f"frames/{name}_valid", size, "u1", "1", "whether the flow is known")
+                _image(file, f"frames/{name}_covisible", size, "u1", "1", "whether the point is seen at both times")
+                _column(file, f"frames/{end}", (), "i8", 1 << 10)
+
+
+def _text_type() -> Any:
+    import h5py
+
+    return h5py.string_dtype()
+
+
+def _column(file: Any, name: str, width: tuple[int, ...], kind: str, rows: int) -> None:
+    file.create_dataset(name, (0, *width), kind, maxshape=(None, *width), chunks=(rows, *width))
+
+
+def _image(file: Any, name: str, shape: tuple[int, ...], kind: str, unit: str, meaning: str) -> None:
+    dataset = file.create_dataset(name, (0, *shape), kind, maxshape=(None, *shape), chunks=(1, *shape), **_GZIP)
+    dataset.attrs["unit"], dataset.attrs["meaning"] = unit, meaning
+
+
+def open_layout(path: Path, about: About) -> Hdf5Layout:
+    """Open a writer of the layout."""
+    return Hdf5Layout(path, about)

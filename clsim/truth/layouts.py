@@ -1,0 +1,88 @@
+"""The layouts of data sets that truth is written in, by the ending of their names."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from clsim.errors import InputError
+from clsim.events.address import is_address
+
+if TYPE_CHECKING:
+    from clsim.truth.record import About, Layout
+
+
+@dataclass(frozen=True)
+class LayoutKind:
+    """One layout: its name, endings, the module that writes it, and what of truth it can hold.
+
+    Attributes:
+        name: what it is called.
+        endings: of the names of its files or folders.
+        module: within clsim.truth; has ``open_layout(path, about)``.
+        holds: names of `TRUTH_NAMES`.
+        folder: whether it is a folder.
+    """
+
+    name: str
+    endings: tuple[str, ...]
+    module: str
+    holds: tuple[str, ...]
+    folder: bool = False
+
+    def load(self) -> Any:
+        """Import the module."""
+        return importlib.import_module(f"clsim.truth.{self.module}")
+
+
+_ALL = (
+    "intensity", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "poses", "imu",
+)  # fmt: skip
+LAYOUTS = (LayoutKind("clsim", (".h5", ".hdf5"), "hdf5", _ALL),)
+"""Every layout. A file that is one with truth may be a plain event file without."""
+
+
+def layout_of(name: str) -> LayoutKind | None:
+    """Return the layout that the ending of an output's name tells; None for other outputs."""
+    if is_address(name):
+        return None
+    plain = name.rstrip("/").lower()
+    return next((kind for kind in LAYOUTS if plain.endswith(kind.endings)), None)
+
+
+def check_layouts(outputs: Sequence[str], truth: Sequence[str]) -> None:
+    """Raise InputError unless each thing asked for can be held by one of the outputs, and each output be written."""
+    kinds = [(name, kind) for name in outputs if (kind := layout_of(name)) is not None]
+    if not kinds:
+        endings = ", ".join(ending for kind in LAYOUTS for ending in kind.endings)
+        raise InputError(f"`truth` needs an output that can hold it; name one in `outputs` that ends in {endings}")
+    for asked in truth:
+        if not any(asked in kind.holds for _, kind in kinds):
+            able = ", ".join(kind.endings[0] for kind in LAYOUTS if asked in kind.holds)
+            raise InputError(f"`truth` {asked} fits none of the outputs; name one in `outputs` that ends in {able}")
+
+
+def check_place(name: str) -> None:
+    """Raise InputError where a layout could not be written, without touching anything."""
+    kind, path = layout_of(name), Path(name)
+    if not os.path.isdir(path.parent):
+        raise InputError(f"{name}: there is no folder {path.parent}")
+    if kind is not None and kind.folder:
+        if os.path.exists(path) and (not os.path.isdir(path) or os.listdir(path)):
+            raise InputError(f"{name}: is there already; expected a new name or an empty folder")
+    elif os.path.isdir(path):
+        raise InputError(f"{name} is a folder, expected a file")
+    if not os.access(path if os.path.exists(path) else path.parent, os.W_OK):
+        raise InputError(f"{name}: permission denied")
+
+
+def open_layout(name: str, about: About) -> Layout:
+    """Open an output that has a layout; raises InputError when it cannot be."""
+    kind = layout_of(name)
+    assert kind is not None, "only outputs with a layout are opened here"
+    layout: Layout = kind.load().open_layout(Path(name), about)
+    return layout
