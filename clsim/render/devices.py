@@ -11,6 +11,7 @@ from typing import Any, Literal
 import warp as wp
 
 from clsim.errors import InputError
+from clsim.render.headers import keep_headers
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 _init_warp: Any = wp.init
@@ -34,6 +35,7 @@ def start_warp() -> None:
             terminal = os.dup(2)
         except OSError:  # the process has no standard error at all
             _init_warp()
+            keep_headers()
             _started = True
             return
         with tempfile.TemporaryFile() as diverted:
@@ -47,6 +49,7 @@ def start_warp() -> None:
                 for line in diverted:
                     if _NO_DRIVER not in line:
                         os.write(2, line)
+        keep_headers()
         _started = True
 
 

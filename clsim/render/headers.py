@@ -1,0 +1,38 @@
+"""Warp's headers, precompiled once for all.
+
+Kernels for a CPU include headers that take longer to read than the kernel takes to compile. Warp precompiles them, but
+for each thread of each process anew. Here they are kept beside the kernels in Warp's cache.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import warp as wp
+
+
+def keep_headers() -> None:
+    """Let all threads and processes share the headers that Warp, which has started, precompiles.
+
+    Warp has no setting for that. Where it does not look for the folder as this expects, all stays as it was.
+    """
+    runtime: Any = getattr(sys.modules.get("warp._src.context"), "runtime", None)
+    if getattr(runtime, "llvm", None) is not None and hasattr(runtime, "get_clang_pch_dir"):
+        runtime.get_clang_pch_dir = _folder
+
+
+@cache
+def _folder() -> str:
+    """Return the folder for this compiler, this processor and this copy of Warp; it exists.
+
+    The compiler puts files there whole, by renaming them, so that processes do not disturb each other.
+    """
+    headers = Path(wp.__file__).parent / "native"
+    told = f"{wp.get_cpu_kernel_cache_key()} {headers} {(headers / 'builtin.h').stat().st_mtime_ns}"
+    folder = Path(str(wp.config.kernel_cache_dir)) / f"wp_headers_{hashlib.sha256(told.encode()).hexdigest()[:16]}"
+    folder.mkdir(parents=True, exist_ok=True)
+    return str(folder)

@@ -1,0 +1,42 @@
+"""Precompiled headers are kept where the next process finds them."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+BUILD = """
+import threading
+import warp as wp
+from clsim.render.devices import start_warp
+
+start_warp()
+number = {number}
+
+@wp.kernel(enable_backward=False)
+def count(out: wp.array(dtype=int)):
+    out[wp.tid()] = number
+
+thread = threading.Thread(target=wp.load_module, args=("__main__", "cpu"))
+thread.start()
+thread.join()
+"""
+
+
+@pytest.mark.slow
+def test_threads_and_processes_share_them(tmp_path: Path) -> None:
+    cache = os.environ | {"WARP_CACHE_PATH": str(tmp_path / "kernels"), "TMPDIR": str(tmp_path)}
+
+    def build(number: int) -> dict[Path, int]:
+        """Build a kernel in a process of its own; return the headers that there are, and when they were written."""
+        script = tmp_path / f"build{number}.py"
+        script.write_text(BUILD.format(number=number))
+        subprocess.run([sys.executable, script], env=cache, check=True)
+        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pch")}
+
+    first = build(1)
+    assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/headers.py"
+    assert build(2) == first
+    assert len(list(tmp_path.rglob("*.o"))) == 2  # both were built
