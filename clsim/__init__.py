@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from clsim.events import EVENT_DTYPE, SinkError
     from clsim.events.open import open_events as open
     from clsim.events.write import EventWriter as write  # noqa: N813 - called like a function
+    from clsim.live.footage import events_from
     from clsim.live.stream import stream
     from clsim.scene import World, WorldBuilder
     from clsim.scene import load_world as load_scene
@@ -34,6 +35,7 @@ __all__ = [
     "World",
     "WorldBuilder",
     "__version__",
+    "events_from",
     "load_scene",
     "open",
     "stream",
@@ -46,6 +48,7 @@ _WHERE = {
     "SinkError": ("clsim.events", "SinkError"),
     "World": ("clsim.scene", "World"),
     "WorldBuilder": ("clsim.scene", "WorldBuilder"),
+    "events_from": ("clsim.live.footage", "events_from"),
     "load_scene": ("clsim.scene", "load_world"),
     "open": ("clsim.events.open", "open_events"),
     "stream": ("clsim.live.stream", "stream"),

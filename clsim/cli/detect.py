@@ -20,6 +20,7 @@ from clsim.cli.detector_options import (
     GATE,
     GATE_SCALE,
     KERNEL,
+    LIKE,
     LUMINANCE,
     OUT,
     PRECISION,
@@ -30,6 +31,9 @@ from clsim.cli.detector_options import (
     SHRINK,
     STRIDE,
     THRESHOLD,
+    TIME_UNIT,
+    TIMES,
+    TRANSFER,
 )
 from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, TEXT_TIME, WINDOW
 from clsim.detect.config import DetectorConfig
@@ -41,6 +45,10 @@ def detect(
     out: OUT,
     fps: FPS = None,
     threshold: THRESHOLD = None,
+    transfer: TRANSFER = None,
+    times: TIMES = None,
+    time_unit: TIME_UNIT = "s",
+    like: LIKE = None,
     as_json: JSON = False,
     method: METHOD = None,
     gate: GATE = None,
@@ -66,29 +74,51 @@ def detect(
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
 ) -> int:
-    """Turn a sequence of EXR frames into events.
+    """Turn EXR frames, video or pictures into events.
 
     Frames of `clsim render` tell in their frames.json which detector they were rendered for: that one is taken, as
-    far as no option says otherwise, and the events are those of `clsim live`. Other frames get esim-ad.
+    far as no option says otherwise, and the events are those of `clsim live`. Other EXR frames get esim-ad, video and
+    pictures esim.
 
-    Example: `clsim detect frames --fps 60 --out events.aedat4`
+    Examples: `clsim detect frames --fps 60 --out events.aedat4`, `clsim detect clip.mp4 --out events.aedat4`
     """
     given = dict(locals())
     from clsim.cli.status import run_session
     from clsim.events.address import is_standard_output
     from clsim.events.outputs import FileOptions
+    from clsim.footage.open import is_footage
+    from clsim.live.footage import FootageOptions, open_footage_session
     from clsim.live.options import RecordingOptions
     from clsim.live.session import open_recording
 
     if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
-    elsewhere = ("frames", "out", "fps", "threshold", "as_json", "opencl", "format", "text_time")
+    elsewhere = [
+        "frames",
+        "out",
+        "fps",
+        "threshold",
+        "transfer",
+        "times",
+        "time_unit",
+        "like",
+        "as_json",
+        "opencl",
+        "format",
+        "text_time",
+    ]
     chosen = {name: value for name, value in given.items() if name not in elsewhere} | {"features": _features(features)}
     if threshold is not None:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
+    files = FileOptions(format, text_time)
+    if is_footage(frames):
+        footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files)
+        return run_session(open_footage_session(footage, _given(chosen)), as_json=as_json)
+    for option, value in (("--transfer", transfer), ("--times", times), ("--like", like)):
+        if value is not None:
+            raise InputError(f"{option} is for video and pictures; EXR frames hold linear light")
     told = _told_by(frames)
     config = detector_config(frames, told, chosen)
-    files = FileOptions(format, text_time)
     options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told))
     return run_session(open_recording(options), as_json=as_json)
 
@@ -97,7 +127,7 @@ def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, An
     """Return the detector's options: those ``given`` (None: not given), else those that frames.json ``told``."""
     from clsim.values import from_plain
 
-    chosen = {name: value for name, value in given.items() if value is not None}
+    chosen = _given(given)
     detector = told.get("detector")
     try:
         base = from_plain(DetectorConfig, detector if isinstance(detector, dict) else {})
@@ -106,6 +136,10 @@ def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, An
     if chosen.get("method", base.method) != base.method:
         base = replace(base, window=None)
     return replace(base, **chosen)
+
+
+def _given(options: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def _about(frames: str) -> Path:

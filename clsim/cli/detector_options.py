@@ -16,11 +16,13 @@ from clsim.detect.config import (
     Regress,
     Response,
 )
+from clsim.footage import Convention, TimeUnit, Transfer
 
 FRAMES = Annotated[
     str,
     typer.Argument(
-        help="Folder or glob pattern of EXR frames: ours, the ICIP 2023 program's, pbrt-v4's, Mitsuba 3's or Blender's."
+        help="A video; a folder or glob pattern of pictures (PNG, JPEG, TIFF …), or of EXR frames: ours, the ICIP 2023 "
+        "program's, pbrt-v4's, Mitsuba 3's or Blender's."
     ),
 ]
 OUT = Annotated[list[str], typer.Option(help=OUT_HELP)]
@@ -28,6 +30,22 @@ FPS = Annotated[float | None, typer.Option(help="Frames per second. [the times i
 THRESHOLD = Annotated[
     str | None,
     typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [the frames', or 0.2]"),
+]
+TRANSFER = Annotated[
+    Transfer | None,
+    typer.Option(
+        help="Transfer function that is undone in video and pictures; as-is undoes none. [the file's; bt709 for video "
+        "that tells none, srgb for pictures of whole numbers, linear for others]"
+    ),
+]
+TIMES = Annotated[
+    str | None,
+    typer.Option(help="File with a time for each frame of video or pictures: text, or .npy. [the file's]"),
+]
+TIME_UNIT = Annotated[TimeUnit, advanced(help="Unit of the times in --times.")]
+LIKE = Annotated[
+    Convention | None,
+    advanced(help="What another converter of video takes for brightness, for comparisons; without its noise."),
 ]
 GATE = Annotated[
     Gate | None,

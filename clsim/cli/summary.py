@@ -55,6 +55,18 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
             f"clsim: {summary['capped_events']:,} events beyond 1000 per pixel and step were not written; the "
             "threshold is too low"
         )
+    motion = summary["motion"]
+    if motion is not None and motion["fast_pairs"]:
+        say(
+            f"clsim: what is seen moves by up to {motion['largest_px']:.1f} pixels from one frame to the next, and by "
+            f"more than 1 in {motion['fast_pairs']:,} of {motion['pairs']:,} pairs; what happens between frames is not "
+            "known, so edges jump there: expected footage of a higher frame rate"
+        )
+    if motion is not None and motion["lost_pairs"]:
+        say(
+            f"clsim: in {motion['lost_pairs']:,} pairs of frames nothing is found again: it moved too far, or there "
+            "was a cut, or there is only noise"
+        )
 
 
 def _hint(session: Session, summary: dict[str, Any]) -> str | None:

@@ -21,7 +21,7 @@ from clsim.frames.planes import (
     plane_of,
     rendered_planes,
 )
-from clsim.frames.protocols import Cancellable, CountsRays, FrameSource, Renoising
+from clsim.frames.protocols import Cancellable, CountsRays, FrameSource, Renoising, SourceEnded
 from clsim.frames.ring import FrameRing, Policy, RingClosed
 
 __all__ = [
@@ -52,6 +52,7 @@ __all__ = [
     "Policy",
     "Renoising",
     "RingClosed",
+    "SourceEnded",
     "frame_time_us",
     "page_aligned",
     "plane_of",

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+from clsim.errors import Error
 from clsim.frames.frame import Frame
+
+
+class SourceEnded(Error):  # noqa: N818 - a normal end, not an error
+    """There is no frame of this number, nor will there be: the sequence has ended."""
 
 
 class FrameSource(Protocol):
@@ -18,7 +23,12 @@ class FrameSource(Protocol):
     """Number of frames, None when endless."""
 
     def fill(self, index: int, out: Frame) -> None:
-        """Write frame ``index`` into ``out``, time and index included. Raises InputError on unusable input."""
+        """Write frame ``index`` into ``out``, time and index included.
+
+        Raises:
+            InputError: the input cannot be used.
+            SourceEnded: there are fewer frames; only from sources without a ``frame_count``.
+        """
         ...
 
     def close(self) -> None:

@@ -26,6 +26,7 @@ from clsim.frames import (
     Policy,
     Renoising,
     RingClosed,
+    SourceEnded,
 )
 from clsim.frames.frame import FloatArray
 from clsim.live.clock import FrameClock
@@ -264,7 +265,10 @@ class Pipeline:
                 if renoising is not None:
                     renoising.noise_offset = index - shown
                 with self._meter.busy("source"):
-                    source.fill(shown, frame)
+                    try:
+                        source.fill(shown, frame)
+                    except SourceEnded:
+                        break
                 frame.index = index
                 if not schedule.recorded_times:
                     frame.time_us = schedule.time_us(index)

@@ -14,6 +14,7 @@ import numpy as np
 from clsim.events import Reporting, Sink, SinkError
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
+from clsim.footage.source import Footage
 from clsim.frames import VARIANCE_PLANES
 from clsim.live.delivery import Output
 from clsim.live.governed import Governed
@@ -57,6 +58,8 @@ class Session:
     """What decides how much is rendered, if anything does."""
     world: World | None = None
     """The scene, unless frames were recorded."""
+    footage: Footage | None = None
+    """The video or pictures, if that is what is seen."""
     started: bool = False
 
     def start(self) -> None:
@@ -130,6 +133,7 @@ class Session:
             cpu_s=_cpu_s() - self.cpu_start_s,
             startup_s=startup_s,
             frames_per_s=progress.frames / running_s if running_s > 0 else 0.0,
+            motion=None if self.footage is None else self.footage.displacement.as_dict(),
             outputs=[_output_summary(output) for output in self.pipeline.outputs],
         )
 
@@ -150,7 +154,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
-    started = _now()
+    started = now()
     stages = plan_stages(options)
     world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(
@@ -167,7 +171,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
-    outputs = _open_outputs(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
+    outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
         lambda: PathTracer(world, stages.render, board),
         stages.make_detector,
@@ -211,7 +215,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     """Open a sequence of EXR frames and the outputs; raises InputError before anything is detected."""
     from clsim.frames.exr import ExrSequence
 
-    started = _now()
+    started = now()
     source = ExrSequence(options.frames, options.fps)
     if options.config.bandwidth == "fixed" and options.config.shrink == 0:
         # Nothing reads the variances then, so they need not be converted frame by frame.
@@ -223,7 +227,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     pipeline = Pipeline(
         lambda: source,
         detector_maker(options.config, size, source.names, options.opencl),
-        _open_outputs(options.outputs, options.files, extra_sinks, size),
+        open_sinks(options.outputs, options.files, extra_sinks, size),
         schedule,
         (source.names, source.height, source.width),
     )
@@ -252,7 +256,8 @@ def _without_rounding(recorded_fps: float, rendered_fps: float | None) -> float:
     return recorded_fps
 
 
-def _now() -> tuple[float, float]:
+def now() -> tuple[float, float]:
+    """Return wall clock and processor time [s], as a session's start."""
     return time.perf_counter(), _cpu_s()
 
 
@@ -261,14 +266,14 @@ def _cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def _open_outputs(
+def open_sinks(
     names: Sequence[str],
     options: FileOptions,
     extra_sinks: Sequence[Sink],
     size: tuple[int, int],
     own: Mapping[str, Callable[[], Sink]] = MappingProxyType({}),
 ) -> list[Output]:
-    """Open all outputs; ``own`` opens those that are not for events alone, the last."""
+    """Open the outputs of a run, ``own`` last: not for events alone. Closes ``extra_sinks`` if one cannot be opened."""
     try:
         sinks = open_outputs([name for name in names if name not in own], *size, options)
         sinks |= {name: open_one() for name, open_one in own.items()}

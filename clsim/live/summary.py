@@ -28,6 +28,9 @@ class Summary:
         wall_s, cpu_s: time since the run was opened, and processor time of all threads and of processes begun.
         startup_s: time from the start to the first frame's events; None before.
         frames_per_s: frames a second since then.
+        motion: how far the picture moves from frame to frame (see `clsim.footage.displacement.Displacement`): pairs of
+            frames that were measured, of which ``fast_pairs`` by more than a pixel, ``lost_pairs`` in which nothing was
+            found again, and ``largest_px``; None but for video and pictures.
         outputs: for each output its ``name``, its ``error`` if it failed, and figures of its own.
     """
 
@@ -53,6 +56,7 @@ class Summary:
     cpu_s: float
     startup_s: float | None
     frames_per_s: float
+    motion: dict[str, float] | None
     outputs: list[dict[str, Any]]
 
     def as_dict(self) -> dict[str, Any]:

@@ -1,0 +1,132 @@
+"""Video files, through PyAV: each frame at its own time."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.footage import Transfer
+from clsim.footage.pixels import PixelFormat, pixel_format, to_light
+from clsim.footage.source import Footage, check_size, whole_us
+from clsim.frames import SourceEnded
+from clsim.frames.frame import FloatArray, page_aligned
+
+
+class Video(Footage):
+    """A video file. Its times are those of its stream, from the first frame on; rates may vary."""
+
+    def __init__(
+        self,
+        path: str | Path,
+        transfer: Transfer | None = None,
+        *,
+        times_us: Sequence[int] | None = None,
+        fps: float | None = None,
+        offset: float = 0.0,
+    ) -> None:
+        """Open the file and decode its first frame.
+
+        Raises:
+            InputError: PyAV is missing, or the file is no video that it reads.
+        """
+        where = str(path)
+        self._container = open_media(where)
+        self._frames: Iterator[Any] = iter(())
+        try:
+            first, self._frames = first_frame(self._container, where)
+            self._first: Any = first
+            self._kind: PixelFormat = pixel_format(first, where)
+            self._turns = int(first.rotation) // 90 % 4
+            stored = (first.width, first.height)
+            size = (stored[1], stored[0]) if self._turns % 2 else stored
+            chosen, warnings = transfer or self._kind.transfer, tuple[str, ...]()
+            if chosen is None:
+                chosen = "bt709"
+                warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
+            super().__init__(where, size, chosen, self._kind.steps, times_us, fps, offset, warnings)
+        except BaseException:
+            self.close()
+            raise
+        self._stored = stored
+        self._scratch = page_aligned((3, stored[1], stored[0])) if self._turns else None
+        stream = self._container.streams.video[0]
+        if fps is None and stream.average_rate:
+            self.fps = float(stream.average_rate)
+        start = time_of(first)
+        self._start = start if start is not None and start < 0 else Fraction(0)
+
+    def _read(self, index: int, out_rgb: FloatArray) -> int | None:
+        frame, self._first = self._first, None
+        if frame is None:
+            with naming_media(self._where):
+                frame = next(self._frames, None)
+        if frame is None:
+            raise SourceEnded
+        if (frame.width, frame.height, frame.format.name) != (*self._stored, self._kind.name):
+            raise InputError(
+                f"{self._where}: frame {index} has {frame.width}×{frame.height} pixels as {frame.format.name}, "
+                f"expected {self._stored[0]}×{self._stored[1]} as {self._kind.name} of the first"
+            )
+        if self._scratch is None:
+            to_light(frame, self._kind, self.transfer, out_rgb)
+        else:
+            to_light(frame, self._kind, self.transfer, self._scratch)
+            out_rgb[...] = np.rot90(self._scratch, self._turns, axes=(1, 2))
+        time_s = time_of(frame)
+        return None if time_s is None else whole_us(time_s - self._start)
+
+    def close(self) -> None:
+        """Release the file; safe to call twice."""
+        self._container.close()
+
+
+def open_media(where: str) -> Any:
+    """Open a file with PyAV; raises InputError where that cannot be."""
+    if importlib.util.find_spec("av") is None:
+        raise InputError(f"{where}: video and pictures need PyAV; install it with: pip install 'clsim[video]'")
+    import av
+
+    if not Path(where).is_file():
+        raise InputError(f"{where}: there is no such file")
+    with naming_media(where):
+        container = av.open(where, metadata_errors="replace")
+    if not container.streams.video:
+        container.close()
+        raise InputError(f"{where}: holds no video")
+    container.streams.video[0].thread_type = "AUTO"
+    return container
+
+
+def first_frame(container: Any, where: str) -> tuple[Any, Iterator[Any]]:
+    """Return the first frame of an open file and an iterator of the others; raises InputError where there is none."""
+    stream = container.streams.video[0]
+    check_size(where, stream.codec_context.width or 1, stream.codec_context.height or 1)
+    frames = container.decode(stream)
+    with naming_media(where):
+        first = next(frames, None)
+    if first is None:
+        raise InputError(f"{where}: holds no frame")
+    return first, frames
+
+
+@contextmanager
+def naming_media(where: str) -> Iterator[None]:
+    """Turn what PyAV raises into an InputError that names the file."""
+    import av
+
+    try:
+        yield
+    except (av.FFmpegError, EOFError, ValueError) as error:
+        raise InputError(f"{where}: cannot be decoded ({getattr(error, 'strerror', None) or error})") from None
+
+
+def time_of(frame: Any) -> Fraction | None:
+    """Return a frame's own time [s], exactly; None where it has none."""
+    return None if frame.pts is None or frame.time_base is None else Fraction(frame.pts * frame.time_base)

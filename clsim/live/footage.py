@@ -1,0 +1,164 @@
+"""Detection on what cameras recorded: video, pictures and arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig
+from clsim.errors import InputError
+from clsim.events import EventBatch, Sink
+from clsim.events.outputs import FileOptions
+from clsim.footage import Convention, TimeUnit, Transfer
+from clsim.footage.arrays import Arrays
+from clsim.footage.conventions import CONVENTIONS, PLAIN, Settings
+from clsim.footage.open import open_footage
+from clsim.footage.source import Footage
+from clsim.footage.times import read_times_us
+from clsim.frames import Frame, SourceEnded, page_aligned
+from clsim.live.pipeline import Pipeline
+from clsim.live.schedule import Schedule
+from clsim.live.session import Session, now, open_sinks
+from clsim.live.sidecars import about_run
+from clsim.live.stages import detector_maker, unused_options
+from clsim.values import from_plain, read_fields
+
+
+@dataclass(frozen=True)
+class FootageOptions:
+    """Options of detection on video and pictures."""
+
+    frames: str
+    """A video, or a folder or glob pattern of pictures."""
+    fps: float | None = None
+    """Frames per second; None takes the times that the file carries, or ``times``."""
+    times: str | None = None
+    """File of times, one a frame: text or ``.npy``."""
+    time_unit: TimeUnit = "s"
+    transfer: Transfer | None = None
+    """Transfer function that is undone; None takes what the file tells."""
+    like: Convention | None = None
+    """Whose conventions hold for transfer function, luminance and response, where nothing else is given."""
+    opencl: str | None = None
+    outputs: tuple[str, ...] = ()
+    files: FileOptions = field(default_factory=FileOptions)
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work; see InputError for how messages name fields."""
+        read_fields(self)
+        if self.fps is not None and self.fps <= 0:
+            raise InputError(f"`fps` must be a positive number, got {self.fps}")
+        if self.fps is not None and self.times is not None:
+            raise InputError("`fps` and `times` both tell when frames were taken; give one of them")
+        self.files.check(self.outputs)
+
+    @property
+    def settings(self) -> Settings:
+        """What holds where nothing is given."""
+        return PLAIN if self.like is None else CONVENTIONS[self.like]
+
+    def open(self) -> Footage:
+        """Open the footage; raises InputError."""
+        times_us = None if self.times is None else read_times_us(self.times, self.time_unit)
+        settings = self.settings
+        return open_footage(self.frames, self.transfer or settings.transfer, times_us, self.fps, offset=settings.offset)
+
+
+def footage_detector(source: Footage, settings: Settings, given: Mapping[str, Any]) -> DetectorConfig:
+    """Return the detector's options for footage: those ``given``, ``settings``', what footage asks for."""
+    chosen = settings.detector | dict(given)
+    config = from_plain(DetectorConfig, chosen)
+    floor = source.floor(min(config.threshold_on, config.threshold_off))
+    if floor is None or "floor" in chosen or config.response != "ln":
+        return config
+    return from_plain(DetectorConfig, chosen | {"floor": max(floor * config.scale, config.floor)})
+
+
+def open_footage_session(
+    options: FootageOptions, detector: Mapping[str, Any], extra_sinks: Sequence[Sink] = ()
+) -> Session:
+    """Open footage and the outputs; raises InputError before anything is detected.
+
+    ``detector`` are options of the detector by name, as far as they are given; see `DetectorConfig`.
+    """
+    started = now()
+    source = options.open()
+    try:
+        config = footage_detector(source, options.settings, detector)
+        size = source.width, source.height
+        schedule = Schedule(source.fps, 1 << 62, source.frame_count, recorded_times=True)
+        pipeline = Pipeline(
+            lambda: source,
+            detector_maker(config, size, source.names, options.opencl),
+            open_sinks(options.outputs, options.files, extra_sinks, size),
+            schedule,
+            (source.names, source.height, source.width),
+        )
+    except BaseException:
+        source.close()
+        raise
+    about = about_run(asdict(options) | {"transfer": source.transfer}, config, schedule.fps)
+    about |= {"camera": {"width": source.width, "height": source.height}, "detector": asdict(config)}
+    warnings = (*source.warnings, *unused_options(config))
+    return Session(
+        options.frames, *size, schedule, pipeline, about, warnings, (), *started, False, footage=source,
+    )  # fmt: skip
+
+
+def events_from(
+    frames: str | Iterable[npt.ArrayLike],
+    times_us: Iterable[int] | None = None,
+    *,
+    fps: float | None = None,
+    transfer: Transfer | None = None,
+    like: Convention | None = None,
+    opencl: str | None = None,
+    **detector: Any,
+) -> Iterator[EventBatch]:
+    """Return the events of a video, of pictures or of arrays, frame by frame, as an iterator; the first is checked now.
+
+    >>> for events in clsim.events_from(pictures, times_us):  # doctest: +SKIP
+    ...     print(len(events), "events")
+
+    Args:
+        frames: name of a video or folder, or arrays ``[H, W]`` or ``[H, W, 3]`` of uint8, uint16 or floating point.
+        times_us: time of each frame [µs], rising; arrays and pictures need them, or ``fps``.
+        fps: frames per second, where they are evenly spaced.
+        transfer: transfer function of the values; None takes what a file tells, srgb for whole numbers, else linear.
+        like: whose conventions hold where nothing else is given.
+        opencl: part of the name of the OpenCL device.
+        detector: fields of `clsim.detect.config.DetectorConfig`, such as ``threshold_on``.
+
+    Raises:
+        InputError: the footage or an option cannot be used.
+    """
+    settings = PLAIN if like is None else from_plain(FootageOptions, {"frames": "", "like": like}).settings
+    chosen = transfer or settings.transfer
+    if isinstance(frames, str):
+        times = None if times_us is None else [int(time) for time in times_us]
+        source: Footage = open_footage(frames, chosen, times, fps, settings.offset)
+    else:
+        source = Arrays(frames, times_us, chosen, fps=fps, offset=settings.offset)
+    config = footage_detector(source, settings, detector)
+    make = detector_maker(config, (source.width, source.height), source.names, opencl)
+    return _run(source, make)
+
+
+def _run(source: Footage, make_detector: Any) -> Iterator[EventBatch]:
+    detector = make_detector()
+    frame = Frame(page_aligned((len(source.names), source.height, source.width)), source.names)
+    index = 0
+    try:
+        while True:
+            try:
+                source.fill(index, frame)
+            except SourceEnded:
+                return
+            yield detector.step(frame)
+            index += 1
+    finally:
+        detector.close()
+        source.close()

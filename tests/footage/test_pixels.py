@@ -1,0 +1,134 @@
+"""Bit depths, ranges, matrices and primaries of decoded frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.footage.images import Pictures
+from clsim.footage.video import Video
+from clsim.frames import RADIANCE, Frame, page_aligned
+from tests.footage.clips import encode, write_clip
+
+# 75 % colour bars of BT.709 in limited range, 8 bits, as ITU-R BT.1729 and test generators have them.
+_BARS = {"white": (180, 128, 128), "red": (51, 109, 212), "green": (133, 63, 52), "blue": (28, 212, 120)}
+_COLOURS = {"white": (1, 1, 1), "red": (1, 0, 0), "green": (0, 1, 0), "blue": (0, 0, 1)}
+
+
+def first(source):
+    frame = Frame(page_aligned((3, source.height, source.width)), RADIANCE)
+    source.fill(0, frame)
+    source.close()
+    return frame.planes
+
+
+def flat(value, shape=(8, 16), dtype=np.uint8):
+    return np.full(shape, value, dtype)
+
+
+@pytest.mark.parametrize("colour", _BARS)
+def test_colour_bars_of_bt709(tmp_path, colour):
+    y, cb, cr = _BARS[colour]
+    planes = (flat(y), flat(cb, (4, 8)), flat(cr, (4, 8)))
+    path = write_clip(tmp_path / "a.mkv", [planes], [0], pixels="yuv420p", matrix=1, limited=True)
+    rgb = first(Video(path, "as-is"))
+    np.testing.assert_allclose(rgb.mean(axis=(1, 2)), 0.75 * np.array(_COLOURS[colour]), atol=0.006)
+
+
+@pytest.mark.parametrize(
+    ("pixels", "limited", "black", "white", "dtype"),
+    [
+        ("yuv420p", True, 16, 235, np.uint8),
+        ("yuv420p", False, 0, 255, np.uint8),
+        ("yuv420p10le", True, 64, 940, np.uint16),
+        ("yuv420p10le", False, 0, 1023, np.uint16),
+    ],
+)
+def test_ranges(tmp_path, pixels, limited, black, white, dtype):
+    bits = 10 if "10" in pixels else 8
+    luma = flat(black, dtype=dtype)
+    luma[:, 8:] = white
+    grey = flat(1 << (bits - 1), (4, 8), dtype)
+    path = write_clip(tmp_path / "a.mkv", [(luma, grey, grey)], [0], pixels=pixels, limited=limited)
+    rgb = first(Video(path, "as-is"))
+    np.testing.assert_allclose(rgb[:, :, :8], 0.0, atol=1e-6)
+    np.testing.assert_allclose(rgb[:, :, 8:], 1.0, atol=1e-6)
+
+
+def test_interleaved_chroma_is_that_of_separate_planes(tmp_path):
+    import av
+
+    from clsim.footage.pixels import pixel_format, to_light
+
+    rng = np.random.default_rng(1)
+    frame = av.VideoFrame.from_ndarray(rng.integers(0, 256, (12, 16), np.uint8), format="yuv420p")
+    frame.color_range = 2
+    apart, together = (np.zeros((3, 8, 16), np.float32) for _ in range(2))
+    to_light(frame, pixel_format(frame, "a"), "as-is", apart)
+    woven = frame.reformat(format="nv12", src_color_range=2, dst_color_range=2)
+    woven.color_range = 2
+    to_light(woven, pixel_format(woven, "a"), "as-is", together)
+    np.testing.assert_array_equal(apart, together)
+
+
+def test_highlights_and_wide_colours_are_kept(tmp_path):
+    # A PQ clip in BT.2020 whose white is 1000 cd/m²: 4.9 times diffuse white, and its luminance that of BT.2020.
+    stored = encode(np.array([1000, 0, 0]) / 203, "pq")
+    rgb16 = np.round(np.tile(stored, (8, 16, 1)) * 65535).astype(np.uint16)
+    path = write_clip(tmp_path / "a.mkv", [rgb16], [0], pixels="gbrp16le", trc=16, primaries=9, matrix=0)
+    source = Video(path)
+    assert source.transfer == "pq"
+    r, g, b = first(source)[:, 0, 0]
+    assert 0.2126 * r + 0.7152 * g + 0.0722 * b == pytest.approx(0.2627 * 1000 / 203, rel=2e-3)
+    assert r > 5
+
+
+@pytest.mark.parametrize(("dtype", "ending"), [(np.uint8, ".png"), (np.uint16, ".png"), (np.uint16, ".tif")])
+@pytest.mark.parametrize("colour", [False, True])
+def test_pictures_of_8_and_16_bits(tmp_path, dtype, ending, colour):
+    cv2 = pytest.importorskip("cv2")
+    rng = np.random.default_rng(2)
+    top = np.iinfo(dtype).max
+    picture = rng.integers(0, top + 1, (6, 10, 3) if colour else (6, 10)).astype(dtype)
+    cv2.imwrite(str(tmp_path / f"a1{ending}"), picture[..., ::-1] if colour else picture)
+    light = first(Pictures(tmp_path, "linear", fps=10))
+    expected = np.moveaxis(picture, 2, 0) if colour else picture
+    np.testing.assert_allclose(light, np.broadcast_to(expected / top, (3, 6, 10)), atol=1e-6)
+
+
+def test_floating_point_pictures_are_linear(tmp_path):
+    cv2 = pytest.importorskip("cv2")
+    picture = np.linspace(0, 40, 180, dtype=np.float32).reshape(6, 10, 3)
+    cv2.imwrite(str(tmp_path / "a.tif"), picture[..., ::-1])
+    source = Pictures(tmp_path, fps=10)
+    assert (source.transfer, source.floor(0.2)) == ("linear", None)
+    np.testing.assert_allclose(first(source), np.moveaxis(picture, 2, 0))
+
+
+def test_jpeg_has_full_range(tmp_path):
+    from PIL import Image
+
+    Image.fromarray(flat((250, 10, 130), (16, 16, 3))).save(tmp_path / "a.jpg", quality=100)
+    light = first(Pictures(tmp_path, "as-is", fps=10))
+    np.testing.assert_allclose(light.mean(axis=(1, 2)), np.array([250, 10, 130]) / 255, atol=0.01)
+
+
+def test_pictures_are_ordered_by_their_numbers(tmp_path):
+    from PIL import Image
+
+    for number in (1, 2, 10):
+        Image.fromarray(flat(number)).save(tmp_path / f"view{number}.png")
+    source = Pictures(tmp_path, "linear", fps=10)
+    frame = Frame(page_aligned((3, 8, 16)), RADIANCE)
+    seen = []
+    for index in range(3):
+        source.fill(index, frame)
+        seen.append(round(float(frame.planes[0, 0, 0]) * 255))
+    assert seen == [1, 2, 10]
+
+
+def test_a_matrix_that_is_not_known_is_refused(tmp_path):
+    path = write_clip(tmp_path / "a.mkv", [(flat(80), flat(128), flat(128))], [0], pixels="yuv444p", matrix=8)
+    with pytest.raises(InputError, match="colour matrix"):
+        Video(path)

@@ -1,0 +1,52 @@
+"""Files of times."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clsim.errors import InputError
+from clsim.footage.times import read_times_us
+
+_UNITS = {"s": 1_000_000, "ms": 1000, "us": 1, "ns": Fraction(1, 1000)}
+
+
+@given(st.lists(st.integers(0, 10**12), min_size=1, max_size=20, unique=True), st.sampled_from(["s", "ms", "us", "ns"]))
+def test_text_is_read_exactly(tmp_path_factory, times_us, unit):
+    # Seconds with 6 digits after the point have more than a double holds.
+    path = tmp_path_factory.mktemp("times") / "a.txt"
+    lines = []
+    for time_us in sorted(times_us):
+        number = Fraction(time_us) / _UNITS[unit]
+        digits = {"s": 6, "ms": 3, "us": 0, "ns": 0}[unit]
+        whole, rest = divmod(number, 1)
+        lines.append(f"{whole}" + (f".{int(rest * 10**digits):0{digits}d}" if digits else "") + " frame.png")
+    path.write_text("# time file\n" + "\n".join(lines) + "\n\n")
+    assert read_times_us(path, unit) == sorted(times_us)
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_times_or_one_sentence(tmp_path_factory, data):
+    for name in ("a.txt", "a.npy"):
+        path = tmp_path_factory.mktemp("times") / name
+        path.write_bytes(data)
+        try:
+            assert all(isinstance(time, int) for time in read_times_us(path, "s"))
+        except InputError as error:
+            assert str(path) in str(error)
+
+
+def test_arrays_of_seconds(tmp_path):
+    np.save(tmp_path / "a.npy", np.array([0.0, 0.0333, 0.2]))
+    assert read_times_us(tmp_path / "a.npy", "s") == [0, 33_300, 200_000]
+
+
+@pytest.mark.parametrize("text", ["", "x", "1e99", "1.5.2", ".", "nan", "inf", "--3", "1e9999999999", "0x10"])
+def test_what_is_no_time(tmp_path, text):
+    (tmp_path / "a.txt").write_text(text)
+    with pytest.raises(InputError):
+        read_times_us(tmp_path / "a.txt", "s")

@@ -1,0 +1,142 @@
+"""Video and arrays: times, events by theory, and what is refused."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.events.batch import gather
+from clsim.footage.arrays import Arrays
+from clsim.footage.video import Video
+from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
+from tests.footage.clips import HEIGHT, WIDTH, encode, grating, grating_events, write_clip
+
+_FRAMES, _FPS = 114, 200
+
+
+def frame_times(path, **options):
+    source = Video(path, "linear", **options)
+    frame = Frame(page_aligned((3, source.height, source.width)), RADIANCE)
+    times = []
+    try:
+        while True:
+            source.fill(len(times), frame)
+            times.append(frame.time_us)
+    except SourceEnded:
+        return times
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize("transfer", ["srgb", "bt709", "pq", "hlg", "linear"])
+def test_a_moving_grating_makes_the_events_of_theory(tmp_path, transfer):
+    stored = [encode(grating(k / _FPS), transfer) for k in range(_FRAMES)]
+    clip = [np.round(values * 65535).astype(np.uint16) for values in stored]
+    times = [k * 1_000_000 // _FPS for k in range(_FRAMES)]
+    path = write_clip(
+        tmp_path / "a.mkv", clip, [t // 1000 for t in times], pixels="gray16le", time_base=Fraction(1, 1000)
+    )
+    events = gather(clsim.events_from(str(path), transfer=transfer))
+    theory = grating_events((_FRAMES - 1) / _FPS)
+    assert len(theory) > 12 * WIDTH
+    for y in (0, HEIGHT - 1):
+        row = events[events["y"] == y]
+        for x in range(WIDTH):
+            mine, expected = row[row["x"] == x], theory[theory["x"] == x]
+            assert list(mine["on"]) == list(expected["on"])
+            # Between frames, 5 ms apart, light is taken as linear in its log: off by its curvature, most at extremes.
+            late_us = np.abs(mine["t"] - expected["t"])
+            assert late_us.max() < 2500
+            assert np.median(late_us) < 60
+
+
+def test_undoing_another_curve_makes_other_events(tmp_path):
+    clip = [np.round(encode(grating(k / _FPS), "srgb") * 65535).astype(np.uint16) for k in range(_FRAMES)]
+    times = [k * 1_000_000 // _FPS for k in range(_FRAMES)]
+    right, wrong = (sum(map(len, clsim.events_from(clip, times, transfer=transfer))) for transfer in ("srgb", "as-is"))
+    # Stored values have the contrast of light over about 2.2.
+    assert 1.9 < right / wrong < 2.9
+
+
+def test_frames_of_a_variable_rate_have_their_own_times(tmp_path):
+    light = [flat * np.ones((HEIGHT, WIDTH)) for flat in (0.2, 0.3, 0.3, 0.6)]
+    clip = [np.round(values * 65535).astype(np.uint16) for values in light]
+    path = write_clip(tmp_path / "a.mkv", clip, [0, 33, 50, 200], pixels="gray16le")
+    assert frame_times(path) == [0, 33_000, 50_000, 200_000]
+    events = gather(clsim.events_from(str(path), transfer="linear"))
+    one = events[(events["x"] == 3) & (events["y"] == 3)]
+    # ln 0.3/0.2 = 0.405: thresholds at 0.2 and 0.4; ln 0.6/0.3 = 0.693 more: at 0.6, 0.8 and 1.0.
+    rise, more = np.log(1.5), np.log(2.0)
+    expected = [33e3 * 0.2 / rise, 33e3 * 0.4 / rise]
+    expected += [50e3 + 150e3 * (level - rise) / more for level in (0.6, 0.8, 1.0)]
+    np.testing.assert_allclose(one["t"], expected, atol=30)
+    assert one["on"].all()
+
+
+def test_times_may_be_given(tmp_path):
+    clip = [np.full((HEIGHT, WIDTH), 1000, np.uint16)] * 3
+    path = write_clip(tmp_path / "a.mkv", clip, [0, 40, 80], pixels="gray16le")
+    assert frame_times(path, fps=300.0) == [0, 3333, 6667]
+    assert frame_times(path, times_us=[5, 7, 100]) == [5, 7, 100]
+    assert frame_times(path, times_us=[5, 7]) == [5, 7]
+
+
+def test_a_video_without_transfer_function_says_what_it_took(tmp_path):
+    clip = [np.full((HEIGHT, WIDTH), 1000, np.uint16)]
+    source = Video(write_clip(tmp_path / "a.mkv", clip, [0], pixels="gray16le"))
+    assert source.transfer == "bt709"
+    assert "taken as bt709" in source.warnings[0]
+    told = Video(write_clip(tmp_path / "b.mkv", clip, [0], pixels="gray16le", trc=18))
+    assert (told.transfer, told.warnings) == ("hlg", ())
+
+
+def test_arrays_of_floating_point_keep_highlights():
+    bright = np.full((HEIGHT, WIDTH), 1.0)
+    events = gather(clsim.events_from([bright, bright * np.exp(2.1)], [0, 1000], threshold_on=0.5))
+    assert len(events) == 4 * WIDTH * HEIGHT
+    np.testing.assert_allclose(np.unique(events["t"]), [1000 * k * 0.5 / 2.1 for k in (1, 2, 3, 4)], atol=1.1)
+
+
+@pytest.mark.parametrize(
+    ("frames", "times", "sentence"),
+    [
+        ([], [], "there is no frame"),
+        ([np.zeros((4, 4))], None, "give `fps` or `times_us`"),
+        ([np.zeros((4, 4), np.int64)], [0], "uint8"),
+        ([np.zeros((4, 4, 2))], [0], r"\[4, 4, 2\]"),
+        ([np.zeros((4, 4)), np.zeros((4, 5))], [0, 1], "frame 1"),
+        ([np.zeros((4, 4))] * 2, [5, 5], "later than 5"),
+        ([np.zeros((4, 4))] * 2, [5], "no time for frame 1"),
+    ],
+)
+def test_arrays_that_cannot_be_used(frames, times, sentence):
+    with pytest.raises(InputError, match=sentence):
+        source = Arrays(frames, times)
+        frame = Frame(page_aligned((3, source.height, source.width)), RADIANCE)
+        for index in range(len(frames)):
+            source.fill(index, frame)
+
+
+def test_files_that_are_no_video(tmp_path):
+    text = tmp_path / "a.mp4"
+    text.write_text("this is no video, however often it is read\n" * 50)
+    with pytest.raises(InputError, match=r"a\.mp4"):
+        Video(text)
+    with pytest.raises(InputError, match="no such file"):
+        Video(tmp_path / "b.mp4")
+    clip = [np.random.default_rng(k).integers(0, 65535, (HEIGHT, WIDTH)).astype(np.uint16) for k in range(30)]
+    whole = write_clip(tmp_path / "c.mkv", clip, list(range(0, 300, 10)), pixels="gray16le").read_bytes()
+    rng = np.random.default_rng(3)
+    for cut in rng.integers(1, len(whole), 20):
+        torn = tmp_path / "torn.mkv"
+        damaged = bytearray(whole[:cut])
+        damaged[cut // 2] ^= 0xFF
+        torn.write_bytes(damaged)
+        try:
+            assert len(frame_times(torn)) <= 30
+        except InputError as error:
+            assert "torn.mkv" in str(error)
