@@ -23,7 +23,7 @@ from clsim.render.features import light_stands_still
 from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
 from clsim.scene.motion import Matrix
-from clsim.scene.trajectory import Axes, turned
+from clsim.scene.trajectory import Axes, Interpolation, turned
 from clsim.values import read_value
 
 Clock = Literal["frames", "wall", "caller"]
@@ -56,6 +56,9 @@ class Simulator:
         clock: Clock = "frames",
         fps: float | None = None,
         resolution: tuple[int, int] | None = None,
+        camera_path: str | Path | None = None,
+        camera_axes: Axes = "opencv",
+        camera_interpolation: Interpolation = "linear",
         threshold: float | tuple[float, float] | None = None,
         quality: Quality | None = None,
         seed: int = 0,
@@ -86,9 +89,10 @@ class Simulator:
             clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and
                 no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
                 each step, and evenly between where a step is longer than 1/fps.
-            fps, resolution, threshold, quality, seed, spp, sampling, probe_spp, probe_every, first_hit_rays, sampler,
-                noise, method, gate, event_rule, window, history, follow_specular, max_depth, threads, render_device,
-                opencl, strict: as in `clsim.stream`; a World has its own resolution.
+            fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, quality, seed, spp, sampling,
+                probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history,
+                follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a World has
+                its own resolution and camera.
             truth: planes of truth that frames get, of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
@@ -97,8 +101,9 @@ class Simulator:
         given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
         self._clock: Clock = read_value("clock", clock, Clock)
         world = scene if isinstance(scene, World) else None
-        if world is not None and resolution is not None:
-            raise InputError("`resolution` is for scenes that are loaded; a World's camera has its own")
+        for option in ("resolution", "camera_path"):
+            if world is not None and given[option] is not None:
+                raise InputError(f"`{option}` is for scenes that are loaded; a World's camera has its own")
         if world is not None:
             validate(world, world.name)
             given["scene"] = world.name

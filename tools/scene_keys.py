@@ -81,10 +81,28 @@ radiance = [0.8, 0.9, 1.0]
 file = "model.glb"
 ```
 
-Save it as `mine.toml` beside `model.glb`, then `clsim live mine.toml --out mine.aedat4`. Poses that you have as a file
-go in with `trajectory = "poses.txt"` in place of `keyframes`: one line a pose in the TUM format,
-`time x y z qx qy qz qw`, in seconds and metres, with the camera's +z ahead and +y down (or say
-`trajectory_axes = "opengl"`). An animation in the GLB plays and repeats. Lights in it shine; its camera is not used.
+Save it as `mine.toml` beside `model.glb`, then `clsim live mine.toml --out mine.aedat4`. An animation in the GLB plays
+and repeats. Lights in it shine; its camera is not used.
+
+Poses that you have as a file need no TOML. The camera of any scene follows them, and the run lasts as long:
+
+```sh
+clsim live model.glb --camera-path poses.txt --resolution 640x480 --out mine.aedat4
+```
+
+| file | what is in it |
+|---|---|
+| `.txt`, `.tum` | the TUM format: lines of `time x y z qx qy qz qw`. A recording's `NAME.poses.txt` is one |
+| `.csv` | a header that names `x, y, z, qx, qy, qz, qw` and a time with its unit, as `time_s`; else ESIM's: first ns |
+| `.npz` | a time likewise, with `poses` (n × 4 × 4, camera to world), or `positions` and `quaternions` (x, y, z, w) |
+| `.glb`, `.gltf` | the first camera's own motion |
+
+Lengths are metres, and the world is the scene's. A camera in these files has +z ahead and +y down; where yours looks
+along −z with +y up, add `--camera-axes opengl`. Poses are held exactly and joined by straight lines and slerp, or by
+splines with `--camera-interpolation cubic`. In a TOML, `trajectory = "poses.txt"` in `[camera]` takes the same files.
+
+A camera can also move by chance: `wander = { seed = 1 }` in `[camera]` sends it on a smooth random path about its place
+or its motion, and `shake = {}` makes it tremble.
 
 ## Files that a scene names
 

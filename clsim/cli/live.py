@@ -10,6 +10,9 @@ import typer
 
 from clsim.cli.config import live_options
 from clsim.cli.options import (
+    CAMERA_AXES,
+    CAMERA_INTERPOLATION,
+    CAMERA_PATH,
     CONFIG,
     DURATION,
     EVENT_RULE,
@@ -68,6 +71,7 @@ def live(
     loop: LOOP = None,
     fps: FPS = None,
     resolution: RESOLUTION = None,
+    camera_path: CAMERA_PATH = None,
     threshold: THRESHOLD = None,
     quality: QUALITY = None,
     pace: PACE = None,
@@ -84,6 +88,8 @@ def live(
     imu_noise: IMU_NOISE = None,
     port: PORT = None,
     frame_count: FRAME_COUNT = None,
+    camera_axes: CAMERA_AXES = None,
+    camera_interpolation: CAMERA_INTERPOLATION = None,
     spp: SPP = None,
     sampling: SAMPLING = None,
     probe_spp: PROBE_SPP = None,

@@ -33,6 +33,21 @@ CONFIG = Annotated[
 DURATION = Annotated[
     str | None, typer.Option(help="Simulated time, such as 2s or 500ms; a bare number is seconds. [the motion]")
 ]
+CAMERA_PATH = Annotated[
+    str | None,
+    typer.Option(
+        metavar="FILE",
+        help="Poses that the camera follows: TUM text, CSV, npz, or a glTF with a camera. The run lasts as long.",
+    ),
+]
+CAMERA_AXES = Annotated[
+    Literal["opencv", "opengl"] | None,
+    advanced(help="The camera's axes in that file: opencv, +z ahead and y down; opengl, −z ahead and y up. [opencv]"),
+]
+CAMERA_INTERPOLATION = Annotated[
+    Literal["linear", "cubic"] | None,
+    advanced(help="How its poses are joined: straight and by slerp, or along splines. [linear]"),
+]
 FPS = Annotated[float | None, typer.Option(help="Frames per simulated second. [scene's own]")]
 RESOLUTION = Annotated[
     str | None, typer.Option(help="WIDTHxHEIGHT in pixels; the horizontal field of view stays. [scene's own]")

@@ -11,6 +11,9 @@ import typer
 
 from clsim.cli.config import live_options
 from clsim.cli.options import (
+    CAMERA_AXES,
+    CAMERA_INTERPOLATION,
+    CAMERA_PATH,
     CONFIG,
     DURATION,
     FIRST_HIT_RAYS,
@@ -48,11 +51,14 @@ def render(
     frame_count: FRAME_COUNT = None,
     fps: FPS = None,
     resolution: RESOLUTION = None,
+    camera_path: CAMERA_PATH = None,
     threshold: THRESHOLD = None,
     quality: QUALITY = None,
     seed: SEED = None,
     truth: TRUTH = None,
     as_json: JSON = False,
+    camera_axes: CAMERA_AXES = None,
+    camera_interpolation: CAMERA_INTERPOLATION = None,
     spp: SPP = None,
     sampling: SAMPLING = None,
     probe_spp: PROBE_SPP = None,

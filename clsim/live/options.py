@@ -26,6 +26,7 @@ from clsim.live.quality import (
     with_given,
 )
 from clsim.live.schedule import LARGEST_FPS
+from clsim.scene.trajectory import Axes, Interpolation
 from clsim.truth.layouts import check_layouts, layout_of
 from clsim.truth.names import truth_names
 from clsim.values import from_plain, read_fields
@@ -67,6 +68,12 @@ class LiveOptions:
     """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
     resolution: tuple[int, int] | None = None
     """Width and height [pixels]."""
+    camera_path: str | None = None
+    """A file of poses that the camera follows, and how long the run lasts where nothing else is said."""
+    camera_axes: Axes = "opencv"
+    """The camera's axes in that file: opencv has +z ahead and y down, opengl −z ahead and y up."""
+    camera_interpolation: Interpolation = "linear"
+    """How the poses of that file are joined."""
     threshold: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events [natural-log units]; one number is that of both."""
     method: Method | None = None

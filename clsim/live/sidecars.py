@@ -30,6 +30,8 @@ def about_run(options: dict[str, Any], config: DetectorConfig, fps: float) -> di
     scene = options.get("scene")
     if scene is not None and scene not in bundled_names():
         options = options | {"scene": os.path.abspath(scene)}
+    if options.get("camera_path") is not None:
+        options = options | {"camera_path": os.path.abspath(options["camera_path"])}
     return {
         "clsim_version": VERSION,
         "options": options,

@@ -68,7 +68,14 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     from clsim.render import RenderOptions, check_device, light_stands_still
 
     if world is None:
-        world = load_world(options.scene, resolution=options.resolution, strict=options.strict)
+        world = load_world(
+            options.scene,
+            resolution=options.resolution,
+            strict=options.strict,
+            camera_path=options.camera_path,
+            camera_axes=options.camera_axes,
+            camera_interpolation=options.camera_interpolation,
+        )
     fps = options.fps or world.fps
     point = options.point
     steered = point.sampling == "adaptive"

@@ -22,6 +22,7 @@ from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.session import Session, open_live
 from clsim.live.sidecars import camera_pose
 from clsim.live.summary import Summary
+from clsim.scene.trajectory import Axes, Interpolation
 
 
 class Stream(Iterator[EventBatch]):
@@ -124,6 +125,9 @@ def stream(
     loop: bool = False,
     fps: float | None = None,
     resolution: tuple[int, int] | None = None,
+    camera_path: str | Path | None = None,
+    camera_axes: Axes = "opencv",
+    camera_interpolation: Interpolation = "linear",
     threshold: float | tuple[float, float] | None = None,
     quality: Quality | None = None,
     outputs: str | Sequence[str] = (),
@@ -169,6 +173,9 @@ def stream(
         loop: start the motion anew at its end, for ever or until ``duration_s``.
         fps: frames per simulated second; None takes the scene's.
         resolution: width and height [pixels]; None takes the scene's.
+        camera_path: a file of poses that the camera follows; see `clsim.scene.read_path`. The run lasts as long.
+        camera_axes: what a camera's axes are in that file: "opencv" or "opengl".
+        camera_interpolation: how its poses are joined: "linear" (and by slerp), or "cubic".
         threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs: files and addresses that receive the events as well.

@@ -47,6 +47,7 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
     file = GltfFile(path)
     has_camera = any(node.camera is not None for node in file.json.nodes)
     parts = _Reader(file, animation, repeat=not has_camera).read()
+    _check_meshes(path, parts)
     warnings, notes = list(parts.warnings), list(parts.notes)
     duration_s = parts.duration_s
     center, size = (0.0, 0.0, 0.0), np.ones(3)
@@ -86,7 +87,22 @@ def read_gltf(path: Path) -> Parts:
     Raises:
         InputError: as `load_gltf`.
     """
-    return _Reader(GltfFile(path), None, repeat=True).read()
+    parts = _Reader(GltfFile(path), None, repeat=True).read()
+    _check_meshes(path, parts)
+    return parts
+
+
+def read_camera(path: Path) -> Camera:
+    """Return the first camera of a ``.gltf`` or ``.glb``, which plays its animation once; raises InputError."""
+    cameras = _Reader(GltfFile(path), None, repeat=False).read().cameras
+    if not cameras:
+        raise InputError(f"{path}: has no camera")
+    return cameras[0]
+
+
+def _check_meshes(path: Path, parts: Parts) -> None:
+    if not parts.instances:
+        raise InputError(f"{path}: has no triangles, expected a mesh")
 
 
 class _Reader:
@@ -121,8 +137,6 @@ class _Reader:
                 self._add_light(index, node.extensions.KHR_lights_punctual.light)
             if len(self.instances) > MAX_INSTANCES:
                 raise InputError(f"{self.path}: places more than {MAX_INSTANCES} meshes")
-        if not self.instances:
-            raise InputError(f"{self.path}: has no triangles, expected a mesh")
         return Parts(
             self.meshes,
             self.materials.materials,

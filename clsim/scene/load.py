@@ -12,6 +12,9 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.drift import drifting
+from clsim.scene.motion import Motion
+from clsim.scene.paths import on_path, read_path
+from clsim.scene.trajectory import Axes, Interpolation
 from clsim.scene.validate import validate
 from clsim.scene.world import Material, World
 from clsim.values import read_value
@@ -19,7 +22,15 @@ from clsim.values import read_value
 SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt")
 
 
-def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, strict: bool = False) -> World:
+def load_world(
+    scene: str | Path,
+    *,
+    resolution: tuple[int, int] | None = None,
+    strict: bool = False,
+    camera_path: str | Path | None = None,
+    camera_axes: Axes = "opencv",
+    camera_interpolation: Interpolation = "linear",
+) -> World:
     """Load a bundled scene by name, or a file: TOML, glTF, OBJ, PLY, Mitsuba's XML or pbrt-v4's.
 
     ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
@@ -29,6 +40,9 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
         scene: name or path.
         resolution: width and height in place of the scene's own; the horizontal field of view stays, pixels are square.
         strict: refuse a file that asks for something that clsim lacks, rather than warn.
+        camera_path: a file of poses that the camera follows in place of its own motion; see `clsim.scene.read_path`.
+        camera_axes: a camera's axes there: ``opencv`` looks along +z with y down, ``opengl`` along −z with +y up.
+        camera_interpolation: how to join these poses: straight and by slerp, or along splines.
 
     Raises:
         InputError: if there is no such scene or it cannot be used; a TOML's problems stand one a line.
@@ -36,8 +50,14 @@ def load_world(scene: str | Path, *, resolution: tuple[int, int] | None = None, 
     scene = read_value("scene", scene, str)
     resolution = read_value("resolution", resolution, tuple[int, int] | None)
     strict = read_value("strict", strict, bool)
+    camera_path = read_value("camera_path", camera_path, str | None)
+    camera_axes = read_value("camera_axes", camera_axes, Axes)
+    camera_interpolation = read_value("camera_interpolation", camera_interpolation, Interpolation)
     with np.errstate(over="ignore", invalid="ignore"):  # what 32 bits cannot hold, validate names
-        world = _warned(_load(scene))
+        motion = None
+        if camera_path is not None:
+            motion = read_path(Path(camera_path), axes=camera_axes, interpolation=camera_interpolation)
+        world = _warned(_load(scene, motion))
         if strict and world.warnings:
             raise InputError("\n".join(f"{sentence} (refused by strict)" for sentence in world.warnings))
         if not _lit(world):
@@ -93,14 +113,19 @@ def bundled_names() -> list[str]:
     return sorted(name.removesuffix(".toml") for name in names if name.endswith(".toml"))
 
 
-def _load(scene: str | Path) -> World:
+def _load(scene: str | Path, motion: Motion | None) -> World:
+    """Load a scene, and put its camera on another path where there is one."""
+
+    def follow(world: World) -> World:
+        return world if motion is None else on_path(world, motion)
+
     path, animation = Path(scene), None
     if "#" in path.name and not os.path.isfile(path):
         name, _, animation = path.name.rpartition("#")
         path = path.with_name(name or "#")
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
-        return _load_bundled(str(scene))
+        return follow(_load_bundled(str(scene)))
     if not os.path.isfile(path):  # False, unlike Path's, for names that are too long
         raise InputError(f"{path}: no such file, expected a scene")
     if animation is not None and suffix not in (".gltf", ".glb"):
@@ -108,8 +133,8 @@ def _load(scene: str | Path) -> World:
     if suffix == ".toml":
         from clsim.scene.toml_scene import load_toml
 
-        return load_toml(path)
-    return drifting(_load_file(path, suffix, animation))
+        return follow(load_toml(path))
+    return drifting(follow(_load_file(path, suffix, animation)))
 
 
 def _load_file(path: Path, suffix: str, animation: str | None) -> World:

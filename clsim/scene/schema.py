@@ -22,6 +22,7 @@ Size3 = tuple[Positive, Positive, Positive]
 Quaternion4 = tuple[Number, Number, Number, Number]
 Share = Annotated[float, Strict(), Field(ge=0, le=1)]
 Reflectance = tuple[Share, Share, Share]
+NonNegatives = tuple[NonNegative, NonNegative, NonNegative]
 Radiance = tuple[NonNegative, NonNegative, NonNegative]
 Pixels = Annotated[int, Strict(), Field(ge=1, le=16384)]
 
@@ -78,6 +79,26 @@ class LensTable(Table):
     )
 
 
+class WanderTable(Table):
+    """A random path about the place or the motion: a smooth spline through random poses."""
+
+    seed: Annotated[int, Strict(), Field(ge=0)] = 0
+    duration_s: Positive = 10.0
+    reach_m: NonNegatives = Field((0.1, 0.1, 0.1), description="farthest poses along the camera's x, y, z")
+    reach_deg: NonNegatives = Field((10.0, 10.0, 10.0), description="farthest turns about them")
+    poses_per_s: Annotated[float, Strict(), Field(gt=0, le=1000)] = 5.0
+
+
+class ShakeTable(Table):
+    """Trembling about the place or the motion: sines of random frequencies, for ever."""
+
+    seed: Annotated[int, Strict(), Field(ge=0)] = 0
+    sigma_m: NonNegative = Field(0.002, description="standard deviation along each axis")
+    sigma_deg: NonNegative = Field(0.3, description="standard deviation about each axis")
+    lowest_hz: Positive = 2.0
+    highest_hz: Positive = 15.0
+
+
 class CameraTable(Placed):
     """A camera that looks along −z."""
 
@@ -86,10 +107,14 @@ class CameraTable(Placed):
     focal_length_mm: Positive | None = Field(None, description="instead of fov_deg")
     sensor_width_mm: Positive = Field(36.0, description="what the focal length belongs to")
     lens: LensTable = LensTable()
-    trajectory: str | None = Field(None, description="a file of poses in the TUM format, instead of keyframes")
+    trajectory: str | None = Field(
+        None, description="a file of poses (TUM text, CSV, npz) or a glTF with a camera, instead of keyframes"
+    )
     trajectory_axes: Literal["opencv", "opengl"] = Field(
         "opencv", description="opencv: +z ahead and y down, as in the benchmark; opengl: −z ahead and y up"
     )
+    wander: WanderTable | None = None
+    shake: ShakeTable | None = None
     shutter_s: NonNegative = Field(0.0, description="length of the exposure, 0 is an instant")
     look_at: Vector | None = Field(None, description="also the target of keyframes that name none")
     rotation_deg: Vector | None = Field(None, description="instead of look_at")
@@ -264,6 +289,8 @@ def key_table() -> str:
         ("top level", SceneTable),
         ("[camera]", CameraTable),
         ("lens = {…}", LensTable),
+        ("wander = {…}", WanderTable),
+        ("shake = {…}", ShakeTable),
         ("[environment]", EnvironmentTable),
         ("[sensor]", SensorTable),
         ("[materials.NAME]", MaterialTable),

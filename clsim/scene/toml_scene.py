@@ -31,8 +31,10 @@ from clsim.scene.motion import (
     rotation_matrix,
 )
 from clsim.scene.parts import Parts, with_textures_from
+from clsim.scene.paths import read_path
 from clsim.scene.spectra import METALS
-from clsim.scene.trajectory import CubicKeyframes, Interpolation, read_tum, through
+from clsim.scene.trajectory import CubicKeyframes, Interpolation, through
+from clsim.scene.wandering import Shake, Wander
 from clsim.scene.world import (
     Camera,
     CheckerTexture,
@@ -324,9 +326,13 @@ def _camera(table: schema.CameraTable, folder: Path) -> Camera:
         target = table.orbit.center
     if table.trajectory is not None:
         file = named_file(table.trajectory, folder)
-        motion = read_tum(file, axes=table.trajectory_axes, interpolation=table.interpolation)
+        motion = read_path(file, axes=table.trajectory_axes, interpolation=table.interpolation)
     else:
         motion = _motion(table, table.rotation_deg, target)
+    if table.wander is not None:
+        motion = Nested(motion, Wander(**table.wander.model_dump()))
+    if table.shake is not None:
+        motion = Nested(motion, Shake(**table.shake.model_dump()))
     fov_deg = table.fov_deg
     if table.focal_length_mm is not None:
         fov_deg = 2 * math.degrees(math.atan(table.sensor_width_mm / 2 / table.focal_length_mm))

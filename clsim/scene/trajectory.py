@@ -15,6 +15,8 @@ from clsim.scene.motion import Keyframes, Matrix, Motion, Quaternion, Static, Ve
 MAX_BYTES = 256 << 20
 Interpolation = Literal["linear", "cubic"]
 Axes = Literal["opencv", "opengl"]
+Timed = tuple[str, float, list[float]]
+"""Where a file tells a pose, its time [s], and position and quaternion x, y, z, w."""
 
 
 @dataclass(frozen=True)
@@ -96,47 +98,63 @@ def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation 
     Raises:
         InputError: naming file and line.
     """
+    poses: list[Timed] = []
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        words = line.split()
+        if words and not words[0].startswith("#"):
+            poses.append(_line(f"{path}:{number}", words))
+    return joined(path, poses, axes, interpolation)
+
+
+def read_text(path: Path) -> str:
+    """Return a trajectory's text; raises InputError where it is none, or too large."""
     try:
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a trajectory")
-        text = path.read_text("utf-8")
+        return path.read_text("utf-8")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+
+
+def joined(path: Path, poses: list[Timed], axes: Axes, interpolation: Interpolation) -> Motion:
+    """Return the motion through the poses of a file, which begins with the first of them.
+
+    Raises:
+        InputError: naming the place of what is wrong.
+    """
     times: list[float] = []
     positions: list[Vec3] = []
     rotations: list[Quaternion] = []
-    start = 0.0
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split()
-        if not words or words[0].startswith("#"):
-            continue
-        time_s, position, rotation = _line(f"{path}:{number}", words)
-        start = start if times else time_s
-        if times and not time_s - start > times[-1]:
-            raise InputError(f"{path}:{number}: time {words[0]} does not come after the line before")
-        times.append(time_s - start)
-        positions.append(position)
-        rotations.append(turned(rotation) if axes == "opencv" else rotation)
+    for place, time_s, (x, y, z, *quaternion) in poses:
+        since_s = time_s - poses[0][1]
+        if times and not since_s > times[-1]:
+            raise InputError(f"{place}: time {time_s:.9g} s does not come after the one before")
+        length = math.hypot(*quaternion)
+        if abs(length - 1) > 0.01:
+            raise InputError(f"{place}: its quaternion has length {length:g}, expected 1")
+        qx, qy, qz, qw = (part / length for part in quaternion)
+        times.append(since_s)
+        positions.append((x, y, z))
+        rotations.append(turned((qx, qy, qz, qw)) if axes == "opencv" else (qx, qy, qz, qw))
     if not times:
-        raise InputError(f"{path}: has no poses, expected lines of t tx ty tz qx qy qz qw")
+        raise InputError(f"{path}: has no poses, expected times, positions and quaternions x, y, z, w")
     if len(times) == 1:
         return Static(compose(positions[0], rotation_matrix(rotations[0])))
     return through(tuple(times), tuple(positions), tuple(rotations), interpolation)
 
 
-def _line(place: str, words: list[str]) -> tuple[float, Vec3, Quaternion]:
+def _line(place: str, words: list[str]) -> Timed:
     try:
-        t, x, y, z, qx, qy, qz, qw = (float(word) for word in words)
+        time_s, *pose = (float(word) for word in words)
     except ValueError:
-        raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw") from None
-    if not all(math.isfinite(value) for value in (t, x, y, z, qx, qy, qz, qw)):
+        pose = []
+    if len(pose) != 7:
+        raise InputError(f"{place}: got {' '.join(words)[:60]!r}, expected 8 numbers t tx ty tz qx qy qz qw")
+    if not all(map(math.isfinite, (time_s, *pose))):
         raise InputError(f"{place}: has a number that is not finite")
-    length = math.hypot(qx, qy, qz, qw)
-    if abs(length - 1) > 0.01:
-        raise InputError(f"{place}: its quaternion has length {length:g}, expected 1")
-    return t, (x, y, z), (qx / length, qy / length, qz / length, qw / length)
+    return place, time_s, pose
 
 
 def turned(rotation: Quaternion) -> Quaternion:
