@@ -35,7 +35,7 @@ DURATION = Annotated[
 ]
 CAMERA_PATH = Annotated[
     str | None,
-    typer.Option(
+    advanced(
         metavar="FILE",
         help="Poses that the camera follows: TUM text, CSV, npz, or a glTF with a camera. The run lasts as long.",
     ),
