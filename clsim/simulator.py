@@ -19,6 +19,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
+from clsim.radiance import RadianceCamera
 from clsim.render.features import light_stands_still
 from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
@@ -47,7 +48,10 @@ class Simulator:
         warnings: what is asked for and will not be, one sentence each.
         time_us: time of the last frame; 0 before the first.
         lag_s: with the wall clock, by how much the last step ended late.
+        from_radiance: makes a camera to which another renderer shows its pictures, and which returns events.
     """
+
+    from_radiance = RadianceCamera
 
     def __init__(
         self,

@@ -1,0 +1,121 @@
+"""Any renderer behind an event camera."""
+
+import numpy as np
+import pytest
+import warp as wp
+
+import clsim
+from clsim.errors import Error, InputError
+from clsim.radiance import on_host
+
+WIDTH, HEIGHT = 12, 8
+
+
+def ramp(gain: float) -> np.ndarray:
+    """Light ``[3, H, W]`` that is brighter by e^(gain · x/W)."""
+    grey = 0.5 * np.exp(gain * np.arange(WIDTH) / WIDTH)
+    return np.ascontiguousarray(np.broadcast_to(grey, (3, HEIGHT, WIDTH)), np.float32)
+
+
+def camera(**options: object) -> clsim.radiance.RadianceCamera:
+    return clsim.Simulator.from_radiance(WIDTH, HEIGHT, **options)
+
+
+def test_events_are_where_the_closed_form_has_them() -> None:
+    """Log brightness grows linearly from 0 to x/W within 10 ms: it crosses n·C at 10 ms · n·C·W/x."""
+    with camera(threshold=(0.21, 0.5)) as pixels:
+        assert len(pixels.push(ramp(0.0), 5_000)) == 0
+        events = pixels.push(ramp(1.0), 15_000)
+    assert events["on"].all() and (np.diff(events["t"]) >= 0).all()
+    for y, x in np.ndindex(HEIGHT, WIDTH):
+        own = events["t"][(events["x"] == x) & (events["y"] == y)]
+        crossings = np.arange(1, int(x / WIDTH / 0.21) + 1)
+        assert own.tolist() == pytest.approx(5_000 + 10_000 * crossings * 0.21 * WIDTH / max(x, 1), abs=1)
+
+
+FORMS = {
+    "numpy, planes": lambda planes: planes,
+    "numpy, pixels": lambda planes: np.ascontiguousarray(np.moveaxis(planes, 0, 2)),
+    "numpy, float64": lambda planes: np.moveaxis(planes, 0, 2).astype(np.float64),
+    "numpy, upside down": lambda planes: planes[:, ::-1],
+    "numpy, read only": lambda planes: np.broadcast_to(planes[0], planes.shape),
+    "luminance": lambda planes: planes[0],
+    "warp, planes": lambda planes: wp.array(planes, dtype=wp.float32, device="cpu"),
+    "warp, vec3": lambda planes: wp.array(np.moveaxis(planes, 0, 2).copy(), dtype=wp.vec3, device="cpu"),
+    "DLPack": lambda planes: OnlyDlpack(planes),
+    "lists": lambda planes: planes.tolist(),
+}
+
+
+class OnlyDlpack:
+    """What another library's array looks like."""
+
+    def __init__(self, planes: np.ndarray) -> None:
+        self._planes = planes
+
+    def __dlpack__(self, **keywords: object) -> object:
+        return self._planes.__dlpack__(**keywords)
+
+    def __dlpack_device__(self) -> object:
+        return self._planes.__dlpack_device__()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_pictures_may_come_in_any_form(form: str) -> None:
+    found = []
+    for make in (lambda planes: planes, FORMS[form]):
+        with camera() as pixels:
+            pixels.push(make(ramp(0.0)), 0)
+            found.append(pixels.push(make(ramp(1.0)), 10_000).tobytes())
+    assert found[0] == found[1] and len(found[0]) > 1000
+
+
+def test_what_can_be_read_where_it_lies_is() -> None:
+    planes = ramp(0.3)
+    with camera() as pixels:
+        assert pixels._planes(planes) is planes
+        assert np.shares_memory(pixels._planes(on_host(OnlyDlpack(planes))), planes)
+        warp_planes = wp.array(planes, dtype=wp.float32, device="cpu", copy=False)
+        assert np.shares_memory(pixels._planes(on_host(warp_planes)), planes)
+        assert pixels._planes(planes[0]) is pixels._own
+
+
+def test_black_and_missing_pixels() -> None:
+    with camera(floor=1e-3) as pixels:
+        dark = np.zeros((HEIGHT, WIDTH))
+        dark[0, 0] = np.nan
+        pixels.push(dark, 0)
+        events = pixels.push(np.full((HEIGHT, WIDTH), 1e-3 * np.exp(0.25)), 1_000)
+        assert len(events) == HEIGHT * WIDTH - 1 and not ((events["x"] == 0) & (events["y"] == 0)).any()
+
+
+def test_a_reset_forgets_and_a_closed_camera_sees_nothing() -> None:
+    pixels = camera()
+    pixels.push(ramp(0.0), 10)
+    with pytest.raises(InputError, match="`t_us` must be after the picture before, at 10 µs, got 10"):
+        pixels.push(ramp(0.0), 10)
+    pixels.reset()
+    assert len(pixels.push(ramp(1.0), 0)) == 0 and pixels.time_us == 0
+    pixels.close()
+    pixels.close()
+    with pytest.raises(Error, match="the camera is closed"):
+        pixels.push(ramp(0.0), 20)
+
+
+@pytest.mark.parametrize(
+    ("picture", "message"),
+    [
+        (np.zeros((8, 11)), r"has shape \(8, 11\), expected \(8, 12\), \(8, 12, 3\) or \(3, 8, 12\)"),
+        (np.zeros((8, 12, 3), complex), "holds complex128, expected numbers"),
+        (np.full((8, 12), "x"), "expected numbers"),
+        ([[1.0], [1.0, 2.0]], "cannot be read as an array"),
+    ],
+)
+def test_what_is_no_picture_is_told(picture: object, message: str) -> None:
+    with camera() as pixels, pytest.raises(InputError, match=message):
+        pixels.push(picture, 0)
+
+
+def test_a_sensor_needs_a_size() -> None:
+    with pytest.raises(InputError, match="`width` and `height` must be at least 1, got 0 and 3"):
+        clsim.Simulator.from_radiance(0, 3)
