@@ -10,8 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, cast
 
+import numpy as np
+import numpy.typing as npt
+
 from clsim.detect.config import EventRule, Gate, Method
-from clsim.errors import Error, InputError
+from clsim.errors import Error, InputError, require_choice
 from clsim.events import EventBatch
 from clsim.events.batch import gather
 from clsim.frames import Frame, frame_time_us, page_aligned
@@ -25,6 +28,8 @@ from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
+from clsim.truth.cut import cut
+from clsim.truth.names import plane_names
 from clsim.values import read_value
 
 Clock = Literal["frames", "wall", "caller"]
@@ -97,7 +102,7 @@ class Simulator:
                 probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history,
                 follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a World has
                 its own resolution and camera.
-            truth: planes of truth that frames get, of `clsim.frames.TRUTH_PLANES`.
+            truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
             InputError: the scene or an option cannot be used.
@@ -232,6 +237,23 @@ class Simulator:
             raise Error("there is no frame yet: step first")
         return self._frame.copy()
 
+    def truth(self, *names: str) -> dict[str, npt.NDArray[np.float32]]:
+        """Return what is known of the last frame's pixels; `clsim.truth.cut.cut` tells shapes and units.
+
+        Backward flow leads to the frame before; flow leads 1/fps on, as far as motions are known now.
+
+        Args:
+            names: planes that ``truth`` was given, or intensity; none means all of them.
+
+        Raises:
+            InputError: a name is not among them.
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        known = ("intensity", *plane_names(self._options.truth))
+        for name in names:
+            require_choice("names", name, known)
+        return cut(self.frame(), names or known)
+
     def reset(self, seed: int | None = None) -> None:
         """Begin anew: the next frame is at 0, and all stands and shines as in the scene, until it is set.
 
@@ -305,6 +327,10 @@ class Simulator:
     def _advance(self, time_us: int) -> EventBatch:
         """Render a frame and return its events."""
         self._view.fill_at(self._next, time_us, self._frame)
+        if self._options.truth:
+            before_us = self.time_us if self._next else None
+            self._view.fill_truth(self._frame, before_us, time_us + round(1e6 / self.fps))
+            self._data.move_anew()  # a pose may yet be set for a time at which the scene was for the sake of flow
         events: EventBatch = self._detector.step(self._frame).copy()
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, self._detector).interest())

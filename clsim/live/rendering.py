@@ -13,6 +13,7 @@ from clsim.live.pipeline import InterestedDetector
 from clsim.live.schedule import plan
 from clsim.live.sidecars import about_camera, about_run, camera_pose
 from clsim.live.stages import plan_stages
+from clsim.truth.names import plane_names
 
 
 class Rendering:
@@ -33,9 +34,8 @@ class Rendering:
         """Load the scene; raises InputError where it or an option cannot be used."""
         if options.loop:
             raise InputError("`loop` is for live runs; for frames give `duration_s` or `frame_count`")
-        for name in options.truth:
-            if name not in TRUTH_PLANES:
-                raise InputError(f"`truth` {name} is no plane of a frame; expected of {', '.join(TRUTH_PLANES)}")
+        if options.truth and not plane_names(options.truth):
+            raise InputError(f"`truth` {options.truth[0]} is no plane; frames hold of it {', '.join(TRUTH_PLANES)}")
         stages = self._stages = plan_stages(options)
         world, camera = stages.world, stages.world.camera
         schedule = plan(world.duration_s, stages.fps, duration_s=options.duration_s, frames=options.frame_count)

@@ -109,7 +109,8 @@ class Imu:
         to_body = np.swapaxes(rotations @ OPENCV, 1, 2)
         felt = (to_body @ (forces - self._gravity)[:, :, None])[:, :, 0]
         drawn = self._noise.standard_normal((len(times_s), 2, 6))
-        biases = self._bias + np.cumsum(drawn[:, 0] * self._walk, axis=0)
+        # From the last bias on, so that the sums are the same in whatever portions.
+        biases = np.cumsum(np.concatenate([self._bias[None], drawn[:, 0] * self._walk]), axis=0)[1:]
         if len(biases):
             self._bias = biases[-1]
         off = biases + drawn[:, 1] * self._white

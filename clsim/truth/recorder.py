@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.events import EventBatch
-from clsim.frames import RADIANCE, TRUTH_PLANES, Frame, plane_of
+from clsim.frames import RADIANCE, Frame
 from clsim.scene import Motion
+from clsim.truth.cut import cut
 from clsim.truth.kinematics import Imu, track
 from clsim.truth.record import About, Layout, Shot, Times
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class TruthRecorder:
         plan = self._plan
         if frame.index % plan.every == 0:
             last, following = (plan.time_of(frame.index + way * plan.every) for way in (-1, 1))
-            self._layout.shot(Shot(frame.time_us, last, following, before, self._cut(frame)))
+            self._layout.shot(Shot(frame.time_us, last, following, before, cut(frame, plan.about.names)))
             self.recorded_frames += 1
 
     def write(self, events: EventBatch, end_us: int) -> None:
@@ -79,20 +77,6 @@ class TruthRecorder:
     def close(self) -> None:
         """Complete the layout; see Sink.close."""
         self._layout.close()
-
-    def _cut(self, frame: Frame) -> dict[str, npt.NDArray[np.float32]]:
-        found: dict[str, npt.NDArray[np.float32]] = {}
-        names = self._plan.about.names
-        if "intensity" in names:
-            first = frame.names.index(RADIANCE[0])
-            found["intensity"] = np.tensordot(_LUMINANCE, frame.planes[first : first + 3], 1)
-        for name in names:
-            for plane in map(plane_of, TRUTH_PLANES.get(name, ())):
-                first = frame.names.index(plane.channels[0])
-                values = frame.planes[first : first + plane.width]
-                key = plane.name.removeprefix("Id.") if name == "ids" else name
-                found[key] = values[0] if plane.width == 1 else np.moveaxis(values, 0, 2)
-        return found
 
     def _record_motions(self, end_us: int) -> None:
         plan = self._plan

@@ -174,3 +174,30 @@ def test_every_sort_of_light_has_its_own(tmp_path: Path) -> None:
         data.set_light(name, (4.0, 5.0, 6.0))
     assert data.scene.materials.rows.numpy()["emission"].tolist() == [[0.0, 0.0, 0.0], [4.0, 5.0, 6.0]]
     assert data.scene.lights.punctual.intensity.numpy().tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
+
+
+@pytest.mark.slow
+def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
+    """The box goes sideways across the view, so its front moves by focal length × way ÷ depth."""
+
+    def drive(run: clsim.Simulator) -> list[bytes]:
+        events = []
+        for number in range(1, 4):
+            run.set_pose("box", ((0.02 * number, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+            events.append(run.step(5_000 * number).tobytes())
+        return events
+
+    with simulator(tmp_path) as plain, simulator(tmp_path, truth=("depth", "ids", "backward-flow")) as run:
+        events = drive(run)
+        assert events == drive(plain) and len(b"".join(events)) > 100
+        known = run.truth()
+        assert set(known) == {"intensity", "depth", "object", "material", "backward-flow"}
+        front = (known["object"] == 2) & (np.abs(known["depth"] - 2.6) < 1e-5)
+        assert front.sum() > 20
+        focal = 16 / np.tan(np.radians(25))
+        expected = (-focal * 0.02 / 2.6, 0.0, 1.0, 1.0)
+        assert np.abs(known["backward-flow"][front] - expected).max() < 1e-4
+        still = (known["object"] == 1) & (known["backward-flow"][..., 3] > 0)
+        assert still.sum() > 20 and np.abs(known["backward-flow"][still][:, :2]).max() < 1e-5
+        with pytest.raises(InputError, match=r"names.*got 'flow'"):
+            run.truth("flow")

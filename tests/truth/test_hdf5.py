@@ -1,0 +1,89 @@
+"""clsim's own layout, read with h5py alone and by DSEC's rules."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import recordings
+
+import clsim
+from clsim.truth.hdf5 import Hdf5Layout
+
+
+def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    given = recordings.feed(Hdf5Layout(path, recordings.about()))
+    with h5py.File(path) as file:
+        frames = file["frames"]
+        assert frames["t"][:].tolist() == [shot.time_us for shot in given.shots]
+        assert frames["event_index"][:].tolist() == [shot.event_index for shot in given.shots]
+        for name in ("intensity", "depth", "distance", "normal", "albedo", "object", "material"):
+            stored = np.stack([shot.planes[name] for shot in given.shots])
+            assert np.array_equal(frames[name][:], stored), name
+            assert frames[name].attrs["unit"] and frames[name].attrs["meaning"]
+            assert frames[name].compression == "gzip" and frames[name].chunks[0] == 1
+        for name, end in (("flow", "flow_end"), ("backward_flow", "flow_start")):
+            flows = np.stack([shot.planes[name.replace("_", "-")] for shot in given.shots])
+            assert np.array_equal(frames[name][:], flows[..., :2])
+            assert np.array_equal(frames[f"{name}_valid"][:], flows[..., 2])
+            assert np.array_equal(frames[f"{name}_covisible"][:], flows[..., 3])
+            step = recordings.STEP_US if end == "flow_end" else -recordings.STEP_US
+            assert np.array_equal(frames[end][:], frames["t"][:] + step)
+        for group in ("poses/camera", "poses/0001"):
+            track = given.tracks[file[group].attrs["name"]]
+            assert np.array_equal(file[group]["t"][:], track.times_us)
+            assert np.array_equal(file[group]["pose"][:], track.poses)
+            assert np.array_equal(file[group]["velocity"][:], track.velocities)
+        assert np.array_equal(file["imu/t"][:], given.imu.times_us)
+        assert np.array_equal(file["imu/acceleration"][:], given.imu.acceleration)
+        assert np.array_equal(file["imu/angular_velocity"][:], given.imu.angular_velocity)
+        assert [name.decode() for name in file["objects/name"]] == ["floor", "ball"]
+        assert "OpenCV" in file.attrs["conventions"]
+    assert np.array_equal(clsim.open(str(path)).read(), given.events)
+
+
+def test_events_are_dsecs(tmp_path: Path) -> None:
+    """The slicer's invariant: t[ms_to_idx[ms]] >= 1000·ms > t[ms_to_idx[ms] − 1]."""
+    path = tmp_path / "run.h5"
+    given = recordings.feed(Hdf5Layout(path, recordings.about()))
+    with h5py.File(path) as file:
+        t, index = file["events/t"][:].astype(np.int64), file["ms_to_idx"][:].astype(np.int64)
+        assert int(file["t_offset"][()]) == 0 and np.array_equal(t, given.events["t"])
+        marks = 1000 * np.arange(len(index))
+        inner = index < len(t)
+        assert (t[index[inner]] >= marks[inner]).all() and (t[index[1:] - 1] < marks[1:]).all()
+        for when, at in zip(file["frames/t"][:], file["frames/event_index"][:], strict=True):
+            assert (t[:at] < when).all() and (t[at:] >= when).all()
+
+
+def test_only_what_is_asked_for_is_there(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    layout = Hdf5Layout(path, recordings.about(names=("depth",)))
+    layout.close()
+    with h5py.File(path) as file:
+        assert set(file["frames"]) == {"t", "event_index", "depth"} and not {"poses", "imu", "objects"} & set(file)
+
+
+def test_a_kill_leaves_what_was_flushed(tmp_path: Path) -> None:
+    """A process ends without closing anything; all frames that were handed over are there, and can be read."""
+    path = tmp_path / "run.h5"
+    folder = Path(__file__).parent
+    code = (
+        "import os, sys, pathlib, recordings; from clsim.truth.hdf5 import Hdf5Layout\n"
+        f"recordings.feed(Hdf5Layout(pathlib.Path({str(path)!r}), recordings.about()), close=False)\n"
+        "os._exit(9)"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"PYTHONPATH": f"{folder}:{folder.parent.parent}"}, check=False
+    )
+    assert ended.returncode == 9
+    expected = recordings.feed(Hdf5Layout(tmp_path / "whole.h5", recordings.about()))
+    with h5py.File(path) as file:
+        assert np.array_equal(file["frames/depth"][:], np.stack([s.planes["depth"] for s in expected.shots]))
+        assert np.array_equal(file["imu/t"][:], expected.imu.times_us)
+        assert np.array_equal(file["events/t"][:], expected.events["t"])
