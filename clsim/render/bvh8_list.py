@@ -11,7 +11,7 @@ A block is eight triangles: a row of eight for each of the numbers below.
 LIST_TRIANGLES = 64
 """The most triangles of a list. In boxes within a box, rays that bounce are as fast in a tree from 100 on, and those of
 the camera from 50 on."""
-ROWS = 35
+ROWS = 36
 """Three vertices (9), the triangle's number, edge and moment of the edges opposite to the vertices (18), the normal
-times twice the area (3) and its product with a vertex, and the unit normal (3)."""
+times twice the area (3) and its product with a vertex, the unit normal (3), and the largest coordinate."""
 BLOCK_FLOATS = 8 * ROWS

@@ -35,12 +35,13 @@ _SIZES = {
     "FIRST_NUMBER": FIRST_NUMBER,
 }
 
-TreeHit = wp.types.vector(length=16, dtype=wp.int32)
+TreeHit = wp.types.vector(length=17, dtype=wp.int32)
 
 
 @wp.func_native(native_code("tree_closest.h", _SIZES))
 def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> TreeHit:
-    """Return triangle (−1: none) and bits: of t, the weights of vertices 0 and 1, the vertices and the unit normal.
+    """Return triangle (−1: none) and bits: of t, the weights of vertices 0 and 1, the vertices, the unit
+    normal and the largest coordinate of the vertices.
 
     t is in [t_min, far), and t_min is not negative. The vertices are at hand here, and far away in memory for whoever
     needs them next.

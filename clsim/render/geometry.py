@@ -62,7 +62,8 @@ class Geometry:
 class Hit:
     """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
 
-    Vertices and unit normal are those of the triangle in its mesh's space: the search has them at hand.
+    Vertices, unit normal and the largest coordinate of the vertices, ``reach_m``, are those of the triangle in its
+    mesh's space: the search has them at hand.
     """
 
     t: float
@@ -75,6 +76,7 @@ class Hit:
     vertex1: wp.vec3
     vertex2: wp.vec3
     normal: wp.vec3
+    reach_m: float
 
 
 @wp.struct

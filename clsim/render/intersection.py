@@ -40,6 +40,7 @@ class Found:
     vertex1: wp.vec3
     vertex2: wp.vec3
     normal: wp.vec3
+    reach_m: float
 
 
 @wp.func
@@ -67,6 +68,7 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
             _bits3(bits, 7),
             _bits3(bits, 10),
             _bits3(bits, 13),
+            wp.cast(bits[16], float),
         )
 
     @wp.func
@@ -89,6 +91,7 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
             found.vertex1 = geometry.vertices[first + geometry.indices[at + 1]]
             found.vertex2 = geometry.vertices[first + geometry.indices[at + 2]]
             found.normal = _unit_normal(found.vertex0, found.vertex1, found.vertex2)
+            found.reach_m = reach_of(found.vertex0, found.vertex1, found.vertex2)
         return found
 
     @wp.func
@@ -145,6 +148,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 hit.vertex1 = found.vertex1
                 hit.vertex2 = found.vertex2
                 hit.normal = found.normal
+                hit.reach_m = found.reach_m
         if wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
@@ -200,9 +204,10 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
             p0 = transform_point(to_world, p0)
             p1 = transform_point(to_world, p1)
             p2 = transform_point(to_world, p2)
-        point.reach_m = reach_of(p0, p1, p2)
+        point.reach_m = hit.reach_m
         if wp.static(features.two_level):
             # A corner is the sum of the instance's place and a vector that may be longer than it.
+            point.reach_m = reach_of(p0, p1, p2)
             place = wp.vec3(to_world[0, 3], to_world[1, 3], to_world[2, 3])
             point.reach_m = wp.max(point.reach_m, largest(place))
         point.area = 0.5 * wp.length(wp.cross(p1 - p0, p2 - p0))
@@ -250,6 +255,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         hit.vertex1 = geometry.vertices[at[1]]
         hit.vertex2 = geometry.vertices[at[2]]
         hit.normal = _unit_normal(hit.vertex0, hit.vertex1, hit.vertex2)
+        hit.reach_m = reach_of(hit.vertex0, hit.vertex1, hit.vertex2)
         return surface_of(geometry, hit, time)
 
     return closest, occluded, surface, surface_of

@@ -19,7 +19,7 @@ from clsim.render.environment import (
     sample_environment,
 )
 from clsim.render.features import Features
-from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin, reach_of
+from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin
 from clsim.render.lights_punctual import Punctual, make_punctual
 from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
@@ -29,6 +29,7 @@ class Lamp:
     """An emitting triangle that stands still, in world space: all that drawing a point on it needs, side by side."""
 
     corner: wp.vec3
+    reach_m: float
     edge1: wp.vec3
     edge2: wp.vec3
     normal: wp.vec3
@@ -137,7 +138,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
             point.position = lamp.corner + lamp.edge1 * weights[1] + lamp.edge2 * weights[2]
             point.normal = lamp.normal
             point.area = lamp.area
-            point.reach_m = reach_of(lamp.corner, lamp.corner + lamp.edge1, lamp.corner + lamp.edge2)
+            point.reach_m = lamp.reach_m
             point.material = lamp.material
             point.front = True
         else:

@@ -135,6 +135,8 @@ class LightData:
         rows = np.zeros(len(triangles), Lamp.numpy_dtype())
         rows["corner"] = corners[:, 0]
         rows["edge1"], rows["edge2"] = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+        ends = [rows["corner"] + rows[edge] for edge in ("edge1", "edge2")]
+        rows["reach_m"] = np.abs([rows["corner"], *ends]).max(axis=(0, 2), initial=0)
         cross = np.cross(rows["edge1"].astype(np.float64), rows["edge2"].astype(np.float64))
         length = np.linalg.norm(cross, axis=1)
         rows["normal"] = cross / np.maximum(length, 1e-300)[:, None]

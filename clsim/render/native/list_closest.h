@@ -20,7 +20,7 @@ if (blocks) {
     const lanes8 order = __builtin_bit_cast(lanes8, best);
     const int least = __builtin_reduce_min(order);
     const float nearest = __builtin_bit_cast(float, least);
-    wp::vec_t<16, int32_t> hit;
+    wp::vec_t<17, int32_t> hit;
     hit[0] = -1;
     if (nearest < far) {
         const int lane = __builtin_ctz(mask(order == lanes8(least))) & 7;
@@ -31,6 +31,7 @@ if (blocks) {
         hit[3] = __builtin_bit_cast(int, vs[lane]);
         for (int k = 0; k < 9; ++k) hit[4 + k] = row[8 * k];
         for (int k = 0; k < 3; ++k) hit[13 + k] = row[8 * (32 + k)];
+        hit[16] = row[8 * 35];
     }
     return hit;
 }

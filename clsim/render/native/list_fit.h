@@ -30,4 +30,5 @@ for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
         out[8 * (32 + k)] = (float)(normal[k] / __builtin_sqrt(length2));
     }
     out[8 * 31] = (float)offset;
+    for (int k = 0; k < 9; ++k) out[8 * 35] = __builtin_fmaxf(out[8 * 35], __builtin_fabsf(p[k / 3][k % 3]));
 }

@@ -51,7 +51,7 @@ for (;;) {
     const unsigned far_bits = __builtin_bit_cast(unsigned, far);
     do {
         if (top == 0) {
-            wp::vec_t<16, int32_t> hit;
+            wp::vec_t<17, int32_t> hit;
             hit[0] = -1;
             if (nearest) {
                 const int* row = (const int*)nearest;
@@ -60,7 +60,12 @@ for (;;) {
                 hit[2] = __builtin_bit_cast(int, nearest_u);
                 hit[3] = __builtin_bit_cast(int, nearest_v);
                 float e[3], f[3];
-                for (int k = 0; k < 9; ++k) hit[4 + k] = row[k * nearest_count];
+                float reach = 0.0f;
+                for (int k = 0; k < 9; ++k) {
+                    hit[4 + k] = row[k * nearest_count];
+                    reach = __builtin_fmaxf(reach, __builtin_fabsf(nearest[k * nearest_count]));
+                }
+                hit[16] = __builtin_bit_cast(int, reach);
                 for (int k = 0; k < 3; ++k) {
                     const float a = nearest[k * nearest_count];
                     e[k] = nearest[(3 + k) * nearest_count] - a;
