@@ -44,8 +44,9 @@ _hints: Callable[[Any], dict[str, Any]] = cache(get_type_hints)
 
 def read_fields(options: Any) -> None:
     """Put what `read_value` makes of them in place of the fields of a frozen dataclass; for its ``__post_init__``."""
-    for name, kind in _hints(type(options)).items():
-        object.__setattr__(options, name, read_value(name, getattr(options, name), kind))
+    kinds = _hints(type(options))
+    for name in (field.name for field in fields(options)):
+        object.__setattr__(options, name, read_value(name, getattr(options, name), kinds[name]))
 
 
 def read_value(name: str, value: Any, kind: Any) -> Any:

@@ -103,6 +103,13 @@ class Workplace(Generic[GridT]):
         cl.enqueue_fill_buffer(self.queue, memory, np.array(fill, dtype=kind), 0, size)
         return Buffer(memory, shape, kind)
 
+    def fill(self, buffer: Buffer, value: float) -> None:
+        """Let all items of a buffer have one value."""
+        import pyopencl as cl
+
+        pattern = np.array(value, dtype=buffer.dtype)
+        cl.enqueue_fill_buffer(self.queue, buffer.memory, pattern, 0, int(np.prod(buffer.shape)) * pattern.itemsize)
+
     def read(self, buffer: Buffer, out: npt.NDArray[Any] | None = None) -> npt.NDArray[Any]:
         """Copy a buffer (its first ``len(out)`` items) to the host."""
         import pyopencl as cl

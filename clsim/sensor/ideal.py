@@ -48,6 +48,7 @@ class Fired:
         many_crossings: pixels with more than 3 crossings.
         most_crossings: the most crossings of a pixel.
         capped: events left out because a pixel had more than 1000.
+        causes: uint8, of each event (see `clsim.sensor.CAUSES`); None where brightness causes them all.
     """
 
     events: EventBatch
@@ -55,6 +56,7 @@ class Fired:
     many_crossings: int = 0
     most_crossings: int = 0
     capped: int = 0
+    causes: npt.NDArray[np.uint8] | None = None
 
 
 class IdealPixels:

@@ -1,0 +1,476 @@
+// A pixel with faults: brightness becomes events. A pixel is run from the start of a step to its end, piece after piece;
+// in a piece what it compares is linear in time, so that crossings are solved and not stepped.
+//
+// Each stage is a macro (see clsim/sensor/settings.py, where c[C_…], its constants, come from) and a function or two; a
+// stage that is off is not compiled. Times are absolute [ns]. What does not change with light is computed from times and
+// values that no frame and no launch sets, so that their boundaries leave every bit as it is.
+//
+// Build macros: CHUNK (pixels that one work-item handles), KNOTS (the path tells levels within the step),
+// P_… (planes of what a pixel keeps for ever), S_… (planes of its state), and those of the stages.
+
+#include "types.clh"
+#include "sensor_random.clh"
+
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+
+#define MAX_EVENTS 1000   // of one pixel in one step
+#define MANY 3            // events in one step after which linear brightness between frames is a poor guess
+#define NEVER LONG_MAX
+
+#define SIGNAL 0   // causes of events
+#define SHOT 1
+#define LEAKED 2
+#define HOT 3
+
+#define SECONDS(ns) ((double)(ns) * 1e-9)
+
+// Where events of a work-item go.
+typedef struct {
+    __global long *time;
+    __global ushort *x, *y;
+    __global uchar *on, *cause;
+    int capacity, count;
+} Outbox;
+
+typedef struct {
+    __global const double *c;
+    ulong key;
+    ushort x, y;
+    double on, off;      // thresholds
+    double ref;          // reference at `since`; NaN before the first level
+    long since;          // where it lies ahead the pixel rests until then
+    int fired, net_on;   // events in this launch; whether the last was ON
+    long capped;
+#ifdef LEAK
+    double leak;         // rise of what is compared [ln/s]
+#endif
+#ifdef PARASITIC
+    double dark_leak, leak_factor;
+#endif
+#ifdef HOT_PIXELS
+    int hot;
+#endif
+#ifdef RATE_NOISE
+    double rate_factor;
+#endif
+#ifdef RECEPTOR
+    double receptor;     // its output [ln]
+#endif
+#ifdef FOLLOWER
+    double follower;
+#endif
+#ifdef SHOT_NOISE
+    double noise, next_noise, noise_at_ref;   // at `noise_since`, at the end of its slot, when the reference was set
+    long noise_since;
+#endif
+} Pixel;
+
+// What a pixel sees without noise, linear from `at` on.
+typedef struct { long at; double level, slope; } Line;
+
+static inline double level_at(Line line, long t) { return line.level + line.slope * SECONDS(t - line.at); }
+
+// How far a time [s] lies ahead, in ns, rounded up.
+static inline long ahead(double seconds) { return seconds < 4e9 ? (long)ceil(seconds * 1e9) : NEVER / 2; }
+
+#ifdef LEAK
+#define LEAK_OF(p) ((p)->leak)
+#else
+#define LEAK_OF(p) 0.0
+#endif
+
+#include "sensor_front.clh"
+#include "sensor_noise.clh"
+
+// What a pixel keeps for ever: thresholds and rates of its own.
+static inline void be_born(__global const double *c, ulong key, __global double *own, int pixels, int at) {
+    double on = c[C_THRESHOLD_ON], off = c[C_THRESHOLD_OFF];
+#ifdef MISMATCH
+    on = fmax(on + c[C_MISMATCH] * normal_of(drawn(key, 0, DRAW_THRESHOLD_ON)), 0.1 * on);
+    off = fmax(off + c[C_MISMATCH] * normal_of(drawn(key, 0, DRAW_THRESHOLD_OFF)), 0.1 * off);
+#endif
+#ifdef DEAD_PIXELS
+    if (uniform_of(drawn(key, 0, DRAW_DEAD)) < c[C_DEAD_SHARE]) on = off = INFINITY;
+#endif
+    own[(size_t)P_ON * pixels + at] = on;
+    own[(size_t)P_OFF * pixels + at] = off;
+#ifdef LEAK
+    const double factor = exp(c[C_LEAK_SPREAD] * normal_of(drawn(key, 0, DRAW_LEAK_RATE)));
+    double leak = c[C_LEAK] * factor;
+#ifdef PARASITIC
+    own[(size_t)P_LEAK_FACTOR * pixels + at] = factor;
+#endif
+#ifdef HOT_PIXELS
+    const int hot = uniform_of(drawn(key, 0, DRAW_HOT)) < c[C_HOT_SHARE];
+    if (hot) leak += c[C_HOT_LEAK] * exp(c[C_HOT_SPREAD] * normal_of(drawn(key, 0, DRAW_HOT_RATE)));
+    own[(size_t)P_HOT * pixels + at] = hot;
+#endif
+    own[(size_t)P_LEAK * pixels + at] = leak;
+#endif
+#ifdef RATE_NOISE
+    own[(size_t)P_RATE_FACTOR * pixels + at] = exp(c[C_RATE_SPREAD] * normal_of(drawn(key, 0, DRAW_RATE)));
+#endif
+}
+
+#ifdef PARASITIC
+// Light adds to the leak.
+static inline void change_leak(Pixel *p, long t, double level) {
+    const double leak = p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * exp(level);
+    if (leak == p->leak) return;
+    if (p->since <= t) {
+        p->ref -= p->leak * SECONDS(t - p->since);
+        p->since = t;
+    }
+    p->leak = leak;
+}
+#endif
+
+static inline ulong key_of(ulong seed, int x, int y) { return mixed(mixed(seed) ^ (((ulong)y << 16) | (ulong)x)); }
+
+// Work-item: CHUNK pixels of the image [H][span]. out_own: [planes][pixels], what each pixel keeps for ever.
+__kernel void make_pixels(__global const double *c, ulong seed, int pixels, int span, __global double *out_own) {
+    const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, pixels);
+    for (int i = first; i < last; i++) be_born(c, key_of(seed, i % span, i / span), out_own, pixels, i);
+}
+
+// The largest part of the change since the reference was set.
+static inline int cause_of(const Pixel *p, Line line, long t, int rising) {
+    const double leaked = LEAK_OF(p) * SECONDS(t - p->since);
+    double noise = 0, change = level_at(line, t) - p->ref;
+#ifdef SHOT_NOISE
+    noise = noise_at(p, t) - p->noise_at_ref;
+    change += p->noise_at_ref;
+#endif
+    const double sign = rising ? 1 : -1;
+    if (sign * change >= sign * noise && sign * change >= sign * leaked) return SIGNAL;
+    if (sign * noise >= sign * leaked) return SHOT;
+#ifdef HOT_PIXELS
+    if (p->hot) return HOT;
+#endif
+    return LEAKED;
+}
+
+static inline void emit(Pixel *p, Outbox *out, long t, int rising, int cause) {
+#ifdef DELAY
+    double delay = p->c[C_LATENCY_NS];
+    delay += p->c[C_JITTER_NS] * normal_of(drawn(p->key, t, DRAW_JITTER));
+    const long stamp = t + (long)fmax(delay, 0.0);
+#else
+    const long stamp = t;
+#endif
+    if (out->count < out->capacity) {
+        out->time[out->count] = stamp;
+        out->x[out->count] = p->x;
+        out->y[out->count] = p->y;
+        out->on[out->count] = rising;
+        out->cause[out->count] = cause;
+    }
+    out->count++;
+    p->fired++;
+    p->net_on = rising;
+}
+
+// The reference is the level that a pixel sees at t.
+static inline void take_reference(Pixel *p, Line line, long t) {
+    p->ref = level_at(line, t);
+    p->since = t;
+#ifdef SHOT_NOISE
+    p->noise_at_ref = noise_at(p, t);
+    p->ref += p->noise_at_ref;
+#endif
+}
+
+// An event at t. `exact`: brightness is at the threshold then, and the reference moves by it; else it takes the level.
+static inline void fire(Pixel *p, Outbox *out, Line line, long t, int rising, int cause, int exact) {
+    emit(p, out, t, rising, cause);
+#ifdef REFRACTORY
+    p->since = t + (long)p->c[C_REFRACTORY_NS];
+#else
+    if (exact) {
+        p->ref += (rising ? p->on : -p->off) - LEAK_OF(p) * SECONDS(t - p->since);
+        p->since = t;
+#ifdef SHOT_NOISE
+        p->noise_at_ref = noise_at(p, t);
+#endif
+    } else {
+        take_reference(p, line, t);
+    }
+#endif
+}
+
+// When a line that is at `value` at time `from` and has this slope has risen to `level`; not before t.
+static inline long rises_to(double value, double slope, double level, long from, long t) {
+    if (slope > 0) {
+        const double seconds = (level - value) / slope;
+        return seconds < SECONDS(t - from) ? t : from + ahead(seconds);
+    }
+    return value + slope * SECONDS(t - from) >= level ? t : NEVER;
+}
+
+// The next crossing after t of what is linear.
+static inline long next_crossing(const Pixel *p, Line line, long t, int *rising) {
+    // Where light does not change, nothing here hangs on where pieces begin.
+    const long from = line.slope == 0 ? p->since : line.at;
+    const double leak = LEAK_OF(p), slope = line.slope + leak;
+    const double value = level_at(line, from) - p->ref + leak * SECONDS(from - p->since);
+    const long up = rises_to(value, slope, p->on, from, t), down = rises_to(-value, -slope, p->off, from, t);
+    *rising = up <= down;
+    return MIN(up, down);
+}
+
+// Too many events in a launch: the others are counted, and the reference moves as if they had been fired.
+static inline void cap(Pixel *p, Line line, long t) {
+    const double moved = level_at(line, t) - p->ref + LEAK_OF(p) * SECONDS(t - p->since);
+    const double size = moved > 0 ? p->on : p->off, crossings = floor(fabs(moved) / size);
+    p->capped += crossings > 1e9 ? 1000000000L : (long)crossings;
+    if (crossings >= 1) take_reference(p, line, t);
+}
+
+// From t to `end`, over which the pixel sees `line`.
+static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end) {
+    while (true) {
+        if (p->since > t) {
+            if (p->since > end) return;
+            t = p->since;
+#ifdef SHOT_NOISE
+            settle_noise(p, t, level_at(line, t));
+#endif
+            take_reference(p, line, t);
+        }
+        if (p->fired >= MAX_EVENTS) {
+            cap(p, line, end);
+            return;
+        }
+        int rising, cause = -1;
+#ifdef SHOT_NOISE
+        long next = next_passage(p, line, t, &rising);
+#else
+        long next = next_crossing(p, line, t, &rising);
+#endif
+#ifdef RATE_NOISE
+        int noise_rising;
+        const long noisy = next_arrival(p, line, t, MIN(next, end), &noise_rising);
+        if (noisy < next) {
+            next = noisy;
+            rising = noise_rising;
+            cause = SHOT;
+        }
+#endif
+        if (next > end) return;
+        t = next;
+        const int exact = cause < 0;
+#ifdef SHOT_NOISE
+        if (exact) pass_at(p, line, t, rising);
+#endif
+        fire(p, out, line, t, rising, exact ? cause_of(p, line, t, rising) : cause, exact);
+    }
+}
+
+// From t0 to t1, between which the level goes from l0 to l1.
+static inline void run_segment(Pixel *p, Outbox *out, long t0, double l0, long t1, double l1) {
+    const double slope = t1 > t0 ? (l1 - l0) / SECONDS(t1 - t0) : 0;
+    long t = t0;
+    while (t < t1) {
+        long end = t1;
+        const double level = l0 + slope * SECONDS(t - t0);
+#ifdef SHOT_NOISE
+        end = MIN(end, advance_noise(p, t, level));
+#endif
+#ifdef FRONT
+        end = MIN(end, t + front_reach(p, level, slope));
+#endif
+        const double after = end == t1 ? l1 : l0 + slope * SECONDS(end - t0);
+#ifdef FRONT
+        const Line line = advance_front(p, t, level, end, after);
+#else
+        const Line line = {t0, l0, slope};
+#endif
+#ifdef PARASITIC
+        change_leak(p, t, 0.5 * (level + after));
+#endif
+        run_piece(p, out, line, t, end);
+        t = end;
+    }
+}
+
+// A pixel's first level, at t.
+static inline void begin(Pixel *p, long t, double level) {
+    Line line = {t, level, 0};
+#ifdef PARASITIC
+    p->since = t + 1;
+    change_leak(p, t, level);
+#endif
+#ifdef FRONT
+    line.level = start_front(p, level);
+#endif
+#ifdef SHOT_NOISE
+    start_noise(p, t, level);
+#endif
+    take_reference(p, line, t);
+#ifdef LEAK
+    // Leaks have no common beginning. A dead pixel's threshold is no number to take a share of.
+    if (p->leak > 0 && p->on < INFINITY) p->ref -= p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE));
+#endif
+}
+
+// What a detector takes for the level of the last event: what it sees now, less what the pixel compares, noise apart.
+static inline double reference_for(const Pixel *p, long t, double level) {
+    if (p->since > t) return level;
+    double seen = level, ref = p->ref - LEAK_OF(p) * SECONDS(t - p->since);
+#ifdef FRONT
+    seen = front_output(p, level);
+#endif
+#ifdef SHOT_NOISE
+    ref -= p->noise_at_ref;
+#endif
+    return level - (seen - ref);
+}
+
+static inline Pixel loaded(
+    __global const double *c, ulong seed, __global const double *own, __global const double *state, int pixels, int i,
+    int x, int y)
+{
+    Pixel p;
+    p.c = c;
+    p.key = key_of(seed, x, y);
+    p.x = x;
+    p.y = y;
+    p.fired = p.net_on = 0;
+    p.capped = 0;
+    p.on = own[(size_t)P_ON * pixels + i];
+    p.off = own[(size_t)P_OFF * pixels + i];
+#ifdef LEAK
+    p.leak = own[(size_t)P_LEAK * pixels + i];
+#endif
+#ifdef HOT_PIXELS
+    p.hot = own[(size_t)P_HOT * pixels + i] > 0;
+#endif
+#ifdef RATE_NOISE
+    p.rate_factor = own[(size_t)P_RATE_FACTOR * pixels + i];
+#endif
+    p.ref = state[(size_t)S_REFERENCE * pixels + i];
+    p.since = as_long(state[(size_t)S_SINCE * pixels + i]);
+#ifdef PARASITIC
+    p.dark_leak = p.leak;
+    p.leak_factor = own[(size_t)P_LEAK_FACTOR * pixels + i];
+    p.leak = state[(size_t)S_LEAK * pixels + i];
+#endif
+#ifdef RECEPTOR
+    p.receptor = state[(size_t)S_RECEPTOR * pixels + i];
+#endif
+#ifdef FOLLOWER
+    p.follower = state[(size_t)S_FOLLOWER * pixels + i];
+#endif
+#ifdef SHOT_NOISE
+    p.noise = state[(size_t)S_NOISE * pixels + i];
+    p.next_noise = state[(size_t)S_NEXT_NOISE * pixels + i];
+    p.noise_at_ref = state[(size_t)S_NOISE_AT_REFERENCE * pixels + i];
+    p.noise_since = as_long(state[(size_t)S_NOISE_SINCE * pixels + i]);
+#endif
+    return p;
+}
+
+static inline void keep(const Pixel *p, __global double *out_state, int pixels, int i) {
+    out_state[(size_t)S_REFERENCE * pixels + i] = p->ref;
+    out_state[(size_t)S_SINCE * pixels + i] = as_double(p->since);
+#ifdef PARASITIC
+    out_state[(size_t)S_LEAK * pixels + i] = p->leak;
+#endif
+#ifdef RECEPTOR
+    out_state[(size_t)S_RECEPTOR * pixels + i] = p->receptor;
+#endif
+#ifdef FOLLOWER
+    out_state[(size_t)S_FOLLOWER * pixels + i] = p->follower;
+#endif
+#ifdef SHOT_NOISE
+    out_state[(size_t)S_NOISE * pixels + i] = p->noise;
+    out_state[(size_t)S_NEXT_NOISE * pixels + i] = p->next_noise;
+    out_state[(size_t)S_NOISE_AT_REFERENCE * pixels + i] = p->noise_at_ref;
+    out_state[(size_t)S_NOISE_SINCE * pixels + i] = as_double(p->noise_since);
+#endif
+}
+
+#ifdef KNOTS
+// Work-item: CHUNK pixels of the list. out_rows: [H][span], where each is in the list.
+__kernel void find_rows(__global const int *list, int count, __global int *out_rows) {
+    const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
+    for (int i = first; i < last; i++) out_rows[list[i]] = i;
+}
+#define KNOT_ARGUMENTS                                                                                                 \
+    __global const int *rows, __global const int *offsets, __global const long *times, __global const real *levels,
+#else
+#define KNOT_ARGUMENTS
+#endif
+
+// Work-item: CHUNK pixels of the image [H][span], over a step from t0 to t1 [ns] at whose ends the levels are `start` and
+// `end`; KNOTS: rows is -1 for pixels without knots, else their row of knots, with times from t0. out_references:
+// [H][span], as a detector takes them. out_fired: events of each pixel, negative where the last is OFF.
+// out_time, out_x, out_y, out_on, out_cause: the first `capacity` events of each work-item, at capacity·(its number).
+// out_counts per work-item: its events, also those without room; pixels with many; events left out; most of a pixel.
+__kernel void run_pixels(
+    __global const double *c, ulong seed, __global const double *own, __global const double *state, int pixels, int span,
+    int width, long t0, long t1, __global const real *start, __global const real *end, KNOT_ARGUMENTS int capacity,
+    __global double *out_state, __global real *out_references, __global int *out_fired, __global long *out_time,
+    __global ushort *out_x, __global ushort *out_y, __global uchar *out_on, __global uchar *out_cause,
+    __global long *out_counts)
+{
+    const int item = get_global_id(0), first = item * CHUNK, last = MIN(first + CHUNK, pixels);
+    const size_t room = (size_t)item * capacity;
+    Outbox out = {out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, capacity, 0};
+    long many = 0, capped = 0, most = 0;
+    for (int i = first; i < last; i++) {
+        Pixel p = loaded(c, seed, own, state, pixels, i, i % span, i / span);
+        const double before = start[i], now = end[i];
+        if (i % span < width && now == now) {
+            if (p.ref != p.ref && p.since <= t0) {
+                begin(&p, t1, now);
+            } else {
+                long t = t0;
+                double level = before;
+#ifdef KNOTS
+                if (rows[i] >= 0)
+                    for (int k = offsets[rows[i]]; k < offsets[rows[i] + 1]; k++) {
+                        run_segment(&p, &out, t, level, t0 + times[k], levels[k]);
+                        t = t0 + times[k];
+                        level = levels[k];
+                    }
+#endif
+                run_segment(&p, &out, t, level, t1, now);
+            }
+            out_references[i] = reference_for(&p, t1, now);
+        }
+        keep(&p, out_state, pixels, i);
+        out_fired[i] = p.net_on ? p.fired : -p.fired;
+        many += p.fired > MANY;
+        capped += p.capped;
+        most = MAX(most, p.fired + p.capped);
+    }
+    out_counts[4 * item] = out.count;
+    out_counts[4 * item + 1] = many;
+    out_counts[4 * item + 2] = capped;
+    out_counts[4 * item + 3] = most;
+}
+
+// Work-item: a work-item of run_pixels; its events go to out_* from place[work-item] on.
+__kernel void gather_events(
+    __global const long *counts, __global const int *place, int capacity, __global const long *time,
+    __global const ushort *x, __global const ushort *y, __global const uchar *on, __global const uchar *cause,
+    __global long *out_time, __global ushort *out_x, __global ushort *out_y, __global uchar *out_on,
+    __global uchar *out_cause)
+{
+    const size_t from = (size_t)get_global_id(0) * capacity;
+    const int count = counts[4 * get_global_id(0)], to = place[get_global_id(0)];
+    for (int k = 0; k < count; k++) {
+        out_time[to + k] = time[from + k];
+        out_x[to + k] = x[from + k];
+        out_y[to + k] = y[from + k];
+        out_on[to + k] = on[from + k];
+        out_cause[to + k] = cause[from + k];
+    }
+}
+
+// Work-item: CHUNK pixels of the list; out_crossings: how many events each had.
+__kernel void list_fired(__global const int *list, int count, __global const int *fired, __global int *out_crossings) {
+    const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
+    for (int i = first; i < last; i++) out_crossings[i] = fired[list[i]];
+}
