@@ -9,12 +9,27 @@ import numpy as np
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
 from clsim.detect.stats import DetectorStats
+from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.frames import Frame, InterestMap
 from clsim.frames.frame import FloatArray
 from clsim.opencl.device import Device, choose_device
 from clsim.opencl.workplace import Grid, Workplace
-from clsim.sensor import IdealPixels, Thresholds
+from clsim.sensor import IdealPixels, RealPixels, Specimen, Thresholds
+
+
+def check_sensor(config: DetectorConfig, specimen: Specimen) -> None:
+    """Refuse options of detection that a sensor with faults has no use for.
+
+    Raises:
+        InputError: ``config`` has one.
+    """
+    if specimen.settings.is_ideal:
+        return
+    for name, wanted in (("event_rule", "interpolated"), ("response", "ln")):
+        if getattr(config, name) != wanted:
+            given, sensor = getattr(config, name), specimen.settings.name
+            raise InputError(f"`{name}` {given} is for the ideal sensor; `sensor` {sensor} needs {wanted}")
 
 
 class Detector:
@@ -26,14 +41,31 @@ class Detector:
     estimator_type: ClassVar[type[BrightnessEstimator]] = BrightnessEstimator
 
     def __init__(
-        self, config: DetectorConfig, width: int, height: int, names: tuple[str, ...], *, device: Device | None = None
+        self,
+        config: DetectorConfig,
+        width: int,
+        height: int,
+        names: tuple[str, ...],
+        *,
+        device: Device | None = None,
+        specimen: Specimen | None = None,
     ) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
 
+        Args:
+            config: method, gate and rule, and the nominal thresholds.
+            width, height: of the frames [pixels].
+            names: planes of the frames.
+            device: what computes; None takes the best.
+            specimen: the sensor; None is the ideal one.
+
         Raises:
-            InputError: a plane is missing, the gate needs recorded frames, or there is no OpenCL device.
+            InputError: a plane is missing, the gate needs recorded frames, options do not go with the sensor, or there
+                is no OpenCL device.
         """
         config.strategy.check_stream(config)
+        self._specimen = specimen or Specimen()
+        check_sensor(config, self._specimen)
         self.config = config
         self.width, self.height, self.names = width, height, names
         self.device = device or choose_device()
@@ -43,7 +75,7 @@ class Detector:
         lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
         self._grid = Grid(width, height, lanes, np.float64 if double else np.float32)
         self.estimator = self.estimator_type(config, self._grid, names, self.device, self._queue)
-        self._sensor: IdealPixels | None = None
+        self._sensor: IdealPixels | RealPixels | None = None
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -51,12 +83,12 @@ class Detector:
         return self.estimator.features
 
     @property
-    def sensor(self) -> IdealPixels:
+    def sensor(self) -> IdealPixels | RealPixels:
         """The pixels; built when they are first wanted."""
         if self._sensor is None:
             config = self.config
             thresholds = Thresholds(config.threshold_on, config.threshold_off, config.event_rule == "frame")
-            self._sensor = IdealPixels(Workplace(self.device, self._grid, self._queue), thresholds)
+            self._sensor = self._specimen.pixels(Workplace(self.device, self._grid, self._queue), thresholds)
         return self._sensor
 
     def reset(self) -> None:
@@ -148,7 +180,13 @@ class NumpyDetector:
 
 
 def recorded_detector(
-    config: DetectorConfig, width: int, height: int, names: tuple[str, ...], *, device: Device | None = None
+    config: DetectorConfig,
+    width: int,
+    height: int,
+    names: tuple[str, ...],
+    *,
+    device: Device | None = None,
+    specimen: Specimen | None = None,
 ) -> Detector | NumpyDetector:
     """Return the detector of ``config`` for recorded frames; ``device`` is for those that run in OpenCL.
 
@@ -156,5 +194,7 @@ def recorded_detector(
         InputError: a plane is missing, or there is no OpenCL device where one is needed.
     """
     if config.strategy.needs_numpy(config):
+        if specimen is not None and not specimen.settings.is_ideal:
+            raise InputError(f"{config.strategy.who(config)} runs in numpy, with the ideal `sensor` alone")
         return NumpyDetector(config, width, height, names)
-    return Detector(config, width, height, names, device=device)
+    return Detector(config, width, height, names, device=device, specimen=specimen)

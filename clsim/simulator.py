@@ -28,6 +28,7 @@ from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
+from clsim.sensor.settings import SensorSettings
 from clsim.truth.cut import cut
 from clsim.truth.names import plane_names
 from clsim.values import read_value
@@ -69,6 +70,7 @@ class Simulator:
         camera_axes: Axes = "opencv",
         camera_interpolation: Interpolation = "linear",
         threshold: float | tuple[float, float] | None = None,
+        sensor: str | Path | SensorSettings | None = None,
         quality: Quality | None = None,
         seed: int = 0,
         spp: int | None = None,
@@ -98,8 +100,8 @@ class Simulator:
             clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and
                 no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
                 each step, and evenly between where a step is longer than 1/fps.
-            fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, quality, seed, spp, sampling,
-                probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history,
+            fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
+                sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history,
                 follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a World has
                 its own resolution and camera.
             truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.

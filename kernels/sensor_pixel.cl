@@ -309,7 +309,11 @@ static inline void begin(Pixel *p, long t, double level) {
     take_reference(p, line, t);
 #ifdef LEAK
     // Leaks have no common beginning. A dead pixel's threshold is no number to take a share of.
-    if (p->leak > 0 && p->on < INFINITY) p->ref -= p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE));
+    if (p->leak > 0 && p->on < INFINITY) {
+        const double leaked = p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE)), ago = fmin(leaked / p->leak, 1e9);
+        p->since -= (long)(ago * 1e9);
+        p->ref -= leaked - ago * p->leak;
+    }
 #endif
 }
 

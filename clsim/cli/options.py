@@ -74,6 +74,14 @@ PACE = Annotated[
     ),
 ]
 LOOP = Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")]
+SENSOR = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|FILE",
+        help="The camera: davis346 … (see docs/sensor.md), or a .toml file. It sets the resolution too, unless given. "
+        "[ideal]",
+    ),
+]
 SEED = Annotated[int | None, typer.Option(help="Seed of all random numbers. [0]")]
 JSON = Annotated[bool, typer.Option("--json", help="Print machine-readable results on standard output.")]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Real
@@ -27,6 +28,8 @@ from clsim.live.quality import (
 )
 from clsim.live.schedule import LARGEST_FPS
 from clsim.scene.trajectory import Axes, Interpolation
+from clsim.sensor.presets import load_sensor
+from clsim.sensor.settings import SensorSettings
 from clsim.truth.layouts import check_layouts, layout_of
 from clsim.truth.names import truth_names
 from clsim.values import from_plain, read_fields
@@ -34,6 +37,11 @@ from clsim.values import from_plain, read_fields
 LIVE_GATES = ("delta-r", "radiance")
 LONGEST_S = 1e12
 """At 10⁶ frames a second, their number still has 64 bits."""
+
+
+def read_sensor(sensor: Any) -> Any:
+    """Return what a preset's name or a file says of a sensor; anything else as it is."""
+    return load_sensor(os.fspath(sensor)) if isinstance(sensor, str | os.PathLike) else sensor
 
 
 @dataclass(frozen=True)
@@ -76,6 +84,10 @@ class LiveOptions:
     """How the poses of that file are joined."""
     threshold: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events [natural-log units]; one number is that of both."""
+    sensor: SensorSettings | None = None
+    """The sensor, also by the name of a preset or as a file; None is the ideal one.
+
+    Its resolution and field of view hold where no ``resolution`` is given."""
     method: Method | None = None
     gate: Gate | None = None
     event_rule: EventRule | None = None
@@ -118,6 +130,7 @@ class LiveOptions:
         given: Any = self.threshold
         if isinstance(given, Real):
             object.__setattr__(self, "threshold", (given, given))
+        object.__setattr__(self, "sensor", read_sensor(self.sensor))
         read_fields(self)
         for option, number in (("duration_s", self.duration_s), ("fps", self.fps)):
             if number is not None and number <= 0:
@@ -269,10 +282,21 @@ class RecordingOptions:
     files: FileOptions = field(default_factory=FileOptions)
     rendered_fps: float | None = None
     """Frames per second by which the frames were rendered, if known: their times are whole µs and tell it less well."""
+    sensor: SensorSettings | None = None
+    """The sensor, also by the name of a preset or as a file; None is the ideal one. The frames have their own size."""
+    seed: int = 0
+    """Seed of the sensor's random numbers."""
+    lux_per_unit: float = 100.0
+    """Illuminance of the sensor under a luminance of 1 [lux]."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
+        object.__setattr__(self, "sensor", read_sensor(self.sensor))
         read_fields(self)
+        if self.seed < 0:
+            raise InputError(f"`seed` must not be negative, got {self.seed}")
+        if self.lux_per_unit <= 0:
+            raise InputError(f"`lux_per_unit` must be a positive number, got {self.lux_per_unit:g}")
         if self.fps is not None and self.fps <= 0:
             raise InputError(f"`fps` must be a positive number, got {self.fps}")
         self.files.check(self.outputs)

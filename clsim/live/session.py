@@ -23,7 +23,7 @@ from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
-from clsim.live.stages import detector_maker, plan_stages, unused_options
+from clsim.live.stages import detector_maker, plan_stages, specimen_of, unused_options
 from clsim.live.summary import Summary
 from clsim.scene import World
 
@@ -226,7 +226,13 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     schedule = Schedule(fps, count, count, recorded_times=options.fps is None)
     pipeline = Pipeline(
         lambda: source,
-        detector_maker(options.config, size, source.names, options.opencl),
+        detector_maker(
+            options.config,
+            size,
+            source.names,
+            options.opencl,
+            specimen_of(options.sensor, options.seed, options.lux_per_unit / options.config.scale),
+        ),
         open_sinks(options.outputs, options.files, extra_sinks, size),
         schedule,
         (source.names, source.height, source.width),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from clsim.detect.config import DetectorConfig
@@ -17,6 +17,8 @@ from clsim.truth.names import plane_names
 
 if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
+    from clsim.sensor import Specimen
+    from clsim.sensor.settings import Optics, SensorSettings
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
             camera_axes=options.camera_axes,
             camera_interpolation=options.camera_interpolation,
         )
+        if options.resolution is None and options.sensor is not None:
+            world = _seen_by(world, options.sensor.optics)
     fps = options.fps or world.fps
     point = options.point
     steered = point.sampling == "adaptive"
@@ -105,26 +109,43 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     detector = _detector_config(options, world)
     planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0, truth=render.truth).names
     size = world.camera.width, world.camera.height
-    make_detector = detector_maker(detector, size, planes, options.opencl)
+    specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)
+    make_detector = detector_maker(detector, size, planes, options.opencl, specimen)
     return Stages(world, fps, render, detector, planes, make_detector, steered)
 
 
 def detector_maker(
-    config: DetectorConfig, size: tuple[int, int], planes: tuple[str, ...], opencl: str | None
+    config: DetectorConfig,
+    size: tuple[int, int],
+    planes: tuple[str, ...],
+    opencl: str | None,
+    specimen: Specimen | None = None,
 ) -> Callable[[], Detector]:
     """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels later.
 
-    ``size`` is the width and height of the frames.
+    ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one.
     """
-    from clsim.detector import recorded_detector
+    from clsim.detector import check_sensor, recorded_detector
     from clsim.opencl.device import choose_device
 
     device = None if config.strategy.needs_numpy(config) else choose_device(opencl)
 
+    if specimen is not None:
+        check_sensor(config, specimen)
+
     def make() -> Any:
-        return recorded_detector(config, *size, planes, device=device)
+        return recorded_detector(config, *size, planes, device=device, specimen=specimen)
 
     return make
+
+
+def specimen_of(sensor: SensorSettings | None, seed: int, lux: float) -> Specimen | None:
+    """Return a sensor of this kind, whose illuminance is ``lux`` where brightness is 0; None is the ideal one."""
+    if sensor is None or sensor.is_ideal:
+        return None
+    from clsim.sensor import Specimen
+
+    return Specimen(sensor, seed, lux)
 
 
 def unused_options(config: DetectorConfig) -> tuple[str, ...]:
@@ -135,9 +156,20 @@ def unused_options(config: DetectorConfig) -> tuple[str, ...]:
     return (f"{config.strategy.who(config)} has no use for {', '.join(f'`{name}`' for name in unused)}",)
 
 
+def _seen_by(world: World, optics: Optics) -> World:
+    """Return the world with a camera of this size and field of view, as far as they are known."""
+    chosen = {
+        name: getattr(optics, name) for name in ("width", "height", "fov_deg") if getattr(optics, name) is not None
+    }
+    return replace(world, camera=replace(world.camera, **chosen)) if chosen else world
+
+
 def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
     sensor, point = world.sensor, options.point
-    on, off = options.threshold or (sensor.threshold_on, sensor.threshold_off)
+    own = None if options.sensor is None else options.sensor.threshold
+    on = own.on if own is not None and own.on is not None else sensor.threshold_on
+    off = own.off if own is not None and own.off is not None else sensor.threshold_off
+    on, off = options.threshold or (on, off)
     return DetectorConfig(
         method=point.method,
         gate=point.gate,

@@ -23,6 +23,7 @@ from clsim.live.session import Session, open_live
 from clsim.live.sidecars import camera_pose
 from clsim.live.summary import Summary
 from clsim.scene.trajectory import Axes, Interpolation
+from clsim.sensor.settings import SensorSettings
 
 
 class Stream(Iterator[EventBatch]):
@@ -129,6 +130,7 @@ def stream(
     camera_axes: Axes = "opencv",
     camera_interpolation: Interpolation = "linear",
     threshold: float | tuple[float, float] | None = None,
+    sensor: str | Path | SensorSettings | None = None,
     quality: Quality | None = None,
     outputs: str | Sequence[str] = (),
     files: FileOptions | None = None,
@@ -177,6 +179,8 @@ def stream(
         camera_axes: what a camera's axes are in that file: "opencv" or "opengl".
         camera_interpolation: how its poses are joined: "linear" (and by slerp), or "cubic".
         threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
+        sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one. Its resolution and
+            field of view hold where no ``resolution`` is given.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs: files and addresses that receive the events as well.
         files: how files are written.

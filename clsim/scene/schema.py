@@ -266,6 +266,7 @@ class SensorTable(Table):
     threshold_off: Positive = 0.2
     scale: Positive = 1.0
     floor: Positive = 1e-4
+    lux_per_unit: Positive = Field(default=100.0, description="illuminance of the sensor under a luminance of 1")
 
 
 class SceneTable(Table):

@@ -71,7 +71,7 @@ def _problems(world: World) -> Iterator[str]:
     if not _within(world.environment):
         yield f"environment: radiance is {world.environment}, expected finite numbers from 0"
     sensor = world.sensor
-    for key in ("threshold_on", "threshold_off", "scale", "floor"):
+    for key in ("threshold_on", "threshold_off", "scale", "floor", "lux_per_unit"):
         if not 0 < getattr(sensor, key) < math.inf:
             yield f"sensor: {key} is {getattr(sensor, key)}, expected a positive number"
     if 0 < sensor.floor < SMALLEST_FLOOR:

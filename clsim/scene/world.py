@@ -231,6 +231,8 @@ class Sensor:
     threshold_off: float = 0.2
     scale: float = 1.0
     floor: float = 1e-4
+    lux_per_unit: float = 100.0
+    """Illuminance of the sensor under a luminance of 1 [lux]."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 from clsim.sensor.ideal import Fired
 from clsim.sensor.settings import Context, SensorSettings
 
+CAUSES = ("signal", "shot", "leak", "hot")
+"""What causes events, by number (sensor_pixel.cl)."""
 _CHUNK = 64
 """Pixels that one work-item runs."""
 _ROOM = 64

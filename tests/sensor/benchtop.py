@@ -1,0 +1,90 @@
+"""Pixels that are told their levels, without a renderer."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from clsim.opencl.device import choose_device
+from clsim.opencl.path import BrightnessPath, Knots
+from clsim.opencl.workplace import Grid, Workplace
+from clsim.sensor import RealPixels, SensorSettings
+from clsim.sensor.settings import Context, Defects, Noise, Threshold
+
+NEXT_TO_NOTHING = SensorSettings(
+    threshold=Threshold(mismatch=1e-12), noise=Noise(1e-12, 1e-12), defects=Defects(dead_share=1e-12)
+)
+"""Stages that are on and do nothing: tests that set some of their numbers share kernels. So do those with a leak."""
+
+
+def with_stages(**stages):
+    """Return settings in which numbers of some stages are others, such as ``leak={"hz": 1.0}``."""
+    base = NEXT_TO_NOTHING
+    return replace(base, **{name: replace(getattr(base, name), **numbers) for name, numbers in stages.items()})
+
+
+class Benchtop:
+    """A row or an image of pixels; thresholds are 0.2 and 0.25, and 100 lux are level 0."""
+
+    def __init__(self, settings, width, height=1, *, on=0.2, off=0.25, lux=100.0, seed=1):
+        device = choose_device()
+        self.grid = Grid(width, height, device.lanes, np.float64)
+        self.place = Workplace(device, self.grid, device.queue())
+        context = Context(on, off, lux, settings.front_end.follower_s)
+        self.pixels = RealPixels(self.place, settings, context, seed)
+        self.listed = self.place.allocate((width * height,), np.int32)
+        self.place.write(self.listed, np.flatnonzero(np.pad(np.ones((height, width)), self._padding())))
+        self.time_us, self.level, self.causes = None, None, []
+
+    def _padding(self):
+        return ((0, 0), (0, self.grid.span - self.grid.width))
+
+    def _image(self, level):
+        shape = (self.grid.height, self.grid.width)
+        return self.place_of(np.pad(np.broadcast_to(level, shape), self._padding()))
+
+    def place_of(self, values, dtype=np.float64):
+        values = np.asarray(values, dtype)
+        buffer = self.place.allocate(values.shape or (1,), dtype)
+        self.place.write(buffer, values)
+        return buffer
+
+    def to(self, time_us, level, rows=None):
+        """Return the events of the step to ``time_us``, whose level at the end is ``level``: a number or an image.
+
+        ``rows`` are knots of each pixel, (ns from the step's start, level). The first step begins at its end.
+        """
+        first = self.time_us is None
+        start_us = time_us if first else self.time_us
+        start = self._image(np.nan if first else self.level)
+        knots = None
+        if rows is not None:
+            knots = Knots(
+                self.place_of(np.cumsum([0, *map(len, rows)]), np.int32),
+                self.place_of([time for row in rows for time, _ in row] or [0], np.int64),
+                self.place_of([level for row in rows for _, level in row] or [0]),
+            )
+        count = self.grid.width * self.grid.height
+        fired = self.pixels.step(
+            BrightnessPath(start_us, time_us, start, self._image(level), self.listed, count, knots)
+        )
+        self.time_us, self.level = time_us, level
+        self.causes.append(fired.causes)
+        return fired.events
+
+    def along(self, times_us, levels):
+        """Return the events over several steps."""
+        return np.concatenate([self.to(time, level) for time, level in zip(times_us, levels, strict=True)])
+
+
+def rates(events, pixels, seconds):
+    """Return the mean rates of ON and OFF events [1/s] of a pixel."""
+    on = int(events["on"].sum())
+    return on / pixels / seconds, (len(events) - on) / pixels / seconds
+
+
+def intervals_us(events):
+    """Return the times between successive events of the same pixel [µs]."""
+    order = np.lexsort((events["t"], events["x"], events["y"]))
+    sorted_events = events[order]
+    same = (np.diff(sorted_events["x"].astype(int)) == 0) & (np.diff(sorted_events["y"].astype(int)) == 0)
+    return np.diff(sorted_events["t"])[same]

@@ -1,0 +1,231 @@
+"""Thresholds, leak, noise rates, defects, rest and delay against closed forms and a float64 reference."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from clsim.sensor import CAUSES
+from clsim.sensor.reference.pixel import fire
+from clsim.sensor.settings import Delay, Refractory
+from tests.sensor.benchtop import Benchtop, intervals_us, rates, with_stages
+
+ON, OFF = 0.2, 0.25
+
+
+def test_leak_fires_on_events_at_its_rate_from_phases_that_differ():
+    bench = Benchtop(with_stages(leak={"hz": 4.0}), 1000)
+    bench.to(0, 0.0)
+    events = bench.to(10_000_000, 0.0)
+    assert events["on"].all() and set(np.concatenate(bench.causes)) == {CAUSES.index("leak")}
+    # One threshold at its rate: all intervals are alike (a stamp is a whole µs), and no first burst.
+    assert set(intervals_us(events)) <= {249_999, 250_000, 250_001}
+    first = np.array([events["t"][events["x"] == x].min() for x in range(1000)])
+    assert stats.kstest(first / 250_000, "uniform").pvalue > 1e-3
+
+
+def test_a_falling_ramp_slower_than_the_leak_still_fires_on():
+    # 4 Hz of 0.2 is 0.8 ln/s; 0.5 of it is taken away.
+    bench = Benchtop(with_stages(leak={"hz": 4.0}), 200)
+    bench.to(0, 0.0)
+    events = bench.to(20_000_000, -10.0)
+    on, off = rates(events, 200, 20.0)
+    assert off == 0 and on == pytest.approx(0.3 / ON, abs=1 / 20)
+
+
+def test_leak_rates_are_lognormal():
+    bench = Benchtop(with_stages(leak={"hz": 50.0, "spread_decades": 0.25}), 3000)
+    events = bench.along([0, 2_000_000, 4_000_000], [0.0, 0.0, 0.0])
+    decades = np.log10(np.bincount(events["x"], minlength=3000) / 4.0)
+    assert np.mean(decades) == pytest.approx(math.log10(50), abs=0.02)
+    assert np.std(decades) == pytest.approx(0.25, abs=0.01)
+
+
+def test_noise_rates_are_poisson():
+    bench = Benchtop(with_stages(noise={"on_hz": 30.0, "off_hz": 10.0}), 2000)
+    bench.to(0, 0.0)
+    events = np.concatenate([bench.to(t, 0.0) for t in range(100_000, 1_000_001, 100_000)])
+    on, off = rates(events, 2000, 1.0)
+    assert on == pytest.approx(30, abs=4 * math.sqrt(30 / 2000)) and off == pytest.approx(
+        10, abs=4 * math.sqrt(10 / 2000)
+    )
+    counts = np.bincount(events["x"], minlength=2000)
+    assert counts.var() / counts.mean() == pytest.approx(1, abs=0.15)
+    waits = intervals_us(events)
+    # Of all intervals in a second the long ones are cut off: those below 50 ms are not.
+    assert stats.kstest(waits[waits < 50_000] / 1e6, stats.truncexpon(b=0.05 * 40, scale=1 / 40).cdf).pvalue > 1e-3
+    assert set(np.concatenate(bench.causes)) == {CAUSES.index("shot")}
+
+
+def test_noise_rates_follow_light():
+    # Level 0 is 100 lux: halfway, in the log, between 10 and 1000.
+    settings = with_stages(noise={"on_hz": (40.0, 20.0), "off_hz": (20.0, 0.0), "lux": (10.0, 1000.0)})
+    for level, expected in ((-5.0, (40, 20)), (0.0, (30, 10)), (5.0, (20, 0))):
+        bench = Benchtop(settings, 2000)
+        bench.to(0, level)
+        assert rates(bench.to(1_000_000, level), 2000, 1.0) == pytest.approx(expected, abs=0.6)
+
+
+def test_thresholds_differ_from_pixel_to_pixel_and_stay():
+    # The share of pixels that a step reaches is the distribution of thresholds.
+    for step, share in ((0.17, stats.norm.cdf(-1)), (0.2, 0.5), (0.23, stats.norm.cdf(1))):
+        bench = Benchtop(with_stages(threshold={"mismatch": 0.03}), 4000)
+        bench.to(0, 0.0)
+        fired = set(bench.to(1000, step)["x"])
+        assert len(fired) / 4000 == pytest.approx(share, abs=0.03)
+        bench.to(2000, 0.0)
+        again = Benchtop(with_stages(threshold={"mismatch": 0.03}), 4000)
+        again.to(0, 1.0)
+        assert set(again.to(3000, 1.0 + step)["x"]) == fired
+
+
+def test_a_pixel_is_the_same_in_an_image_of_another_size():
+    settings = with_stages(
+        threshold={"mismatch": 0.05}, defects={"hot_share": 0.05, "dead_share": 0.05, "hot_hz": 50.0}
+    )
+    found = []
+    for width, height in ((40, 30), (64, 31)):
+        bench = Benchtop(settings, width, height)
+        bench.to(0, 0.0)
+        events = bench.to(100_000, 1.0)
+        found.append(events[(events["x"] < 40) & (events["y"] < 30)])
+    np.testing.assert_array_equal(*found)
+    other = Benchtop(settings, 40, 30, seed=2)
+    other.to(0, 0.0)
+    assert not np.array_equal(other.to(100_000, 1.0), found[0])
+
+
+def test_hot_and_dead_pixels_are_as_many_as_said():
+    settings = with_stages(defects={"hot_share": 0.02, "hot_hz": 100.0, "hot_spread_decades": 0.1, "dead_share": 0.05})
+    bench = Benchtop(settings, 200, 100)
+    bench.to(0, 0.0)
+    events = bench.to(1_000_000, 0.0)
+    counts = np.zeros((100, 200), int)
+    np.add.at(counts, (events["y"], events["x"]), 1)
+    hot = (counts > 0).sum()
+    # A pixel that is both is dead.
+    assert abs(hot - 20_000 * 0.02 * 0.95) < 4 * math.sqrt(400)
+    assert np.median(counts[counts > 0]) == pytest.approx(100, rel=0.05)
+    assert set(np.concatenate(bench.causes)) == {CAUSES.index("hot")}
+    silent = 20_000 - len(np.unique(bench.to(1_010_000, 1.0)[["x", "y"]]))
+    assert abs(silent - 1000) < 4 * math.sqrt(1000)
+
+
+RESTING = replace(with_stages(), refractory=Refractory(500.0), delay=Delay(1e-9, 0.0))
+
+
+def test_a_ramp_fires_once_a_threshold_and_rest():
+    bench = Benchtop(RESTING, 1)
+    bench.to(0, 0.0)
+    events = bench.to(100_000, 20.0)  # 0.2 ln/ms
+    assert intervals_us(events) == pytest.approx(1500, abs=1) and len(events) == 67
+
+
+def test_a_real_pixel_walks_knots():
+    # Up to 1.1 and back within a step: neither end shows it.
+    bench = Benchtop(RESTING, 3)
+    bench.to(0, 0.0)
+    events = bench.to(4000, 0.0, [[], [(1_000_000, 1.1)], [(2_000_000, 0.3), (2_000_001, 0.3)]])
+    told = [[(int(e["t"]), bool(e["on"])) for e in events if e["x"] == x] for x in range(3)]
+    # After 182 µs, and, at the release, from 0.75 on after as much; then down from 1.1 with the release before the top.
+    assert told[0] == [] and told[2] == [(1334, True), (3834, False)]
+    expected, _ = fire([(0.0, 0.0), (1e-3, 1.1), (4e-3, 0.0)], ON, OFF, rest_s=500e-6)
+    assert [on for _, on in told[1]] == [on for _, on in expected] == [True, True, False, False]
+    assert [t for t, _ in told[1]] == [math.ceil(t * 1e6) for t, _ in expected]
+
+
+def test_no_pixel_fires_faster_than_its_rest_allows():
+    bench = Benchtop(RESTING, 4)
+    bench.to(0, 0.0)
+    waits = intervals_us(bench.along([50_000, 100_000], [900.0, -900.0]))
+    assert waits.min() >= 500 and waits.mean() < 520
+
+
+def test_events_are_late_by_latency_and_jitter():
+    settings = replace(RESTING, delay=Delay(100.0, 10.0))
+    bench = Benchtop(settings, 4000)
+    bench.to(0, 0.0)
+    first = bench.to(1000, 0.21)  # crosses at 952.4: nothing is due yet
+    late = bench.to(2000, 0.21)["t"] - 952.4
+    assert len(first) == 0 and len(late) == 4000
+    assert late.mean() == pytest.approx(100.5, abs=0.7) and late.std() == pytest.approx(10, abs=0.5)
+
+
+LEVELS = st.lists(st.floats(-2, 2), min_size=1, max_size=6)
+
+
+@hypothesis_settings(max_examples=60)
+@given(LEVELS, st.sampled_from([0.0, 0.8]), st.booleans())
+def test_kernels_fire_as_the_reference_does(levels, leak, rests):
+    settings = with_stages(leak={"hz": leak / ON}) if leak else with_stages()
+    bench = Benchtop(replace(settings, refractory=RESTING.refractory, delay=RESTING.delay) if rests else settings, 1)
+    bench.to(0, 0.0)
+    # The reference is known after an event, which this ramp has.
+    fired = bench.to(1_000_000, -2.0)["t"][-1]
+    times_us = [1_000_000 + 4000 * (k + 1) for k in range(len(levels))]
+    found = bench.along(times_us, levels)
+    rest_s = 500e-6 if rests else 0.0
+    begin_s = fired * 1e-6 + rest_s
+    points = [(begin_s, -2.0 * begin_s), (1.0, -2.0)]
+    points += [(t * 1e-6, level) for t, level in zip(times_us, levels, strict=True)]
+    expected, _ = fire(points, ON, OFF, leak=leak, rest_s=rest_s)
+    assert abs(len(found) - len(expected)) <= 1
+    for event, (seconds, on) in zip(found, expected, strict=False):
+        assert bool(event["on"]) == on and -1.5 <= event["t"] - seconds * 1e6 <= 2.5
+
+
+BUSY = replace(
+    with_stages(
+        threshold={"mismatch": 0.03},
+        leak={"hz": 3.0, "spread_decades": 0.3},
+        noise={"on_hz": 4.0, "off_hz": 6.0, "spread_decades": 0.2},
+        defects={"hot_share": 0.05, "dead_share": 0.05},
+    ),
+    refractory=Refractory(500.0),
+    delay=Delay(30.0, 10.0),
+)
+SPLITS = {
+    "30 fps": [round(k * 1e6 / 30) for k in range(13)],
+    "120 fps": [round(k * 1e6 / 120) for k in range(49)],
+    "960 fps": [round(k * 1e6 / 960) for k in range(385)],
+    "at random": sorted({0, 400_000, *np.random.default_rng(1).integers(1, 400_000, 40).tolist()}),
+}
+
+
+@pytest.mark.parametrize("begin_us", [0, 10**9])
+def test_what_noise_fires_is_the_same_bits_at_every_frame_rate(begin_us):
+    found = {}
+    for name, times_us in SPLITS.items():
+        bench = Benchtop(BUSY, 30, 20)
+        found[name] = bench.along([begin_us + t for t in times_us], [0.3] * len(times_us)), np.concatenate(bench.causes)
+    events, causes = found["30 fps"]
+    assert len(events) > 2000 and set(causes) == {1, 2, 3}
+    for other, other_causes in found.values():
+        np.testing.assert_array_equal(other, events)
+        np.testing.assert_array_equal(other_causes, causes)
+
+
+def test_after_a_thousand_seconds_pixels_are_as_exact_as_at_once():
+    times_us, levels = [0, 20_000, 40_000], [0.0, 1.5, -0.7]
+    told = []
+    for begin_us in (0, 10**9):
+        events = Benchtop(RESTING, 5).along([begin_us + t for t in times_us], levels)
+        told.append([(int(e["t"]) - begin_us, int(e["x"]), bool(e["on"])) for e in events])
+    assert told[0] == told[1] and len(told[0]) > 50
+
+
+def test_steps_on_the_way_change_nothing_where_brightness_is_a_line():
+    whole = Benchtop(BUSY, 30, 20)
+    parts = Benchtop(BUSY, 30, 20)
+    times_us = SPLITS["at random"]
+    one = whole.along([0, 400_000], [0.0, 2.0])
+    many = parts.along(times_us, [2.0 * t / 400_000 for t in times_us])
+    assert len(one) == len(many) > 4000
+    one, many = (np.sort(each, order=["y", "x", "t"]) for each in (one, many))
+    np.testing.assert_array_equal(one["on"], many["on"])
+    assert abs(one["t"] - many["t"]).max() <= 1
