@@ -82,7 +82,7 @@ def options(command: object) -> list[object]:
     return [parameter for parameter in command.params if parameter.param_type_name == "option"]  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize(("words", "most"), [(("live",), 14), (("render",), 14), (("detect",), 14), (("view",), 14)])
+@pytest.mark.parametrize(("words", "most"), [(("live",), 15), (("render",), 14), (("detect",), 14), (("view",), 14)])
 def test_few_options_stand_in_front(words: tuple[str, ...], most: int) -> None:
     plain = [option for option in options(commands()[words]) if option.rich_help_panel is None]  # type: ignore[attr-defined]
     assert len(plain) + 1 <= most, [option.opts for option in plain]  # and --help
