@@ -101,9 +101,9 @@ class Simulator:
                 no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
                 each step, and evenly between where a step is longer than 1/fps.
             fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
-                sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history,
-                follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a World has
-                its own resolution and camera.
+                sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
+                history, follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a
+                World has its own resolution and camera.
             truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
