@@ -42,7 +42,11 @@ class LayoutKind:
 _ALL = (
     "intensity", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "poses", "imu",
 )  # fmt: skip
-LAYOUTS = (LayoutKind("clsim", (".h5", ".hdf5"), "hdf5", _ALL),)
+_DSEC = ("intensity", "depth", "ids", "flow", "backward-flow", "poses", "imu")
+LAYOUTS = (
+    LayoutKind("clsim", (".h5", ".hdf5"), "hdf5", _ALL),
+    LayoutKind("dsec", (".dsec",), "dsec", _DSEC, folder=True),
+)
 """Every layout. A file that is one with truth may be a plain event file without."""
 
 

@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from event_data import end_of
 
-from clsim.events import EVENT_DTYPE, hdf5
+from clsim.events import EVENT_DTYPE, hdf5, hdf5_growing
 from clsim.events.filesink import FlushPolicy
 
 
 def test_every_prefix_of_the_writes_is_a_file_of_whole_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = hdf5._Medium._put
+    whole = hdf5_growing._Medium._put
     path, copy = tmp_path / "a.h5", tmp_path / "copy.h5"
     flushed, rows = 0, []
 
-    def put(medium: hdf5._Medium, offset: int, data: bytes) -> None:
+    def put(medium: hdf5_growing._Medium, offset: int, data: bytes) -> None:
         whole(medium, offset, data)
         if medium._waiting is None:
             return
@@ -29,7 +29,7 @@ def test_every_prefix_of_the_writes_is_a_file_of_whole_rows(tmp_path: Path, monk
             assert t >= flushed
             rows.append(int(t))
 
-    monkeypatch.setattr(hdf5._Medium, "_put", put)
+    monkeypatch.setattr(hdf5_growing._Medium, "_put", put)
     sink = hdf5.open_sink(path, 640, 480, FlushPolicy(20_000, 0.0))
     for k in range(0, 200_000, 20_000):
         batch = np.zeros(20_000, EVENT_DTYPE)
@@ -43,4 +43,4 @@ def test_every_prefix_of_the_writes_is_a_file_of_whole_rows(tmp_path: Path, monk
 
 def test_later_writes_cover_earlier_ones() -> None:
     pieces = [(10, b"aaaa"), (12, b"bb"), (30, b"c"), (8, b"ddd"), (30, b"e")]
-    assert hdf5._merged(pieces) == [(8, b"dddabb"), (30, b"e")]
+    assert hdf5_growing._merged(pieces) == [(8, b"dddabb"), (30, b"e")]

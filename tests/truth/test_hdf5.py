@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pytest
 import recordings
 
 import clsim
+from clsim.events import hdf5_growing
 from clsim.truth.hdf5 import Hdf5Layout
 
 
@@ -87,3 +90,31 @@ def test_a_kill_leaves_what_was_flushed(tmp_path: Path) -> None:
         assert np.array_equal(file["frames/depth"][:], np.stack([s.planes["depth"] for s in expected.shots]))
         assert np.array_equal(file["imu/t"][:], expected.imu.times_us)
         assert np.array_equal(file["events/t"][:], expected.events["t"])
+
+
+def test_every_prefix_of_the_writes_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever write is the last before a kill, each frame whose time is there is whole."""
+    path, copy = tmp_path / "run.h5", tmp_path / "copy.h5"
+    put = hdf5_growing._Medium._put
+    expected = recordings.feed(Hdf5Layout(tmp_path / "whole.h5", recordings.about()))
+    depth = np.stack([shot.planes["depth"] for shot in expected.shots])
+    flow = np.stack([shot.planes["flow"][..., :2] for shot in expected.shots])
+    found = []
+
+    def put_and_look(medium: hdf5_growing._Medium, offset: int, data: bytes) -> None:
+        put(medium, offset, data)
+        if medium._waiting is None:
+            return
+        shutil.copy(path, copy)
+        with h5py.File(copy) as file:
+            names = ("t", "depth", "flow", "event_index")
+            n = min(len(file["frames"][name]) for name in names)
+            assert np.array_equal(file["frames/depth"][:n], depth[:n])
+            assert np.array_equal(file["frames/flow"][:n], flow[:n])
+            m = min(len(file["imu"][name]) for name in ("t", "acceleration"))
+            assert np.array_equal(file["imu/acceleration"][:m], expected.imu.acceleration[:m])
+            found.append(n)
+
+    monkeypatch.setattr(hdf5_growing._Medium, "_put", put_and_look)
+    recordings.feed(Hdf5Layout(path, recordings.about()))
+    assert found == sorted(found) and set(found) == {0, 1, 2, 3, 4}

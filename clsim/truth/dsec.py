@@ -1,0 +1,220 @@
+"""DSEC's layout: a folder of events in HDF5, images, disparity and flow in PNG, and text files of times.
+
+==========================================  ======================================================================
+events/SIDE/events.h5                       as DSEC has it
+events/SIDE/rectify_map.h5                  the identity: what is recorded is its own rectified view
+images/SIDE/rectified/000000.png            8-bit sRGB grey, one exposure for the run; times in images/timestamps.txt
+disparity/event/000000.png                  256 · disparity [px], 0 where there is none; disparity/timestamps.txt
+flow/forward/000000.png, flow/backward/…    32768 + 128 · flow, valid; from and to in flow/forward_timestamps.txt
+calibration/cam_to_cam.yaml                 intrinsics, extrinsics and the matrix from disparity to depth
+==========================================  ======================================================================
+
+Beyond DSEC, in the same manner: ``ids/object/000000.png``, ``ids/objects.txt``, ``poses/NAME.txt`` (TUM), ``imu.txt``
+(ECD). Disparity is that of a second camera to the right by the baseline that the calibration tells.
+
+Source: https://dsec.ifi.uzh.ch/data-format/
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import InputError
+from clsim.events import EventBatch
+from clsim.events.filesink import FlushPolicy, naming_failures, unwritable
+from clsim.events.hdf5 import Hdf5Sink
+from clsim.frames.tonemap import ToneMap
+from clsim.truth.lines import Lines, imu_lines, tum_lines
+from clsim.truth.png import write_png
+from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+
+FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
+_POSE_HEAD = "# time_s x y z qx qy qz qw: to the world, m; the camera's +x is right, +y down, +z ahead\n"
+_IMU_HEAD = "# time_s ax ay az gx gy gz: m/s^2 and rad/s along the camera's axes (+x right, +y down, +z ahead)\n"
+FLOW_REACH_PX = 255.9
+
+
+class DsecLayout:
+    """Writes the folder; several cameras of a rig may write into one, each to a side of its own."""
+
+    def __init__(self, path: Path, about: About) -> None:
+        """Create the folder; raises InputError when it cannot be."""
+        self._path, self._about, self._side = path, about, about.side
+        self._count = 0
+        self._tone_map = ToneMap(follow=0.0)
+        # Disparity, flow and ids are those of the left view alone, as DSEC has them.
+        self._leads = about.side == "left"
+        self._texts: dict[str, Lines] = {}
+        try:
+            self._folder("events", self._side)
+            self._sink = Hdf5Sink(
+                self._folder("events", self._side) / "events.h5", about.width, about.height, FlushPolicy()
+            )
+            self._prepare()
+        except OSError as error:
+            raise unwritable(path, error) from None
+
+    def events(self, batch: EventBatch, end_us: int) -> None:
+        """Append events."""
+        self._sink.write(batch, end_us)
+
+    def shot(self, shot: Shot) -> None:
+        """Write a frame's images, then the lines that tell of them."""
+        name, planes = f"{self._count:06d}.png", shot.planes
+        with naming_failures(self._path):
+            if "intensity" in planes:
+                image = self._tone_map(planes["intensity"][..., None])[..., 0]
+                write_png(self._path / "images" / self._side / "rectified" / name, image)
+            if self._leads:
+                self._write_truth(name, shot)
+        for text, line in (
+            ("images/timestamps.txt", f"{shot.time_us}"),
+            ("disparity/timestamps.txt", f"{shot.time_us}"),
+            ("flow/forward_timestamps.txt", f"{shot.time_us}, {shot.after_us}"),
+            ("flow/backward_timestamps.txt", f"{shot.time_us}, {shot.before_us}"),
+        ):
+            if text in self._texts:
+                self._texts[text].add([line])
+        self._count += 1
+
+    def track(self, chunk: TrackChunk) -> None:
+        """Append poses."""
+        if chunk.name in self._texts:
+            self._texts[chunk.name].add(tum_lines(chunk))
+
+    def imu(self, chunk: ImuChunk) -> None:
+        """Append inertial samples."""
+        if "imu.txt" in self._texts:
+            self._texts["imu.txt"].add(imu_lines(chunk))
+
+    def close(self) -> None:
+        """Complete the files."""
+        self._sink.close()
+        for text in self._texts.values():
+            text.close()
+
+    def _write_truth(self, name: str, shot: Shot) -> None:
+        planes = shot.planes
+        if "depth" in planes:
+            focal = self._about.camera["intrinsics_px"]["fx"]
+            disparity = disparity_image(planes["depth"], focal * self._about.baseline_m)
+            write_png(self._path / "disparity" / "event" / name, disparity)
+        for key, way in (("flow", "forward"), ("backward-flow", "backward")):
+            if key in planes:
+                write_png(self._path / "flow" / way / name, flow_image(planes[key]))
+        for key in ("object", "material"):
+            if key in planes:
+                write_png(self._path / "ids" / key / name, np.minimum(planes[key], 65535).astype(np.uint16))
+
+    def _prepare(self) -> None:
+        about, names = self._about, set(self._about.names)
+        with h5py.File(self._folder("events", self._side) / "rectify_map.h5", "w") as file:
+            x, y = np.meshgrid(np.arange(about.width), np.arange(about.height))
+            file["rectify_map"] = np.stack([x, y], axis=-1).astype(np.float32)
+        if "intensity" in names:
+            self._folder("images", self._side, "rectified")
+            self._text("images/timestamps.txt")
+        if not self._leads:
+            return
+        (self._folder("calibration") / "cam_to_cam.yaml").write_text(calibration(about), encoding="utf-8")
+        if "depth" in names:
+            self._folder("disparity", "event")
+            self._text("disparity/timestamps.txt")
+        for key, way in (("flow", "forward"), ("backward-flow", "backward")):
+            if key in names:
+                self._folder("flow", way)
+                self._text(f"flow/{way}_timestamps.txt", FLOW_HEAD)
+        if "ids" in names:
+            for kind, each in (("object", about.objects), ("material", about.materials)):
+                self._folder("ids", kind)
+                (self._path / "ids" / f"{kind}s.txt").write_text(
+                    "".join(f"{name}\n" for name in each), encoding="utf-8"
+                )
+        if "poses" in names:
+            self._folder("poses")
+            for name, file_name in pose_files(about).items():
+                self._texts[name] = Lines(self._path / "poses" / file_name, _POSE_HEAD)
+        if "imu" in names:
+            self._text("imu.txt", _IMU_HEAD)
+
+    def _folder(self, *parts: str) -> Path:
+        path = self._path.joinpath(*parts)
+        path.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def _text(self, name: str, head: str = "") -> None:
+        self._texts[name] = Lines(self._path / name, head)
+
+
+def pose_files(about: About) -> dict[str, str]:
+    """Return the names of the files of poses, by what they are of: characters that file systems mind are left out."""
+    safe = {name: re.sub(r"[^A-Za-z0-9_.-]+", "_", name) for name in about.moving}
+    numbered = {name: f"{number + 1:04d}_{safe[name][:64]}.txt" for number, name in enumerate(about.moving)}
+    return {"camera": "camera.txt"} | numbered
+
+
+def disparity_image(depth_m: npt.NDArray[np.float32], focal_baseline: float) -> npt.NDArray[np.uint16]:
+    """Return 256 · focal length · baseline / depth; 0 where nothing is, or it is too near for 16 bits."""
+    with np.errstate(divide="ignore"):
+        scaled = np.rint(256.0 * focal_baseline / depth_m.astype(np.float64))
+    image: npt.NDArray[np.uint16] = np.where((scaled >= 1) & (scaled <= 65535), scaled, 0).astype(np.uint16)
+    return image
+
+
+def flow_image(flow: npt.NDArray[np.float32]) -> npt.NDArray[np.uint16]:
+    """Return 32768 + 128 · flow in red and green, valid in blue; what 16 bits cannot hold is not valid."""
+    valid = (flow[..., 2] > 0) & (np.abs(flow[..., :2]) <= FLOW_REACH_PX).all(axis=-1)
+    scaled = np.where(valid[..., None], np.rint(32768 + 128.0 * flow[..., :2].astype(np.float64)), 0)
+    image: npt.NDArray[np.uint16] = np.concatenate([scaled, valid[..., None]], axis=-1).astype(np.uint16)
+    return image
+
+
+def calibration(about: About) -> str:
+    """Return cam_to_cam.yaml; pixels as OpenCV counts them, the first one's centre at 0, 0.
+
+    Raises:
+        InputError: the camera has no intrinsics.
+    """
+    camera = about.camera
+    if "intrinsics_px" not in camera:
+        raise InputError("DSEC's calibration needs the camera's intrinsics, but they are not known")
+    px, distortion = camera["intrinsics_px"], camera["distortion"]
+    fx, fy, cx, cy = px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5
+    fisheye = camera["model"] == "fisheye"
+    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
+    coefficients = ", ".join(repr(float(distortion[key])) for key in keys)
+    lines = ["intrinsics:"]
+    for name in ("cam0", "camRect0"):
+        lines += [
+            f"  {name}:",
+            "    camera_model: pinhole",
+            f"    camera_matrix: [{fx!r}, {fy!r}, {cx!r}, {cy!r}]",
+            f"    distortion_model: {'equidistant' if fisheye else 'radtan'}",
+            f"    distortion_coeffs: [{coefficients}]",
+            f"    resolution: [{about.width}, {about.height}]",
+        ]
+    lines.append("extrinsics:")
+    identity = ", ".join(str([float(i == j) for j in range(3)]) for i in range(3))
+    lines.append(f"  R_rect0: [{identity}]")
+    for name, matrix in about.extrinsics.items():
+        rows = ", ".join(str([float(v) for v in row]) for row in matrix)
+        lines.append(f"  T_{name}_{about.side}: [{rows}]")
+    lines += [
+        "disparity_to_depth:",
+        "  cams_03:",
+        f"    - [1.0, 0.0, 0.0, {-cx!r}]",
+        f"    - [0.0, 1.0, 0.0, {-cy!r}]",
+        f"    - [0.0, 0.0, 0.0, {fx!r}]",
+        f"    - [0.0, 0.0, {1.0 / about.baseline_m!r}, 0.0]",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def open_layout(path: Path, about: About) -> DsecLayout:
+    """Open a writer of the layout."""
+    return DsecLayout(path, about)
