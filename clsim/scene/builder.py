@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +12,7 @@ from clsim.errors import InputError
 from clsim.scene.driven import CAMERA, matrix_of, read_place
 from clsim.scene.geometry import placed_rigidly
 from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
-from clsim.scene.motion import Attached, Motion, Static
+from clsim.scene.motion import Attached, Matrix, Motion, Static
 from clsim.scene.validate import validate
 from clsim.scene.world import (
     Camera,
@@ -73,6 +74,21 @@ class WorldBuilder:
                 self._place(f"{name}/{node}", index, Attached(motion, offset))
         else:
             raise InputError(f"{name}: expected a Mesh, or a mesh or scene of trimesh, got {type(shape).__name__}")
+
+    def add_parts(self, name: str, parts: Mapping[str, tuple[Mesh, Matrix, Material]], pose: Any = None) -> None:
+        """Add an object of several meshes that move together.
+
+        Args:
+            name: of the whole; the parts are called NAME/PART.
+            parts: by name, each mesh, where it is in the whole ``[4, 4]``, and the material of all its triangles.
+            pose: where the whole is, as for `add`.
+
+        Raises:
+            InputError: the name is taken, or the pose is none.
+        """
+        motion = self._claim(name, pose)
+        for part, (mesh, offset, material) in parts.items():
+            self._place(f"{name}/{part}", self._mesh(mesh, material), Attached(motion, offset))
 
     def add_light(self, name: str, light: SphereLight | PunctualLight, pose: Any = None) -> None:
         """Add a light under a name, with its own motion or at a pose; raises InputError as `add`."""

@@ -1,0 +1,1 @@
+"""Bridges to other simulators; each is an extra, and is imported by its own name."""
