@@ -94,7 +94,8 @@ def _suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
 
     told = from_plain(FileOptions, files if isinstance(files, dict) else {})
     suited: dict[str, Any] = {}
-    for alone in (FileOptions(text_time=told.text_time), FileOptions(frames=told.frames)):
+    for name in ("text_time", "ros_events", "frames"):
+        alone = from_plain(FileOptions, {name: getattr(told, name)})
         with contextlib.suppress(InputError):
             alone.check(outputs)
             suited |= {name: value for name, value in vars(alone).items() if value}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FILES, FORMAT, SENSOR_SIZE, TEXT_TIME
+from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
 from clsim.cli.words import dropped_text
 
@@ -23,6 +23,7 @@ def convert(
     resolution: SENSOR_SIZE = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
+    ros_events: ROS_EVENTS = None,
 ) -> int:
     """Convert events between files of all formats and sockets, or record a stream.
 
@@ -53,7 +54,7 @@ def convert(
                         f"{rate:,.0f} ev/s"
                     )
 
-            done = convert_events(source, target, size, tell, FileOptions(format, text_time))
+            done = convert_events(source, target, size, tell, FileOptions(format, text_time, ros_events))
     except SinkError as error:
         if isinstance(error.__cause__, BrokenPipeError):
             return READER_LEFT

@@ -35,7 +35,7 @@ from clsim.cli.detector_options import (
     TIMES,
     TRANSFER,
 )
-from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, TEXT_TIME, WINDOW
+from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, ROS_EVENTS, TEXT_TIME, WINDOW
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
@@ -73,6 +73,7 @@ def detect(
     opencl: OPENCL = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
+    ros_events: ROS_EVENTS = None,
 ) -> int:
     """Turn EXR frames, video or pictures into events.
 
@@ -106,11 +107,12 @@ def detect(
         "opencl",
         "format",
         "text_time",
+        "ros_events",
     ]
     chosen = {name: value for name, value in given.items() if name not in elsewhere} | {"features": _features(features)}
     if threshold is not None:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
-    files = FileOptions(format, text_time)
+    files = FileOptions(format, text_time, ros_events)
     if is_footage(frames):
         footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files)
         return run_session(open_footage_session(footage, _given(chosen)), as_json=as_json)

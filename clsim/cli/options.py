@@ -9,6 +9,7 @@ import typer
 
 from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
+from clsim.events.outputs import Encoding
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.truth.layouts import LAYOUTS
 from clsim.truth.names import TRUTH_NAMES
@@ -197,6 +198,10 @@ FORMAT = Annotated[
         metavar="NAME",
         help=f"Format of files whose ending shall not decide: {', '.join(each.name for each in FORMATS)}.",
     ),
+]
+ROS_EVENTS = Annotated[
+    Encoding | None,
+    advanced(help="Events in bags of ROS: EventPacket in encoding mono or evt3, or dvs_msgs' EventArray. [mono]"),
 ]
 TEXT_TIME = Annotated[
     Literal["us", "s"] | None, advanced(help="Time in text: whole µs, or seconds with six decimals. [us]")

@@ -1,4 +1,4 @@
-"""The words of EVT3 and their decoder.
+"""The words of EVT3, their encoder and decoder.
 
 Source: https://docs.prophesee.ai/stable/data/encoding_formats/evt3.html
 """
@@ -16,8 +16,55 @@ from clsim.events.filesource import open_binary
 
 ADDR_Y, ADDR_X, BASE_X, VECT_12, VECT_8 = 0x0, 0x2000, 0x3000, 0x4000, 0x5000
 TIME_LOW, TIME_HIGH = 0x6000, 0x8000
+_LAP = np.array([TIME_HIGH | 0xFFF, TIME_HIGH], "<u2")
 _LAP_DROP = 1 << 11  # so far the upper time goes back where the clock begins anew; OpenEB's rule
 _BLOCK_WORDS = 1 << 16  # up to 12 events each
+
+
+class Evt3Encoder:
+    """Turns events into words; time and row live on from one batch to the next, and are sent when they change."""
+
+    def __init__(self) -> None:
+        """Start before the first word."""
+        self._time_us = -1
+        self._row = -1
+
+    def encode(self, events: EventBatch, *, afresh: bool = False) -> npt.NDArray[np.uint16]:
+        """Return the words of events, which follow those before; ``afresh`` sends time and row again."""
+        if not len(events):
+            return np.empty(0, "<u2")
+        t, y = events["t"], events["y"]
+        before = np.concatenate(([self._time_us], t[:-1]))
+        laps = (t >> 24) - (np.maximum(before, 0) >> 24)
+        new_high = (t >> 12) != (before >> 12)
+        new_low = t != before
+        new_row = np.diff(y.astype(np.int32), prepend=self._row) != 0
+        if afresh:
+            new_high[0] = new_low[0] = new_row[0] = True
+        self._time_us, self._row = int(t[-1]), int(y[-1])
+
+        # Each event's words end with its column; before that, as far as needed: laps, high, low, row.
+        column = np.cumsum(2 * laps + new_high + new_low + new_row + 1) - 1
+        row = column - 1
+        low = row - new_row
+        high = low - new_low
+        words = np.empty(int(column[-1]) + 1, "<u2")
+        words[column] = ADDR_X | events["on"].astype("<u2") << 11 | events["x"]
+        words[row[new_row]] = ADDR_Y | y[new_row]
+        words[low[new_low]] = TIME_LOW | (t[new_low] & 0xFFF)
+        words[high[new_high]] = TIME_HIGH | (t[new_high] >> 12 & 0xFFF)
+        for index in np.flatnonzero(laps):
+            end = high[index]
+            words[end - 2 * laps[index] : end] = np.tile(_LAP, laps[index])
+        return words
+
+    def silence(self, end_us: int) -> npt.NDArray[np.uint16]:
+        """Return the words that tell that nothing happens until ``end_us``; none where time has not gone on."""
+        end, last = end_us >> 12, self._time_us >> 12
+        if not last < end < 1 << 28:
+            return np.empty(0, "<u2")
+        laps = (end >> 12) - (max(last, 0) >> 12)
+        return np.append(np.tile(_LAP, laps), TIME_HIGH | end & 0xFFF).astype("<u2")
 
 
 def decode_file(path: Path, start: int, decoder: Evt3Decoder) -> Iterator[EventBatch]:

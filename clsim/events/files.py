@@ -27,7 +27,9 @@ class FileFormat:
     module: str
     promise: str
     library: str | None = None
-    """What it needs beyond clsim's own requirements; the extra of that name brings it."""
+    """What it needs beyond clsim's own requirements."""
+    extra: str | None = None
+    """The extra that brings it, where that is not called as the format."""
 
     @property
     def all_or_nothing(self) -> bool:
@@ -39,7 +41,7 @@ class FileFormat:
         if self.library is not None and importlib.util.find_spec(self.library) is None:
             raise InputError(
                 f"{path}: {self.name.capitalize()} needs {self.library}; "
-                f"install it with: pip install 'clsim[{self.name}]'"
+                f"install it with: pip install 'clsim[{self.extra or self.name}]'"
             )
 
     def load(self) -> Any:
@@ -57,6 +59,9 @@ FORMATS = (
     FileFormat("hdf5", (".h5", ".hdf5"), "hdf5", _KEEPS),
     FileFormat("parquet", (".parquet",), "parquet", _ALL_OR_NOTHING, library="pyarrow"),
     FileFormat("npz", (".npz",), "npz", _ALL_OR_NOTHING),
+    FileFormat("mcap", (".mcap",), "mcap", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
+    FileFormat("db3", (".db3",), "db3", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
+    FileFormat("bag", (".bag",), "bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
 )
 """Every format, in the order help texts list them."""
 

@@ -8,6 +8,7 @@ import errno
 import os
 import platform
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -303,7 +304,11 @@ def _remove_left_parts(folder: Path, begin: str) -> None:
     with contextlib.suppress(OSError):  # the attempt to write will tell what is wrong with the folder
         for entry in os.scandir(folder):
             match = name.fullmatch(entry.name)
-            if match and entry.is_file(follow_symlinks=False) and not _runs(int(match[1])):
+            if not match or _runs(int(match[1])):
+                continue
+            if match[2] == "events" and entry.is_dir(follow_symlinks=False):
+                shutil.rmtree(entry, ignore_errors=True)
+            elif entry.is_file(follow_symlinks=False):
                 os.unlink(entry)
 
 

@@ -16,6 +16,9 @@ from clsim.events.filesink import FlushPolicy
 from clsim.values import read_fields
 
 TextTime = Literal["us", "s"]
+Encoding = Literal["mono", "evt3", "array"]
+BAGS = ("mcap", "db3", "bag")
+"""Formats that are bags of ROS."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,8 @@ class FileOptions:
     """Name of a format (see clsim.events.files.FORMATS) where the ending of the name shall not decide."""
     text_time: TextTime | None = None
     """Unit of time in text, on standard output too; None is µs."""
+    ros_events: Encoding | None = None
+    """How events stand in bags of ROS: packets in encoding mono or EVT3, or arrays; None is mono."""
     frames: bool = False
     """Whether AEDAT4 files get the rendered frames along with the events."""
 
@@ -43,6 +48,8 @@ class FileOptions:
             raise InputError("`format` is for files, but no output is one; name a file in `outputs`")
         if self.text_time is not None and "text" not in formats:
             raise InputError("`text_time` is for text, but no output is text; name one in `outputs`, such as a.txt")
+        if self.ros_events is not None and not set(BAGS) & set(formats):
+            raise InputError("`ros_events` is for bags of ROS, but no output is one; name one, such as events.mcap")
         if self.frames and "aedat4" not in [self.format_of(name) for name in names if not is_address(name)]:
             raise InputError("`frames` go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
 
@@ -114,9 +121,13 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
         from clsim.events.frame_recorder import FrameRecorder
 
         return FrameRecorder(Aedat4Sink(Path(name), width, height, FlushPolicy(), frames=True))
-    text: dict[str, Any] = {"time_unit": options.text_time} if kind == "text" and options.text_time is not None else {}
+    own: dict[str, Any] = {}
+    if kind == "text" and options.text_time is not None:
+        own["time_unit"] = options.text_time
+    if kind in BAGS and options.ros_events is not None:
+        own["ros_events"] = options.ros_events
     if is_address(name):
         from clsim.events.sockets import open_socket_sink
 
-        return open_socket_sink(name, width, height, **text)
-    return open_sink(name, width, height, format=kind, **text)
+        return open_socket_sink(name, width, height, **own)
+    return open_sink(name, width, height, format=kind, **own)

@@ -12,7 +12,10 @@ from clsim.events.files import open_sink, open_source
 WIDTH, HEIGHT = 346, 260
 
 # One ending a format; the field's limits differ, so these events fit them all.
-ENDINGS = (".aedat4", ".txt", ".csv", ".raw", ".evt3.raw", ".dat", ".es", ".h5", ".parquet", ".npz")
+ENDINGS = (
+    ".aedat4", ".txt", ".csv", ".raw", ".evt3.raw", ".dat", ".es", ".h5", ".parquet", ".npz", ".mcap", ".db3", ".bag",
+)  # fmt: skip
+ALL_OR_NOTHING = (".parquet", ".npz", ".mcap", ".db3", ".bag")
 KILL_SAFE = (".aedat4", ".txt", ".raw", ".evt3.raw", ".dat", ".es", ".h5")
 
 
