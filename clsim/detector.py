@@ -70,11 +70,11 @@ class Detector:
         self.width, self.height, self.names = width, height, names
         self.device = device or choose_device()
         self.stats = DetectorStats()
-        self._queue = self.device.queue()
+        self.queue = self.device.queue()
         double = config.precision == "float64"
         lanes = max(1, self.device.lanes // 2) if double else self.device.lanes
         self._grid = Grid(width, height, lanes, np.float64 if double else np.float32)
-        self.estimator = self.estimator_type(config, self._grid, names, self.device, self._queue)
+        self.estimator = self.estimator_type(config, self._grid, names, self.device, self.queue)
         self._sensor: IdealPixels | RealPixels | None = None
 
     @property
@@ -88,7 +88,7 @@ class Detector:
         if self._sensor is None:
             config = self.config
             thresholds = Thresholds(config.threshold_on, config.threshold_off, config.event_rule == "frame")
-            self._sensor = self._specimen.pixels(Workplace(self.device, self._grid, self._queue), thresholds)
+            self._sensor = self._specimen.pixels(Workplace(self.device, self._grid, self.queue), thresholds)
         return self._sensor
 
     def reset(self) -> None:

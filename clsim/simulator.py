@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, cast
@@ -14,6 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import EventRule, Gate, Method
+from clsim.detect.pack import FrameMemory
+from clsim.driving import Driving
 from clsim.errors import Error, InputError, require_choice
 from clsim.events import EventBatch
 from clsim.events.batch import gather
@@ -23,17 +25,32 @@ from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
 from clsim.radiance import RadianceCamera
+from clsim.render import SceneData, View
 from clsim.render.features import light_stands_still
-from clsim.scene import World, validate
-from clsim.scene.driven import CAMERA, Driven, Place, place_of, placed, read_place, with_driven
+from clsim.scene import Camera, World, validate
+from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
 from clsim.sensor.settings import SensorSettings
+from clsim.snapshot import Snapshot
 from clsim.truth.cut import cut
 from clsim.truth.names import plane_names
 from clsim.values import read_value
 
 Clock = Literal["frames", "wall", "caller"]
+_APART = (SceneData, Camera, FrameMemory)
+"""What a snapshot leaves as it is: the scene on its device, and memory that is lent and taken back."""
+
+
+@dataclass(frozen=True)
+class SimulatorState:
+    """What a simulator remembers: `Simulator.snapshot` makes it, and `Simulator.restore` takes it."""
+
+    view: View
+    remembers: Snapshot
+    driving: tuple[object, ...]
+    next: int
+    time_us: int
 
 
 class Simulator:
@@ -122,11 +139,9 @@ class Simulator:
         self._stages = plan_stages(self._options, world)
         self.world, self.fps, self.warnings = self._stages.world, self._stages.fps, self._stages.warnings
         self.width, self.height = self.world.camera.width, self.world.camera.height
-        self._motions = placed(self.world)
-        self.names = tuple(self._motions)
+        self._driving = Driving(self.world)
+        self.names = self._driving.names
         self._frame = Frame(page_aligned((len(self._stages.planes), self.height, self.width)), self._stages.planes)
-        self._driven: dict[str, Driven] = {}
-        self._lights: dict[str, tuple[float, float, float]] = {}
         self._data: Any = None
         self._closed = False
         self._begin()
@@ -149,7 +164,9 @@ class Simulator:
                 already: what may move must be known before the first step.
         """
         self._check_open()
-        self._set_place(read_value("name", name, str), read_place("T_world", T_world), at_us)
+        place = read_place("T_world", T_world)
+        at_us = read_value("at_us", at_us, int | None)
+        self._driving.set_place(read_value("name", name, str), place, at_us, self._passed_us)
 
     def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
@@ -165,7 +182,8 @@ class Simulator:
         position, rotation, scale = read_place("T_world", T_world)
         if read_value("axes", axes, Axes) == "opencv":
             rotation = turned(rotation)
-        self._set_place(CAMERA, (position, rotation, scale), at_us)
+        at_us = read_value("at_us", at_us, int | None)
+        self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self._passed_us)
 
     def pose(self, name: str, time_us: int | None = None) -> Matrix:
         """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
@@ -173,11 +191,7 @@ class Simulator:
         Raises:
             InputError: nothing is called so.
         """
-        if name not in self._motions:
-            raise InputError(self._unknown(name))
-        motion = self._driven.get(name, self._motions[name])
-        pose: Matrix = motion.pose((self.time_us if time_us is None else time_us) * 1e-6).copy()
-        return pose
+        return self._driving.pose(name, self.time_us if time_us is None else time_us)
 
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
@@ -196,13 +210,9 @@ class Simulator:
             raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
         if self._options.point.sampling == "cached":
             raise InputError("`sampling` cached keeps the light on surfaces, so no light can be set; use adaptive")
-        shining = self._shining()
-        if name not in shining:
-            known = ", ".join(sorted(shining)) or "none has a name"
-            raise InputError(f"no light called {name!r} shines in {self.world.name}, expected one of: {known}")
-        self._lights[name] = (red, green, blue)
+        self._driving.set_light(name, (red, green, blue))
         if self._data is not None:
-            self._data.set_light(name, self._lights[name])
+            self._data.set_light(name, (red, green, blue))
 
     def step(self, until_us: int) -> EventBatch:
         """Render and detect all frames up to ``until_us`` [µs], that time included, and return their events.
@@ -218,9 +228,7 @@ class Simulator:
         until_us = read_value("until_us", until_us, int)
         if until_us < self.time_us:
             raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
-        for name, place in self._pending.items():
-            self._add_key(name, place, until_us)
-        self._pending.clear()
+        self._driving.end_step(until_us, self._passed_us)
         if self._data is None:
             self._build()
         batches = [self._advance(time_us) for time_us in self._frame_times(until_us)]
@@ -268,16 +276,47 @@ class Simulator:
         if seed is not None:
             self._options = replace(self._options, seed=seed)
             self._stages = plan_stages(self._options, self.world)
-        for driven in self._driven.values():
-            driven.release()
         if self._data is not None:
-            for name in self._lights:
-                self._data.set_light(name, self._shining()[name])
+            for name in self._driving.light:
+                self._data.set_light(name, self._driving.shining()[name])
             self._data.move_anew()
             self._release()
             self._connect()
-        self._lights.clear()
+        self._driving.release()
         self._begin()
+
+    def snapshot(self) -> SimulatorState:
+        """Return all that the simulator remembers, for `restore`; it costs as much memory as the simulator's own.
+
+        Raises:
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_open()
+        if self._data is None:
+            raise Error("there is nothing to remember yet: step first")
+        queue = getattr(self._detector, "queue", None)  # what runs in numpy has none
+        remembers = Snapshot((self._view, self._detector, self._board, self._frame), queue, _APART)
+        return SimulatorState(self._view, remembers, self._driving.state(), self._next, self.time_us)
+
+    def restore(self, state: SimulatorState) -> None:
+        """Go back to when a snapshot was taken; the same steps return the same events again.
+
+        Raises:
+            InputError: it is of another simulator, or of before a reset.
+            clsim.Error: the simulator is closed.
+        """
+        self._check_open()
+        if self._data is None or state.view is not self._view:
+            raise InputError("`state` is of another simulator, or of before a reset")
+        state.remembers.restore()
+        shining = self._driving.shining()
+        for name in self._driving.light:
+            self._data.set_light(name, shining[name])
+        self._driving.set_state(state.driving)
+        for name, radiance in self._driving.light.items():
+            self._data.set_light(name, radiance)
+        self._data.move_anew()
+        self._begin(state.next, state.time_us)
 
     def close(self) -> None:
         """Release the devices' memory; safe to call twice."""
@@ -285,26 +324,21 @@ class Simulator:
             self._closed = True
             self._release()
 
-    def _begin(self) -> None:
-        """Let no time have passed."""
-        self._pending: dict[str, Place] = {}
-        self._next = 0
-        self.time_us = 0
+    def _begin(self, frames: int = 0, time_us: int = 0) -> None:
+        """Let so many frames have passed, the last at that time, and the wall clock start with the next step."""
+        self._next = frames
+        self.time_us = time_us
         self.lag_s = 0.0
         self._started_s: float | None = None
 
     def _build(self) -> None:
         """Copy the scene to the device, and build what works on it."""
-        still_camera = self.world.camera.shutter_s > 0 and not self._motions[CAMERA].duration_s > 0
-        for name, motion in self._motions.items():
-            if motion.duration_s > 0 or (name == CAMERA and not still_camera):
-                self._driven.setdefault(name, Driven(motion))
-        self.world = with_driven(self.world, self._driven)
+        self.world = self._driving.seal()
         if self._options.point.sampling == "cached" and not light_stands_still(self.world):
             raise InputError("`sampling` cached needs a scene in which nothing but the camera moves; use adaptive")
         self._stages = replace(self._stages, world=self.world)
         self._data = self._stages.scene_data()
-        for name, radiance in self._lights.items():
+        for name, radiance in self._driving.light.items():
             self._data.set_light(name, radiance)
         self._connect()
 
@@ -338,9 +372,13 @@ class Simulator:
             self._board.publish(cast(InterestedDetector, self._detector).interest())
         before_us, self.time_us = self.time_us, time_us
         self._next += 1
-        for driven in self._driven.values():
-            driven.forget_before(before_us * 1e-6 - self.world.camera.shutter_s)
+        self._driving.forget_before(before_us)
         return events
+
+    @property
+    def _passed_us(self) -> int | None:
+        """Time of the last frame; None before the first."""
+        return self.time_us if self._next else None
 
     def _wait_for(self, until_us: int) -> None:
         now_s = time.perf_counter()
@@ -349,49 +387,6 @@ class Simulator:
         early_s = self._started_s + until_us * 1e-6 - now_s
         self.lag_s = max(0.0, -early_s)
         time.sleep(max(0.0, early_s))
-
-    def _set_place(self, name: str, place: Place, at_us: int | None) -> None:
-        self._drive(name)
-        if at_us is None:
-            self._pending[name] = place
-        else:
-            self._add_key(name, place, read_value("at_us", at_us, int))
-
-    def _drive(self, name: str) -> None:
-        """Have the thing of that name move as it is set to."""
-        if name not in self._motions:
-            raise InputError(self._unknown(name))
-        if name not in self._driven:
-            if self._data is not None:
-                raise InputError(
-                    f"{name} stands still in {self.world.name} and is built in; to move it later, set its pose before "
-                    "the first step too"
-                )
-            self._driven[name] = Driven(self._motions[name])
-
-    def _add_key(self, name: str, place: Place, at_us: int) -> None:
-        driven = self._driven[name]
-        if at_us < 0 or (self._next > 0 and at_us <= self.time_us):
-            raise InputError(f"`at_us` must be after the last frame, at {self.time_us} µs, got {at_us}")
-        if driven.last_s is not None and at_us / 1e6 < driven.last_s:
-            last_us = round(driven.last_s * 1e6)
-            raise InputError(
-                f"{name} has a pose at {last_us} µs already, expected one at that time or later, got {at_us}"
-            )
-        if driven.last_s is None and self._next > 0:
-            driven.set(self.time_us / 1e6, place_of(driven.pose(self.time_us * 1e-6)))
-        driven.set(at_us / 1e6, place)
-
-    def _shining(self) -> dict[str, tuple[float, float, float]]:
-        """Return the radiance that lights and materials with names have in the scene, those without light left out."""
-        world = self.world
-        found = {light.name: light.radiance for light in world.sphere_lights}
-        found |= {light.name: light.intensity for light in world.punctual_lights}
-        found |= {material.name: material.emission for material in world.materials}
-        return {name: radiance for name, radiance in found.items() if name and any(radiance)}
-
-    def _unknown(self, name: str) -> str:
-        return f"nothing in {self.world.name} is called {name!r}, expected one of: {', '.join(self.names)}"
 
     def _check_open(self) -> None:
         if self._closed:

@@ -25,27 +25,31 @@ class Driven:
 
     Before the first key that pose holds, and after the last one that. It never counts as still, so that nobody bakes
     what it moves into the place where it stands.
+
+    Attributes:
+        scenes: the scene's own motion.
+        keys: time [s], position, rotation and scale of each pose that was set and is still needed.
     """
 
     def __init__(self, scenes: Motion) -> None:
         """Begin with the scene's own motion."""
         self.scenes = scenes
-        self._keys: tuple[tuple[float, Vec3, Quaternion, float], ...] = ()
+        self.keys: tuple[tuple[float, Vec3, Quaternion, float], ...] = ()
 
     @property
     def duration_s(self) -> float:
         """Time of the last key, or the length of the scene's own motion [s]; more than 0."""
-        last_s = self._keys[-1][0] if self._keys else self.scenes.duration_s
+        last_s = self.keys[-1][0] if self.keys else self.scenes.duration_s
         return max(last_s, _SHORTEST_S)
 
     @property
     def last_s(self) -> float | None:
         """Time of the last key [s]; None where there is none."""
-        return self._keys[-1][0] if self._keys else None
+        return self.keys[-1][0] if self.keys else None
 
     def pose(self, time_s: float) -> Matrix:
         """Return the pose at that time."""
-        keys = self._keys
+        keys = self.keys
         if not keys:
             return self.scenes.pose(time_s)
         j = bisect_right(keys, time_s, key=lambda key: key[0])
@@ -60,19 +64,19 @@ class Driven:
 
     def set(self, time_s: float, place: Place) -> None:
         """Add a key after the last one, or put it in place of one at the same time."""
-        if self._keys and time_s == self._keys[-1][0]:
-            self._keys = self._keys[:-1]
-        self._keys = (*self._keys, (time_s, *place))
+        if self.keys and time_s == self.keys[-1][0]:
+            self.keys = self.keys[:-1]
+        self.keys = (*self.keys, (time_s, *place))
 
     def forget_before(self, time_s: float) -> None:
         """Let go of keys that no pose from that time on needs."""
-        needed = bisect_right(self._keys, time_s, key=lambda key: key[0]) - 1
+        needed = bisect_right(self.keys, time_s, key=lambda key: key[0]) - 1
         if needed > 0:
-            self._keys = self._keys[needed:]
+            self.keys = self.keys[needed:]
 
     def release(self) -> None:
         """Go back to the scene's own motion."""
-        self._keys = ()
+        self.keys = ()
 
 
 def read_place(name: str, value: Any) -> Place:

@@ -2,6 +2,7 @@
 
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -201,3 +202,51 @@ def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
         assert still.sum() > 20 and np.abs(known["backward-flow"][still][:, :2]).max() < 1e-5
         with pytest.raises(InputError, match=r"names.*got 'flow'"):
             run.truth("flow")
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {},
+        {"sensor": "davis346", "resolution": (32, 24)},
+        pytest.param({"method": "esim-ad"}, marks=pytest.mark.slow),
+        pytest.param({"method": "esim", "noise": "independent"}, marks=pytest.mark.slow),
+        pytest.param({"quality": "published"}, marks=pytest.mark.slow),
+    ],
+    ids=["balanced", "davis346", "esim-ad", "independent", "published"],
+)
+def test_from_a_snapshot_the_same_happens_again(tmp_path: Path, options: dict[str, Any]) -> None:
+    def goes_on() -> list[bytes]:
+        run.set_pose("box", POSES[30_000], 30_000)
+        parts = [run.step(25_000).tobytes()]
+        run.set_light("lamp", (35.0, 30.0, 25.0))
+        parts += [run.step(until_us).tobytes() for until_us in (35_000, 60_000)]
+        return [*parts, run.frame().planes.tobytes()]
+
+    with simulator(tmp_path, seed=3, **options) as run:
+        run.set_pose("box", POSES[12_000], 12_000)
+        run.step(20_000)
+        saved, seen = run.snapshot(), run.frame().planes
+        first = goes_on()
+        assert len(b"".join(first[:3])) > 1000
+        for _ in range(2):
+            run.restore(saved)
+            assert run.time_us == 20_000 and (run.frame().planes == seen).all() and goes_on() == first
+        run.reset()
+        with pytest.raises(InputError, match="`state` is of another simulator, or of before a reset"):
+            run.restore(saved)
+
+
+@pytest.mark.slow
+def test_light_that_is_kept_is_in_a_snapshot() -> None:
+    with clsim.Simulator("two-boxes", resolution=(32, 24), sampling="cached", fps=200.0) as run:
+        run.step(20_000)
+        saved = run.snapshot()
+        first = run.step(60_000).tobytes()
+        run.restore(saved)
+        assert run.step(60_000).tobytes() == first and len(first) > 1000
+
+
+def test_a_snapshot_needs_a_step(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run, pytest.raises(Error, match="there is nothing to remember yet"):
+        run.snapshot()
