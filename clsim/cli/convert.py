@@ -12,6 +12,8 @@ from clsim.cli import parse
 from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
 from clsim.cli.words import dropped_text
+from clsim.truth.layouts import layout_of
+from clsim.truth.recording import recording_kind
 
 if TYPE_CHECKING:
     from clsim.events.copy import Copied
@@ -25,10 +27,13 @@ def convert(
     text_time: TEXT_TIME = None,
     ros_events: ROS_EVENTS = None,
 ) -> int:
-    """Convert events between files of all formats and sockets, or record a stream.
+    """Convert events between files of all formats and sockets, or record a stream; recordings with truth too.
 
-    Examples: `clsim convert events.aedat4 events.h5`, `clsim convert tcp://127.0.0.1:7777 recording.aedat4`
+    Examples: `clsim convert events.aedat4 events.h5`, `clsim convert tcp://127.0.0.1:7777 recording.aedat4`,
+    `clsim convert run.h5 run.dsec`
     """
+    if layout_of(target) is not None and recording_kind(source) is not None:
+        return _convert_truth(source, target)
     from rich.console import Console
 
     from clsim.events import SinkError
@@ -66,6 +71,21 @@ def convert(
         return INTERRUPTED
     print(f"{target}: {done.events:,} events up to {done.time_us * 1e-6:.6f} s", file=sys.stderr)
     _tell_dropped(source, done)
+    return 0
+
+
+def _convert_truth(source: str, target: str) -> int:
+    from clsim.events import SinkError
+    from clsim.truth.recording import convert_recording
+
+    try:
+        events, left_out = convert_recording(source, target)
+    except SinkError as error:
+        print(f"clsim: {error}", file=sys.stderr)
+        return OUTPUT_FAILED
+    print(f"{target}: {events:,} events, with what is recorded beside them", file=sys.stderr)
+    if left_out:
+        print(f"clsim: {target}: its layout cannot hold {', '.join(left_out)}", file=sys.stderr)
     return 0
 
 

@@ -111,6 +111,20 @@ def open_source(path: Path) -> EventSource:
     return EventSource(path, width, height, _read(file, columns, offset))
 
 
+def index_at(file: Any, time_us: int) -> int:
+    """Return the index of the first event at or after a time [µs] of an open file in DSEC layout."""
+    t, marks = file["events/t"], file["ms_to_idx"]
+    time_us -= int(file["t_offset"][()]) if "t_offset" in file else 0
+    if time_us <= 0 or not len(marks):
+        return 0
+    millisecond = time_us // 1000
+    if millisecond >= len(marks):
+        low, high = int(marks[-1]), len(t)
+    else:
+        low, high = int(marks[millisecond]), int(marks[millisecond + 1]) if millisecond + 1 < len(marks) else len(t)
+    return low + int(np.searchsorted(t[low:high], time_us))
+
+
 def _need_filters(path: Path, column: Any) -> None:
     """Load the compression plug-ins a column was written with."""
     options = column.id.get_create_plist()

@@ -9,8 +9,9 @@ flow/forward/000000.png, flow/backward/…    32768 + 128 · flow, valid; from a
 calibration/cam_to_cam.yaml                 intrinsics, extrinsics and the matrix from disparity to depth
 ==========================================  ======================================================================
 
-Beyond DSEC, in the same manner: ``ids/object/000000.png``, ``ids/objects.txt``, ``poses/NAME.txt`` (TUM), ``imu.txt``
-(ECD). Disparity is that of a second camera to the right by the baseline that the calibration tells.
+Beyond DSEC, in the same manner: ``flow/forward_covisible/000000.png``, ``ids/object/000000.png``, ``ids/objects.txt``,
+``poses/NAME.txt`` (TUM), ``imu.txt`` (ECD). Disparity is that of a second camera to the right by the baseline that the
+calibration tells.
 
 Source: https://dsec.ifi.uzh.ch/data-format/
 """
@@ -18,7 +19,9 @@ Source: https://dsec.ifi.uzh.ch/data-format/
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -27,11 +30,14 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesink import FlushPolicy, naming_failures, unwritable
-from clsim.events.hdf5 import Hdf5Sink
-from clsim.frames.tonemap import ToneMap
-from clsim.truth.lines import Lines, imu_lines, tum_lines
-from clsim.truth.png import write_png
+from clsim.events.hdf5 import Hdf5Sink, index_at, open_source
+from clsim.truth.images import Pictures, with_images
+from clsim.truth.intrinsics import camera_of, opencv_numbers
+from clsim.truth.lines import Lines, imu_lines, rate_of, read_imu, read_track, tum_lines
+from clsim.truth.names import TRUTH_NAMES
+from clsim.truth.png import read_png, write_png
 from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.truth.recording import Recording
 
 FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
 _POSE_HEAD = "# time_s x y z qx qy qz qw: to the world, m; the camera's +x is right, +y down, +z ahead\n"
@@ -46,7 +52,7 @@ class DsecLayout:
         """Create the folder; raises InputError when it cannot be."""
         self._path, self._about, self._side = path, about, about.side
         self._count = 0
-        self._tone_map = ToneMap(follow=0.0)
+        self._pictures = Pictures()
         # Disparity, flow and ids are those of the left view alone, as DSEC has them.
         self._leads = about.side == "left"
         self._texts: dict[str, Lines] = {}
@@ -67,9 +73,9 @@ class DsecLayout:
         """Write a frame's images, then the lines that tell of them."""
         name, planes = f"{self._count:06d}.png", shot.planes
         with naming_failures(self._path):
-            if "intensity" in planes:
-                image = self._tone_map(planes["intensity"][..., None])[..., 0]
-                write_png(self._path / "images" / self._side / "rectified" / name, image)
+            picture = self._pictures.of(planes)
+            if picture is not None:
+                write_png(self._path / "images" / self._side / "rectified" / name, picture)
             if self._leads:
                 self._write_truth(name, shot)
         for text, line in (
@@ -107,16 +113,17 @@ class DsecLayout:
         for key, way in (("flow", "forward"), ("backward-flow", "backward")):
             if key in planes:
                 write_png(self._path / "flow" / way / name, flow_image(planes[key]))
+                write_png(self._path / "flow" / f"{way}_covisible" / name, (planes[key][..., 3] > 0).astype(np.uint8))
         for key in ("object", "material"):
             if key in planes:
                 write_png(self._path / "ids" / key / name, np.minimum(planes[key], 65535).astype(np.uint16))
 
     def _prepare(self) -> None:
-        about, names = self._about, set(self._about.names)
+        about, names = self._about, with_images(self._about.names)
         with h5py.File(self._folder("events", self._side) / "rectify_map.h5", "w") as file:
             x, y = np.meshgrid(np.arange(about.width), np.arange(about.height))
             file["rectify_map"] = np.stack([x, y], axis=-1).astype(np.float32)
-        if "intensity" in names:
+        if "image" in names:
             self._folder("images", self._side, "rectified")
             self._text("images/timestamps.txt")
         if not self._leads:
@@ -128,6 +135,7 @@ class DsecLayout:
         for key, way in (("flow", "forward"), ("backward-flow", "backward")):
             if key in names:
                 self._folder("flow", way)
+                self._folder("flow", f"{way}_covisible")
                 self._text(f"flow/{way}_timestamps.txt", FLOW_HEAD)
         if "ids" in names:
             for kind, each in (("object", about.objects), ("material", about.materials)):
@@ -138,7 +146,7 @@ class DsecLayout:
         if "poses" in names:
             self._folder("poses")
             for name, file_name in pose_files(about).items():
-                self._texts[name] = Lines(self._path / "poses" / file_name, _POSE_HEAD)
+                self._texts[name] = Lines(self._path / "poses" / file_name, f"# of: {name}\n{_POSE_HEAD}")
         if "imu" in names:
             self._text("imu.txt", _IMU_HEAD)
 
@@ -183,11 +191,8 @@ def calibration(about: About) -> str:
     camera = about.camera
     if "intrinsics_px" not in camera:
         raise InputError("DSEC's calibration needs the camera's intrinsics, but they are not known")
-    px, distortion = camera["intrinsics_px"], camera["distortion"]
-    fx, fy, cx, cy = px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5
-    fisheye = camera["model"] == "fisheye"
-    keys = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    coefficients = ", ".join(repr(float(distortion[key])) for key in keys)
+    (fx, fy, cx, cy), told = opencv_numbers(camera)
+    fisheye, coefficients = camera["model"] == "fisheye", ", ".join(map(repr, told))
     lines = ["intrinsics:"]
     for name in ("cam0", "camRect0"):
         lines += [
@@ -213,6 +218,141 @@ def calibration(about: About) -> str:
         f"    - [0.0, 0.0, {1.0 / about.baseline_m!r}, 0.0]",
     ]
     return "\n".join(lines) + "\n"
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a folder is of this layout."""
+    return (path / "events" / "left" / "events.h5").is_file()
+
+
+def read_recording(path: Path) -> Recording:
+    """Open a folder of this layout; raises OSError, KeyError or ValueError where it is damaged."""
+    camera, baseline_m = _read_calibration(path / "calibration" / "cam_to_cam.yaml")
+    width, height = camera["width"], camera["height"]
+    times = _Times(path)
+    names = {
+        "image": bool(times.images),
+        "depth": bool(times.disparity),
+        "flow": bool(times.forward),
+        "backward-flow": bool(times.backward),
+        "ids": (path / "ids" / "object").is_dir(),
+        "poses": (path / "poses" / "camera.txt").is_file(),
+        "imu": (path / "imu.txt").is_file(),
+    }
+    tracks = {"camera": path / "poses" / "camera.txt"}
+    tracks |= {_track_name(each): each for each in sorted((path / "poses").glob("[0-9]*.txt"))}
+    about = About(
+        width=width,
+        height=height,
+        camera=camera,
+        names=tuple(name for name in TRUTH_NAMES if names.get(name)),
+        frame_rate=rate_of(times.all()),
+        objects=_read_names(path / "ids" / "objects.txt"),
+        materials=_read_names(path / "ids" / "materials.txt"),
+        moving=tuple(name for name in tracks if name != "camera"),
+        baseline_m=baseline_m,
+    )
+    focal = camera["intrinsics_px"]["fx"]
+
+    def shots() -> Iterator[Shot]:
+        with h5py.File(path / "events" / "left" / "events.h5", "r") as file:
+            for time_us in times.all():
+                yield _read_shot(path, times, time_us, focal * baseline_m, index_at(file, time_us))
+
+    return Recording(
+        about,
+        lambda: iter(open_source(path / "events" / "left" / "events.h5")),
+        shots,
+        lambda: iter([read_track(each, name) for name, each in tracks.items() if names["poses"]]),
+        lambda: iter([read_imu(path / "imu.txt")] if names["imu"] else []),
+    )
+
+
+class _Times:
+    """What there is for which time: the number of its file."""
+
+    def __init__(self, path: Path) -> None:
+        self.images = _numbers(path / "images" / "timestamps.txt", 1)
+        self.disparity = _numbers(path / "disparity" / "timestamps.txt", 1)
+        self.forward = _numbers(path / "flow" / "forward_timestamps.txt", 2)
+        self.backward = _numbers(path / "flow" / "backward_timestamps.txt", 2)
+
+    def all(self) -> list[int]:
+        """Return all times, in order."""
+        return sorted({*self.images, *self.disparity, *self.forward, *self.backward})
+
+
+def _numbers(path: Path, columns: int) -> dict[int, tuple[int, int]]:
+    """Return the number of the line and its last time, by its first time."""
+    if not path.is_file():
+        return {}
+    lines = [line for line in path.read_text("utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    rows = [[int(word) for word in line.split(",")] for line in lines]
+    if any(len(row) != columns for row in rows):
+        raise ValueError(f"{path} has a line of other than {columns} times")
+    return {row[0]: (number, row[-1]) for number, row in enumerate(rows)}
+
+
+def _read_shot(path: Path, times: _Times, time_us: int, focal_baseline: float, event_index: int) -> Shot:
+    planes: dict[str, npt.NDArray[Any]] = {}
+    before_us = after_us = time_us
+    if time_us in times.images:
+        planes["image"] = read_png(path / "images/left/rectified" / f"{times.images[time_us][0]:06d}.png")
+    if time_us in times.disparity:
+        name = f"{times.disparity[time_us][0]:06d}.png"
+        disparity = read_png(path / "disparity" / "event" / name) / 256.0
+        with np.errstate(divide="ignore"):
+            planes["depth"] = (focal_baseline / disparity).astype(np.float32)
+        for key in ("object", "material"):
+            if (path / "ids" / key / name).is_file():
+                planes[key] = read_png(path / "ids" / key / name).astype(np.float32)
+    if time_us in times.forward:
+        number, after_us = times.forward[time_us]
+        planes["flow"] = _read_flow(path / "flow", "forward", number)
+    if time_us in times.backward:
+        number, before_us = times.backward[time_us]
+        planes["backward-flow"] = _read_flow(path / "flow", "backward", number)
+    return Shot(time_us, before_us, after_us, event_index, planes)
+
+
+def _read_flow(folder: Path, way: str, number: int) -> npt.NDArray[np.float32]:
+    coded = read_png(folder / way / f"{number:06d}.png").astype(np.float32)
+    seen = folder / f"{way}_covisible" / f"{number:06d}.png"
+    covisible = read_png(seen).astype(np.float32) if seen.is_file() else np.zeros(coded.shape[:2], np.float32)
+    valid = coded[..., 2:] > 0
+    flow = np.where(valid, (coded[..., :2] - 32768.0) / 128.0, 0.0)
+    return np.concatenate([flow, valid, covisible[..., None]], axis=-1).astype(np.float32)
+
+
+def _read_calibration(path: Path) -> tuple[dict[str, Any], float]:
+    """Return the camera and the baseline [m] that a cam_to_cam.yaml tells."""
+    text = path.read_text("utf-8")
+    rectified = text.partition("camRect0:")[2] or text
+
+    def numbers(key: str, text: str = rectified) -> list[float]:
+        found = re.search(rf"{key}:\s*\[([^\]]*)\]", text)
+        if found is None:
+            raise ValueError(f"{path} has no {key}")
+        return [float(word) for word in found[1].split(",")]
+
+    width, height = map(int, numbers("resolution"))
+    fisheye = re.search(r"distortion_model:\s*equidistant", rectified) is not None
+    coefficients = numbers("distortion_coeffs") if "distortion_coeffs" in rectified else []
+    camera = camera_of((width, height), numbers("camera_matrix"), coefficients, fisheye=fisheye)
+    rows = re.findall(r"-\s*\[([^\]]*)\]", text.partition("cams_03:")[2])
+    if len(rows) < 4:
+        raise ValueError(f"{path} has no disparity_to_depth")
+    return camera, 1.0 / float(rows[3].split(",")[2])
+
+
+def _read_names(path: Path) -> tuple[str, ...]:
+    return tuple(path.read_text("utf-8").splitlines()) if path.is_file() else ()
+
+
+def _track_name(path: Path) -> str:
+    with path.open(encoding="utf-8") as file:
+        head = file.readline()
+    return head.partition("of: ")[2].strip() or path.stem
 
 
 def open_layout(path: Path, about: About) -> DsecLayout:

@@ -17,6 +17,8 @@ Attributes tell units, axes, signs and clocks. Each flush leaves a whole file be
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +27,10 @@ import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.events.filesink import FlushPolicy
-from clsim.events.hdf5 import Hdf5Sink
-from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.events.hdf5 import Hdf5Sink, open_source
+from clsim.truth.names import TRUTH_NAMES
+from clsim.truth.record import About, ImuChunk, ImuNoise, Shot, TrackChunk
+from clsim.truth.recording import Recording
 from clsim.version import VERSION
 
 CONVENTIONS = (
@@ -38,6 +42,7 @@ CONVENTIONS = (
 
 _PLANES: dict[str, tuple[tuple[int, ...], str, str, str]] = {
     "intensity": ((), "f4", "W sr^-1 m^-2", "Rec. 709 luminance of linear radiance, as rendered"),
+    "image": ((), "u1", "1", "sRGB, with one exposure for the run"),
     "depth": ((), "f4", "m", "along the optical axis; inf where nothing is"),
     "distance": ((), "f4", "m", "along the ray; inf where nothing is"),
     "normal": ((3,), "f4", "1", "shading normal in the world, facing the camera; 0 where nothing is"),
@@ -115,6 +120,8 @@ class Hdf5Layout:
         file.attrs["conventions"] = CONVENTIONS
         file.attrs["camera"] = json.dumps(dict(about.camera))
         file.attrs["about"] = json.dumps(dict(about.more))
+        file.attrs["side"], file.attrs["baseline_m"] = about.side, about.baseline_m
+        file.attrs["extrinsics"] = json.dumps({name: np.asarray(m).tolist() for name, m in about.extrinsics.items()})
         self._prepare_frames(file)
         for group, names in (("objects", about.objects), ("materials", about.materials)):
             if "ids" in about.names or (group == "objects" and "poses" in about.names):
@@ -152,6 +159,98 @@ class Hdf5Layout:
                 _image(file, f"frames/{name}_valid", size, "u1", "1", "whether the flow is known")
                 _image(file, f"frames/{name}_covisible", size, "u1", "1", "whether the point is seen at both times")
                 _column(file, f"frames/{end}", (), "i8", 1 << 10)
+
+
+def is_recording(path: Path) -> bool:
+    """Tell whether a file is of this layout, and not events alone."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("layout") == "clsim")
+    except OSError:
+        return False
+
+
+def read_recording(path: Path) -> Recording:
+    """Open a file of this layout; raises OSError, KeyError or ValueError where it is damaged."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        about = _read_about(file)
+
+    def shots() -> Iterator[Shot]:
+        with h5py.File(path, "r") as file:
+            frames = file["frames"]
+            columns = [key for key in (*_PLANES, *_FLOWS) if key in frames]
+            count = min(len(frames[key]) for key in ("t", "event_index", *columns))
+            for k in range(count):
+                yield _read_shot(frames, k)
+
+    def tracks() -> Iterator[TrackChunk]:
+        with h5py.File(path, "r") as file:
+            groups = file.get("poses", {})
+            for group in (groups[key] for key in sorted(groups, key=lambda key: (key != "camera", key))):
+                columns = [group[key][:] for key in ("t", "pose", "velocity")]
+                count = min(map(len, columns))
+                yield TrackChunk(str(group.attrs["name"]), *(column[:count] for column in columns))
+
+    def imu() -> Iterator[ImuChunk]:
+        with h5py.File(path, "r") as file:
+            if "imu" in file:
+                columns = [file["imu"][key][:] for key in ("t", "acceleration", "angular_velocity")]
+                count = min(map(len, columns))
+                yield ImuChunk(*(column[:count] for column in columns))
+
+    return Recording(about, lambda: iter(open_source(path)), shots, tracks, imu)
+
+
+def _read_about(file: Any) -> About:
+    frames = file["frames"]
+    names = [name for name in TRUTH_NAMES if name.replace("-", "_") in frames]
+    names += ["ids"] * ("object" in frames) + ["poses"] * ("poses" in file) + ["imu"] * ("imu" in file)
+    facts: dict[str, Any] = {}
+    if "objects" in file:
+        facts["objects"] = tuple(file["objects/name"].asstr()[:])
+    if "materials" in file:
+        facts["materials"] = tuple(file["materials/name"].asstr()[:])
+    if "poses" in file:
+        facts["object_poses"] = file["objects/pose"][:]
+        facts["moving"] = tuple(str(g.attrs["name"]) for key, g in file["poses"].items() if key != "camera")
+    if "imu" in file:
+        attributes = file["imu"].attrs
+        facts["imu_rate"] = float(attributes["rate_hz"])
+        facts["gravity"] = tuple(map(float, attributes["gravity"]))
+        facts["imu_noise"] = ImuNoise(**{field.name: float(attributes[field.name]) for field in fields(ImuNoise)})
+    return About(
+        width=int(file["events"].attrs["width"]),
+        height=int(file["events"].attrs["height"]),
+        camera=json.loads(file.attrs["camera"]),
+        names=tuple(name for name in TRUTH_NAMES if name in names),
+        frame_rate=float(frames.attrs["rate_hz"]),
+        side=str(file.attrs["side"]),
+        extrinsics={key: np.array(value) for key, value in json.loads(file.attrs["extrinsics"]).items()},
+        baseline_m=float(file.attrs["baseline_m"]),
+        more=json.loads(file.attrs["about"]),
+        **facts,
+    )
+
+
+def _read_shot(frames: Any, k: int) -> Shot:
+    planes: dict[str, npt.NDArray[Any]] = {}
+    for name in _PLANES:
+        if name in frames:
+            kind = np.uint8 if name == "image" else np.float32
+            planes[name] = frames[name][k].astype(kind)
+    time_us = int(frames["t"][k])
+    ends = {"flow_end": time_us, "flow_start": time_us}
+    for name, (_, end) in _FLOWS.items():
+        if name in frames:
+            known = [frames[f"{name}_{part}"][k] for part in ("valid", "covisible")]
+            flow = np.concatenate([frames[name][k], np.stack(known, axis=-1)], axis=-1)
+            planes[name.replace("_", "-")] = flow.astype(np.float32)
+            ends[end] = int(frames[end][k])
+    return Shot(time_us, ends["flow_start"], ends["flow_end"], int(frames["event_index"][k]), planes)
 
 
 def _text_type() -> Any:

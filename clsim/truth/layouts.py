@@ -40,12 +40,15 @@ class LayoutKind:
 
 
 _ALL = (
-    "intensity", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "poses", "imu",
+    "intensity", "image", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "poses", "imu",
 )  # fmt: skip
-_DSEC = ("intensity", "depth", "ids", "flow", "backward-flow", "poses", "imu")
+_DSEC = ("intensity", "image", "depth", "ids", "flow", "backward-flow", "poses", "imu")
 LAYOUTS = (
     LayoutKind("clsim", (".h5", ".hdf5"), "hdf5", _ALL),
     LayoutKind("dsec", (".dsec",), "dsec", _DSEC, folder=True),
+    LayoutKind("mvsec", (".mvsec",), "mvsec", ("intensity", "image", "depth", "flow", "poses", "imu"), folder=True),
+    LayoutKind("ecd", (".ecd",), "ecd", ("intensity", "image", "depth", "poses", "imu"), folder=True),
+    LayoutKind("tum", (".tum",), "tum", ("poses",)),
 )
 """Every layout. A file that is one with truth may be a plain event file without."""
 

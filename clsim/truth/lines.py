@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.events.filesink import naming_failures, unwritable
-from clsim.truth.record import ImuChunk, TrackChunk
+from clsim.truth.record import F64, ImuChunk, Times, TrackChunk
+
+MAX_BYTES = 1 << 30
 
 
 class Lines:
@@ -53,3 +57,62 @@ def imu_lines(chunk: ImuChunk) -> Iterable[str]:
     samples = np.concatenate([chunk.acceleration, chunk.angular_velocity], axis=1)
     for time_us, sample in zip(chunk.times_us.tolist(), samples, strict=True):
         yield " ".join([seconds(time_us), *(f"{v:.9g}" for v in sample)])
+
+
+def read_table(path: Path, columns: int) -> F64:
+    """Read lines of that many numbers ``[n, columns]``; those that begin with ``#`` are skipped.
+
+    Raises:
+        ValueError: a line has other than so many numbers.
+    """
+    if path.stat().st_size > MAX_BYTES:
+        raise ValueError(f"{path} is larger than {MAX_BYTES >> 20} MiB")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # that there are no lines
+        table = np.loadtxt(path, np.float64, comments="#", ndmin=2)
+    if table.size == 0:
+        return np.zeros((0, columns))
+    if table.shape[1] != columns:
+        raise ValueError(f"{path} has {table.shape[1]} numbers a line, expected {columns}")
+    return table
+
+
+def microseconds(seconds: npt.ArrayLike) -> Times:
+    """Return whole µs of seconds ``[n]``."""
+    times_us: Times = np.rint(np.asarray(seconds, np.float64) * 1e6).astype(np.int64)
+    return times_us
+
+
+def read_track(path: Path, name: str) -> TrackChunk:
+    """Read poses as `tum_lines` writes them; velocities, which the format lacks, are NaN."""
+    table = read_table(path, 8)
+    return TrackChunk(name, microseconds(table[:, 0]), table[:, 1:], np.full((len(table), 6), np.nan))
+
+
+def read_imu(path: Path) -> ImuChunk:
+    """Read samples as `imu_lines` writes them."""
+    table = read_table(path, 7)
+    return ImuChunk(microseconds(table[:, 0]), table[:, 1:4], table[:, 4:])
+
+
+def read_files(path: Path) -> dict[int, str]:
+    """Read ``time_s file`` a line; returns the files by their times [µs].
+
+    Raises:
+        ValueError: a line is otherwise, or a file lies outside the folder.
+    """
+    found = {}
+    for number, line in enumerate(path.read_text("utf-8").splitlines(), start=1):
+        words = line.split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != 2 or Path(words[1]).is_absolute() or ".." in Path(words[1]).parts:
+            raise ValueError(f"{path}:{number}: got {line[:60]!r}, expected a time and a file beside")
+        found[int(microseconds([float(words[0])])[0])] = words[1]
+    return found
+
+
+def rate_of(times_us: npt.ArrayLike) -> float:
+    """Return the frames per second of these times; 30 where there are too few to tell."""
+    steps = np.diff(np.asarray(times_us, np.int64))
+    return 1e6 / float(np.median(steps)) if len(steps) and np.median(steps) > 0 else 30.0

@@ -9,6 +9,7 @@ from clsim.frames import TRUTH_PLANES
 
 TRUTH_NAMES: dict[str, str] = {
     "intensity": "linear luminance",
+    "image": "8-bit sRGB grey",
     "depth": "along the optical axis",
     "distance": "along the ray",
     "normal": "shading normals",

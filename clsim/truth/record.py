@@ -85,15 +85,16 @@ class Shot:
         time_us: its time.
         before_us, after_us: the times that backward and forward flow lead to.
         event_index: number of events before it, which is the index of the first one at or after it.
-        planes: by name: ``intensity``, ``depth``, ``distance``, ``object``, ``material`` ``[H, W]``; ``normal``,
-            ``albedo`` ``[H, W, 3]``; ``flow``, ``backward-flow`` ``[H, W, 4]``: x, y, valid, covisible.
+        planes: by name, float32 but for ``image``, which has 8 bits: ``intensity``, ``image``, ``depth``,
+            ``distance``, ``object``, ``material`` ``[H, W]``; ``normal``, ``albedo`` ``[H, W, 3]``; ``flow``,
+            ``backward-flow`` ``[H, W, 4]``: x, y, valid, covisible.
     """
 
     time_us: int
     before_us: int
     after_us: int
     event_index: int
-    planes: Mapping[str, npt.NDArray[np.float32]]
+    planes: Mapping[str, npt.NDArray[Any]]
 
 
 @dataclass(frozen=True)

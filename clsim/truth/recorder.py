@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame
 from clsim.scene import Motion
 from clsim.truth.cut import cut
+from clsim.truth.images import Pictures
 from clsim.truth.kinematics import Imu, track
 from clsim.truth.record import About, Layout, Shot, Times
 
@@ -48,6 +51,7 @@ class TruthRecorder:
         self.recorded_frames = 0
         self._plan, self._layout = plan, layout
         self._event_count = 0
+        self._pictures = Pictures()
         self._pose_count = 0
         about = plan.about
         self._imu = None
@@ -66,7 +70,7 @@ class TruthRecorder:
         plan = self._plan
         if frame.index % plan.every == 0:
             last, following = (plan.time_of(frame.index + way * plan.every) for way in (-1, 1))
-            self._layout.shot(Shot(frame.time_us, last, following, before, cut(frame, plan.about.names)))
+            self._layout.shot(Shot(frame.time_us, last, following, before, self._planes(frame)))
             self.recorded_frames += 1
 
     def write(self, events: EventBatch, end_us: int) -> None:
@@ -77,6 +81,14 @@ class TruthRecorder:
     def close(self) -> None:
         """Complete the layout; see Sink.close."""
         self._layout.close()
+
+    def _planes(self, frame: Frame) -> dict[str, npt.NDArray[Any]]:
+        names = self._plan.about.names
+        found: dict[str, npt.NDArray[Any]] = dict(cut(frame, names))
+        picture = self._pictures.of(cut(frame, ("intensity",))) if "image" in names else None
+        if picture is not None:
+            found["image"] = picture
+        return found
 
     def _record_motions(self, end_us: int) -> None:
         plan = self._plan

@@ -1,0 +1,278 @@
+"""Layouts of data sets, read by programs that are not ours, and the ways between them."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+import recordings
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+from typer.testing import CliRunner
+
+from clsim.cli.app import app
+from clsim.errors import InputError
+from clsim.scene.world import Lens
+from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
+from clsim.truth.png import read_png, write_png
+from clsim.truth.record import Shot
+from clsim.truth.recording import convert_recording, read_recording
+
+FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
+
+
+def recorded(path: Path, lens: Lens | None = None) -> recordings.Given:
+    return recordings.feed(open_layout(str(path), recordings.about(lens)))
+
+
+def test_tonic_reads_dsec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cv2, tonic = pytest.importorskip("cv2"), pytest.importorskip("tonic")
+    # It would reach for the net.
+    reader = SimpleNamespace(plugins=SimpleNamespace(freeimage=SimpleNamespace(download=lambda: None)))
+    monkeypatch.setitem(sys.modules, "imageio", reader)
+
+    def by_opencv(self: object, path: str) -> np.ndarray:
+        return cv2.imread(path, cv2.IMREAD_UNCHANGED)[..., ::-1]
+
+    monkeypatch.setattr(tonic.datasets.DSEC, "_read_16bit_png", by_opencv)
+    expected = recorded(tmp_path / "run.dsec")
+    name = next(n for n, has_flow in tonic.datasets.DSEC.recordings["train"].items() if has_flow)
+    ours, home = tmp_path / "run.dsec", tmp_path / "DSEC" / name
+    home.mkdir(parents=True)
+    for folder, place in {  # tonic unpacks each of DSEC's archives into a folder of its own
+        "events_left": "events/left",
+        "images_rectified_left": "images/left/rectified",
+        "disparity_event": "disparity/event",
+        "optical_flow_forward_event": "flow/forward",
+    }.items():
+        os.symlink(ours / place, home / folder)
+    for folder, text in {
+        "image_timestamps": "images/timestamps.txt",
+        "disparity_timestamps": "disparity/timestamps.txt",
+        "optical_flow_forward_timestamps": "flow/forward_timestamps.txt",
+    }.items():
+        (home / folder).mkdir()
+        os.symlink(ours / text, home / folder / f"{name}_{folder}.txt")
+    inputs = ["events_left", "images_rectified_left", "image_timestamps"]
+    targets = ["disparity_event", "disparity_timestamps"]
+    targets += ["optical_flow_forward_event", "optical_flow_forward_timestamps"]
+    data = tonic.datasets.DSEC(str(tmp_path), name, inputs, targets)
+    (events, images, image_times), (disparity, times, flow, spans) = data[0]
+    events = events["events_left"]
+    for ours_name, theirs in (("t", "t"), ("x", "x"), ("y", "y"), ("on", "p")):
+        assert np.array_equal(events[theirs], expected.events[ours_name])
+    frame_times = [shot.time_us for shot in expected.shots]
+    assert image_times.tolist() == times.tolist() == frame_times
+    assert spans.tolist() == [[t, t + recordings.STEP_US] for t in frame_times]
+    assert images.shape == (4, recordings.HEIGHT, recordings.WIDTH) and images.dtype == np.uint8
+    for k, shot in enumerate(expected.shots):
+        valid = shot.planes["flow"][..., 2] > 0
+        assert np.array_equal(flow[k][..., 2] > 0, valid)
+        assert np.abs(flow[k][..., :2] - shot.planes["flow"][..., :2])[valid].max() <= 0.5 / 128
+        near = np.isfinite(shot.planes["depth"])
+        focal = recordings.about().camera["intrinsics_px"]["fx"]
+        d = disparity[k] / 256
+        assert np.array_equal(d > 0, near)
+        assert np.abs(focal * 0.1 / shot.planes["depth"][near] - d[near]).max() <= 0.5 / 256 + 1e-6
+
+
+def test_calibration_is_yaml_that_leads_from_disparity_to_points(tmp_path: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    recorded(tmp_path / "run.dsec", Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.0)))
+    told = yaml.safe_load((tmp_path / "run.dsec/calibration/cam_to_cam.yaml").read_text())
+    px = recordings.about().camera["intrinsics_px"]
+    assert told["intrinsics"]["cam0"]["camera_matrix"] == [px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5]
+    assert told["intrinsics"]["cam0"]["distortion_coeffs"] == [0.1, -0.02, 1e-3, 2e-3, 0.0]
+    q = np.array(told["disparity_to_depth"]["cams_03"])
+    x, y, depth_m = 7.0, 3.0, 2.5
+    point = q @ (x, y, px["fx"] * 0.1 / depth_m, 1.0)
+    point /= point[3]
+    assert point[2] == pytest.approx(depth_m)
+    assert point[0] == pytest.approx((x - (px["cx"] - 0.5)) * depth_m / px["fx"])
+
+
+def test_rectification_is_the_identity(tmp_path: Path) -> None:
+    recorded(tmp_path / "run.dsec")
+    with h5py.File(tmp_path / "run.dsec/events/left/rectify_map.h5") as file:
+        mapped = file["rectify_map"][:]
+    assert mapped.shape == (recordings.HEIGHT, recordings.WIDTH, 2) and mapped[5, 9].tolist() == [9.0, 5.0]
+
+
+@pytest.mark.parametrize("name", ["run.tum", "run.ecd"])
+def test_evo_reads_trajectories(tmp_path: Path, name: str) -> None:
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    expected = recorded(tmp_path / name).tracks["camera"]
+    path = tmp_path / name
+    trajectory = file_interface.read_tum_trajectory_file(path / "groundtruth.txt" if path.is_dir() else path)
+    assert np.abs(trajectory.timestamps - expected.times_us * 1e-6).max() < 1e-9
+    assert np.abs(trajectory.positions_xyz - expected.poses[:, :3]).max() < 1e-8
+    assert np.abs(trajectory.orientations_quat_wxyz - expected.poses[:, [6, 3, 4, 5]]).max() < 1e-11
+    assert trajectory.check()[0]
+
+
+def test_ecd_is_text_for_numpy_and_pictures_for_pillow(tmp_path: Path) -> None:
+    image = pytest.importorskip("PIL.Image")
+    expected = recorded(tmp_path / "run.ecd", Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.05)))
+    folder = tmp_path / "run.ecd"
+    events = np.loadtxt(folder / "events.txt")
+    assert np.array_equal(np.rint(events[:, 0] * 1e6), expected.events["t"])
+    assert np.array_equal(events[:, 1:3], np.stack([expected.events["x"], expected.events["y"]], axis=1))
+    assert np.array_equal(events[:, 3], expected.events["on"])
+    assert np.loadtxt(folder / "calib.txt")[4:].tolist() == [0.1, -0.02, 1e-3, 2e-3, 0.05]
+    imu = np.loadtxt(folder / "imu.txt")
+    assert np.abs(imu[:, 1:4] - expected.imu.acceleration).max() < 1e-6
+    assert np.abs(imu[:, 4:] - expected.imu.angular_velocity).max() < 1e-6
+    lines = [line.split() for line in (folder / "images.txt").read_text().splitlines()]
+    assert [round(float(t) * 1e6) for t, _ in lines] == [shot.time_us for shot in expected.shots]
+    shown = [np.asarray(image.open(folder / name)) for _, name in lines]
+    assert all(each.shape == (recordings.HEIGHT, recordings.WIDTH) and each.dtype == np.uint8 for each in shown)
+    brightness = np.concatenate([shot.planes["intensity"].ravel() for shot in expected.shots])
+    order = np.argsort(brightness)
+    assert (np.diff(np.concatenate([each.ravel() for each in shown])[order].astype(int)) >= 0).all(), "one exposure"
+    with pytest.raises(InputError, match="no fisheye"):
+        open_layout(str(tmp_path / "other.ecd"), recordings.about(Lens(model="fisheye")))
+
+
+def test_mvsec_is_as_its_users_read_it(tmp_path: Path) -> None:
+    expected = recorded(tmp_path / "run.mvsec")
+    folder = tmp_path / "run.mvsec"
+    with h5py.File(folder / "run_data.hdf5") as data, h5py.File(folder / "run_gt.hdf5") as truth:
+        events = data["davis/left/events"][:]
+        assert np.array_equal(np.rint(events[:, 2] * 1e6), expected.events["t"])
+        assert np.array_equal(events[:, 3], np.where(expected.events["on"], 1, -1))
+        indices = data["davis/left/image_raw_event_inds"][:]
+        assert indices.tolist() == [shot.event_index for shot in expected.shots]
+        depth = truth["davis/left/depth_image_raw"][:]
+        given_depth = np.stack([shot.planes["depth"] for shot in expected.shots])
+        assert np.array_equal(np.isnan(depth), np.isinf(given_depth))
+        assert np.array_equal(depth[np.isfinite(depth)], given_depth[np.isfinite(given_depth)])
+        assert np.array_equal(truth["davis/left/depth_image_rect"][:], depth, equal_nan=True)
+        pose = truth["davis/left/pose"][:]
+        assert np.abs(pose[:, :3, 3] - expected.tracks["camera"].poses[:, :3]).max() < 1e-12
+        assert np.abs(pose[:, :3, :3] @ np.swapaxes(pose[:, :3, :3], 1, 2) - np.eye(3)).max() < 1e-12
+    flow = np.load(folder / "run_gt_flow_dist.npz")
+    assert flow["timestamps"].tolist() == [shot.time_us * 1e-6 for shot in expected.shots]
+    for axis, name in enumerate(("x_flow_dist", "y_flow_dist")):
+        for shown, shot in zip(flow[name], expected.shots, strict=True):
+            known = shot.planes["flow"][..., 2] > 0
+            assert np.array_equal(shown, np.where(known, shot.planes["flow"][..., axis], 0))
+
+
+def same(a: Shot, b: Shot, exact: bool) -> None:
+    assert (a.time_us, a.event_index) == (b.time_us, b.event_index)
+    for name in set(a.planes) & set(b.planes):
+        if name in ("image", "object", "material") or exact:
+            assert np.array_equal(a.planes[name], b.planes[name]), name
+    if "depth" in b.planes:
+        assert np.array_equal(np.isfinite(a.planes["depth"]), np.isfinite(b.planes["depth"]))
+
+
+@pytest.mark.parametrize("ending", FOLDERS)
+def test_a_round_trip_loses_nothing_that_both_hold(tmp_path: Path, ending: str) -> None:
+    """To another layout and back, and there again: the second and the third are the same to the bit."""
+    names = ("a.h5", f"b{ending}", "c.h5", f"d{ending}")
+    start, there, back, again = (str(tmp_path / name) for name in names)
+    given_events = recorded(Path(start)).events
+    kind = layout_of(there)
+    count, left_out = convert_recording(start, there)
+    assert count == len(given_events) and not set(left_out) & set(kind.holds)
+    convert_recording(there, back)
+    convert_recording(back, again)
+    first, second, third, fourth = map(read_recording, (start, there, back, again))
+    for other in (second, third, fourth):
+        assert np.concatenate(list(other.events())).tobytes() == given_events.tobytes()
+    for a, b in zip(first.shots(), second.shots(), strict=True):
+        same(a, b, exact=False)
+    for a, b, c in zip(second.shots(), third.shots(), fourth.shots(), strict=True):
+        same(a, b, exact=True)
+        same(b, c, exact=True)
+    tracks = {track.name: track for track in first.tracks()}
+    for mine, theirs in ((second, third), (second, fourth)):
+        for a, b in zip(mine.tracks(), theirs.tracks(), strict=True):
+            assert a.name == b.name and np.array_equal(a.times_us, b.times_us)
+            assert np.abs(a.poses - b.poses).max() < 1e-8 and np.abs(a.poses - tracks[a.name].poses).max() < 1e-8
+        for a, b, c in zip(first.imu(), mine.imu(), theirs.imu(), strict=True):
+            assert np.array_equal(a.times_us, b.times_us) and np.abs(a.acceleration - b.acceleration).max() < 1e-6
+            assert np.abs(b.angular_velocity - c.angular_velocity).max() < 1e-12
+    assert second.about.camera["intrinsics_px"] == pytest.approx(first.about.camera["intrinsics_px"])
+
+
+def test_convert_from_the_command_line(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.h5")
+    run = CliRunner().invoke(app, ["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.ecd")])
+    assert run.exit_code == 0 and "500 events" in run.stderr
+    assert "cannot hold albedo, backward-flow, distance, flow, ids, normal" in run.stderr
+    with pytest.raises(InputError, match="is there already"):
+        convert_recording(str(tmp_path / "b.ecd"), str(tmp_path / "b.ecd"))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.ecd"]
+
+
+def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.dsec")
+    (tmp_path / "a.dsec/flow/forward/000002.png").write_bytes(b"\x89PNG\r\n\x1a\nrubbish")
+    with pytest.raises(InputError, match=r"000002\.png: is no PNG"):
+        convert_recording(str(tmp_path / "a.dsec"), str(tmp_path / "b.h5"))
+    (tmp_path / "a.dsec/calibration/cam_to_cam.yaml").write_text("nothing: here\n")
+    with pytest.raises(InputError, match=r"a\.dsec: is damaged \(.*has no resolution"):
+        convert_recording(str(tmp_path / "a.dsec"), str(tmp_path / "b.h5"))
+    recorded(tmp_path / "a.ecd")
+    (tmp_path / "a.ecd/images.txt").write_text("0.0 ../../secret.png\n")
+    with pytest.raises(InputError, match="expected a time and a file beside"):
+        convert_recording(str(tmp_path / "a.ecd"), str(tmp_path / "b.h5"))
+    assert not (tmp_path / "b.h5").exists()
+
+
+@given(
+    arrays.arrays(
+        st.sampled_from([np.uint8, np.uint16]),
+        st.one_of(
+            st.tuples(st.integers(1, 9), st.integers(1, 9)),
+            st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3)),
+        ),
+    )
+)
+@settings(max_examples=40, deadline=None)
+def test_png_is_opencvs(tmp_path_factory: pytest.TempPathFactory, image: np.ndarray) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path_factory.getbasetemp() / "a.png"
+    write_png(path, image)
+    theirs = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(theirs[..., ::-1] if image.ndim == 3 else theirs, image)
+    assert theirs.dtype == image.dtype and np.array_equal(read_png(path), image)
+    # OpenCV chooses among all filters.
+    cv2.imwrite(str(path), image[..., ::-1] if image.ndim == 3 else image, [cv2.IMWRITE_PNG_STRATEGY, 0])
+    assert np.array_equal(read_png(path), image)
+
+
+def test_all_filters_of_png_are_undone(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    y, x = np.mgrid[:40, :50]
+    image = np.stack([y * 900 + x, x * 1200, (x + y) * 700], axis=-1).astype(np.uint16)
+    for flag in ("NONE", "SUB", "UP", "AVG", "PAETH"):
+        value = getattr(cv2, f"IMWRITE_PNG_FILTER_{flag}", None) or getattr(cv2, f"IMWRITE_PNG_{flag}_FILTER", None)
+        if value is None:
+            continue
+        cv2.imwrite(str(tmp_path / "a.png"), image[..., ::-1], [cv2.IMWRITE_PNG_FILTER, value])
+        assert np.array_equal(read_png(tmp_path / "a.png"), image), flag
+
+
+@given(st.binary(max_size=300))
+@settings(max_examples=60, deadline=None)
+def test_rubbish_is_no_png(tmp_path_factory: pytest.TempPathFactory, rubbish: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "rubbish.png"
+    for head in (b"", b"\x89PNG\r\n\x1a\n"):
+        path.write_bytes(head + rubbish)
+        with pytest.raises(InputError):
+            read_png(path)
+
+
+def test_every_layout_writes_and_tells_what_it_holds() -> None:
+    for kind in LAYOUTS:
+        assert hasattr(importlib.import_module(f"clsim.truth.{kind.module}"), "open_layout")
