@@ -24,6 +24,10 @@
 
 #define SECONDS(ns) ((double)(ns) * 1e-9)
 
+// Ornstein-Uhlenbeck noise: its standard deviation and correlation time; over a slot, what is left of it, the standard
+// deviation of what is new, and the variance of its bridge.
+typedef struct { double sigma, tau, decay, fresh, spread; int light; } Noise;
+
 // Where events of a work-item go.
 typedef struct {
     __global long *time;
@@ -61,7 +65,8 @@ typedef struct {
 #endif
 #ifdef SHOT_NOISE
     double noise, next_noise, noise_at_ref;   // at `noise_since`, at the end of its slot, when the reference was set
-    long noise_since;
+    long noise_since, node;
+    Noise law;                                // under the light of the moment
 #endif
 } Pixel;
 
@@ -233,7 +238,7 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
             if (p->since > end) return;
             t = p->since;
 #ifdef SHOT_NOISE
-            settle_noise(p, t, level_at(line, t));
+            settle_noise(p, t);
 #endif
             take_reference(p, line, t);
         }
@@ -270,26 +275,36 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
 static inline void run_segment(Pixel *p, Outbox *out, long t0, double l0, long t1, double l1) {
     const double slope = t1 > t0 ? (l1 - l0) / SECONDS(t1 - t0) : 0;
     long t = t0;
+#ifdef FRONT
+    Light light = light_of(p, l0);
+#endif
     while (t < t1) {
         long end = t1;
         const double level = l0 + slope * SECONDS(t - t0);
-#ifdef SHOT_NOISE
-        end = MIN(end, advance_noise(p, t, level));
-#endif
 #ifdef FRONT
-        end = MIN(end, t + front_reach(p, level, slope));
+        end = MIN(end, t + front_reach(p, light, slope));
 #endif
         const double after = end == t1 ? l1 : l0 + slope * SECONDS(end - t0);
 #ifdef FRONT
-        const Line line = advance_front(p, t, level, end, after);
+        const Light next_light = after == level ? light : light_of(p, after);
+        const Line line = advance_front(p, t, light, end, next_light);
+        light = next_light;
 #else
         const Line line = {t0, l0, slope};
 #endif
 #ifdef PARASITIC
         change_leak(p, t, 0.5 * (level + after));
 #endif
+#ifdef SHOT_NOISE
+        while (t < end) {
+            const long node = MIN(end, advance_noise(p, t, l0 + slope * SECONDS(t - t0)));
+            run_piece(p, out, line, t, node);
+            t = node;
+        }
+#else
         run_piece(p, out, line, t, end);
         t = end;
+#endif
     }
 }
 
@@ -306,7 +321,14 @@ static inline void begin(Pixel *p, long t, double level) {
 #ifdef SHOT_NOISE
     start_noise(p, t, level);
 #endif
-    take_reference(p, line, t);
+    p->ref = line.level;
+    p->since = t;
+#ifdef SHOT_NOISE
+    // As many thresholds away as noise is: with references at random, or at the mean, all would fire in a burst.
+    const double size = p->noise > 0 ? p->on : p->off;
+    p->noise_at_ref = copysign(size < INFINITY ? floor(fabs(p->noise) / size) * size : 0.0, p->noise);
+    p->ref += p->noise_at_ref;
+#endif
 #ifdef LEAK
     // Leaks have no common beginning. A dead pixel's threshold is no number to take a share of.
     if (p->leak > 0 && p->on < INFINITY) {
@@ -321,8 +343,12 @@ static inline void begin(Pixel *p, long t, double level) {
 static inline double reference_for(const Pixel *p, long t, double level) {
     if (p->since > t) return level;
     double seen = level, ref = p->ref - LEAK_OF(p) * SECONDS(t - p->since);
-#ifdef FRONT
-    seen = front_output(p, level);
+#if defined(FOLLOWER)
+    seen = p->follower;
+#elif defined(RECEPTOR)
+    seen = p->receptor;
+#elif defined(DARK)
+    seen = light_of(p, level).level;
 #endif
 #ifdef SHOT_NOISE
     ref -= p->noise_at_ref;
@@ -370,6 +396,8 @@ static inline Pixel loaded(
     p.next_noise = state[(size_t)S_NEXT_NOISE * pixels + i];
     p.noise_at_ref = state[(size_t)S_NOISE_AT_REFERENCE * pixels + i];
     p.noise_since = as_long(state[(size_t)S_NOISE_SINCE * pixels + i]);
+    p.node = (p.noise_since / (long)c[C_NOISE_SLOT_NS] + 1) * (long)c[C_NOISE_SLOT_NS];
+    p.law.light = INT_MIN;
 #endif
     return p;
 }

@@ -15,6 +15,14 @@ NEXT_TO_NOTHING = SensorSettings(
 )
 """Stages that are on and do nothing: tests that set some of their numbers share kernels. So do those with a leak."""
 
+SPLITS = {
+    "30 fps": [round(k * 1e6 / 30) for k in range(13)],
+    "120 fps": [round(k * 1e6 / 120) for k in range(49)],
+    "960 fps": [round(k * 1e6 / 960) for k in range(385)],
+    "at random": sorted({0, 400_000, *np.random.default_rng(1).integers(1, 400_000, 40).tolist()}),
+}
+"""Times at which steps end [µs]: one and the same 0.4 s."""
+
 
 def with_stages(**stages):
     """Return settings in which numbers of some stages are others, such as ``leak={"hz": 1.0}``."""

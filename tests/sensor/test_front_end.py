@@ -60,10 +60,12 @@ def test_latency_falls_with_light_until_the_follower_limits():
     assert late[2] == pytest.approx(limit, rel=0.05) and late[3] == pytest.approx(limit, abs=2)
 
 
-@pytest.mark.parametrize("frequency_hz", [20.0, 100.0, 250.0])
+@pytest.mark.parametrize(
+    "frequency_hz", [pytest.param(20.0, marks=pytest.mark.slow), 100.0, pytest.param(250.0, marks=pytest.mark.slow)]
+)
 def test_a_sine_fires_as_often_as_its_amplitude_after_the_filter_allows(frequency_hz):
-    # 2 A |H| / θ - 1 ON events a cycle, on average over phases; thresholds alike. 64 phases, 256 points a cycle.
-    theta, amplitude, cycles, points = 0.05, 0.5, 4, 256
+    # 2 A |H| / θ - 1 ON events a cycle, on average over phases; thresholds alike. 64 phases, 128 points a cycle.
+    theta, amplitude, cycles, points = 0.05, 0.5, 3, 128
     bench = Benchtop(front(follower_hz=100.0), 64, on=theta, off=theta)
     phases = np.arange(64) / 64
     times_us = np.round(np.arange(cycles * points + 1) / points / frequency_hz * 1e6).astype(int)

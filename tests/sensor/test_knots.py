@@ -1,7 +1,7 @@
 """Brightness with knots within a step: the ideal pixel against a float64 walk."""
 
 import numpy as np
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from clsim.opencl.device import choose_device
@@ -91,6 +91,7 @@ ROW = st.lists(st.tuples(st.integers(1, 1000 * STEP_US - 1), LEVEL), max_size=6,
 )
 
 
+@settings(max_examples=40)
 @given(st.lists(st.tuples(LEVEL, ROW, LEVEL), min_size=1, max_size=40), st.sampled_from([0, 10**9]))
 def test_kernels_walk_knots_as_the_reference_does(pixels, start_us):
     starts, rows, ends = zip(*pixels, strict=True)

@@ -13,7 +13,7 @@ from scipy import stats
 from clsim.sensor import CAUSES
 from clsim.sensor.reference.pixel import fire
 from clsim.sensor.settings import Delay, Refractory
-from tests.sensor.benchtop import Benchtop, intervals_us, rates, with_stages
+from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages
 
 ON, OFF = 0.2, 0.25
 
@@ -159,7 +159,7 @@ def test_events_are_late_by_latency_and_jitter():
 LEVELS = st.lists(st.floats(-2, 2), min_size=1, max_size=6)
 
 
-@hypothesis_settings(max_examples=60)
+@hypothesis_settings(max_examples=40)
 @given(LEVELS, st.sampled_from([0.0, 0.8]), st.booleans())
 def test_kernels_fire_as_the_reference_does(levels, leak, rests):
     settings = with_stages(leak={"hz": leak / ON}) if leak else with_stages()
@@ -189,15 +189,9 @@ BUSY = replace(
     refractory=Refractory(500.0),
     delay=Delay(30.0, 10.0),
 )
-SPLITS = {
-    "30 fps": [round(k * 1e6 / 30) for k in range(13)],
-    "120 fps": [round(k * 1e6 / 120) for k in range(49)],
-    "960 fps": [round(k * 1e6 / 960) for k in range(385)],
-    "at random": sorted({0, 400_000, *np.random.default_rng(1).integers(1, 400_000, 40).tolist()}),
-}
 
 
-@pytest.mark.parametrize("begin_us", [0, 10**9])
+@pytest.mark.parametrize("begin_us", [pytest.param(0, marks=pytest.mark.slow), 10**9])
 def test_what_noise_fires_is_the_same_bits_at_every_frame_rate(begin_us):
     found = {}
     for name, times_us in SPLITS.items():

@@ -1,0 +1,111 @@
+"""Noise of the pixel itself against what is known of level crossings of an Ornstein-Uhlenbeck process."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clsim.sensor import CAUSES, SensorSettings
+from clsim.sensor.settings import FrontEnd, Leak, Noise, Refractory, Threshold
+from tests.sensor.benchtop import SPLITS, Benchtop
+
+FOLLOWER_HZ = 100.0
+TAU_S = 1 / (2 * math.pi * FOLLOWER_HZ)
+THETA = 0.2
+
+LEVEL_STEP = {2.0: 0.339, 2.5: 0.140, 3.0: 0.0451, 3.5: 0.0109, 4.0: 0.00198}
+"""Events of both polarities per time constant, where the reference moves by the threshold, from its ratio to σ."""
+FIRST_PASSAGE = {2.0: 0.306, 2.5: 0.130, 3.0: 0.0474, 3.5: 0.0136, 4.0: 0.00289}
+"""1 / the mean time to either threshold from a reference that noise has set, in time constants (Siegert 1951)."""
+
+
+def noisy(ratio, rest_us=0.0):
+    settings = SensorSettings(front_end=FrontEnd(follower_hz=FOLLOWER_HZ), noise=Noise(shot=THETA / ratio))
+    return replace(settings, refractory=Refractory(rest_us)) if rest_us else settings
+
+
+def watch(settings, pixels, seconds, steps=20):
+    """Return the events of pixels under constant light, after 20 ms in which the references settle, and the bench."""
+    bench = Benchtop(settings, pixels, on=THETA, off=THETA)
+    bench.along([0, 20_000], [0.0, 0.0])
+    times_us = [20_000 + round(seconds * 1e6 * (k + 1) / steps) for k in range(steps)]
+    return bench.along(times_us, [0.0] * steps), bench
+
+
+@pytest.mark.parametrize("ratio", [2.0, 3.0, pytest.param(4.0, marks=pytest.mark.slow)])
+def test_noise_fires_at_the_rate_of_level_crossings(ratio):
+    pixels, seconds = 1500, {2.0: 0.3, 3.0: 0.6, 4.0: 3.0}[ratio]
+    events, bench = watch(noisy(ratio), pixels, seconds)
+    per_tau = len(events) / pixels / seconds * TAU_S
+    assert len(events) > 4000
+    assert per_tau == pytest.approx(LEVEL_STEP[ratio], rel=0.05)
+    assert events["on"].mean() == pytest.approx(0.5, abs=0.02)
+    assert set(np.concatenate(bench.causes)) == {CAUSES.index("shot")}
+
+
+def test_there_is_no_burst_when_pixels_begin():
+    bench = Benchtop(noisy(2.0), 3000, on=THETA, off=THETA)
+    events = bench.along([0, 20_000, 40_000], [0.0, 0.0, 0.0])
+    early, late = (events["t"] <= 1000).sum(), (events["t"] > 39_000).sum()
+    assert late > 300 and early == pytest.approx(late, rel=0.3) and events["t"].min() >= 1
+
+
+def test_successive_noise_events_are_mostly_of_opposite_polarity():
+    events, _ = watch(noisy(2.5), 1500, 0.5)
+    order = np.lexsort((events["t"], events["x"]))
+    x, on = events["x"][order], events["on"][order]
+    same_pixel = x[1:] == x[:-1]
+    assert (on[1:] != on[:-1])[same_pixel].mean() == pytest.approx(0.75, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    "ratio", [2.0, pytest.param(3.0, marks=pytest.mark.slow), pytest.param(3.5, marks=pytest.mark.slow)]
+)
+def test_with_a_long_rest_noise_fires_at_the_rate_of_first_passages(ratio):
+    # The rest is long enough for the noise to forget: 8 time constants.
+    pixels, rest_s, seconds = 1000, 8 * TAU_S, {2.0: 1.0, 3.0: 1.5, 3.5: 4.0}[ratio]
+    events, _ = watch(noisy(ratio, rest_s * 1e6), pixels, seconds)
+    wait_s = pixels * seconds / len(events) - rest_s
+    assert len(events) > 4000
+    assert TAU_S / wait_s == pytest.approx(FIRST_PASSAGE[ratio], rel=0.05)
+
+
+@pytest.mark.parametrize("begin_us", [pytest.param(0, marks=pytest.mark.slow), 10**9])
+def test_noise_is_the_same_bits_at_every_frame_rate(begin_us):
+    settings = replace(
+        noisy(2.0, 300.0),
+        front_end=FrontEnd(0.5, 3.0, 300.0),
+        threshold=Threshold(mismatch=0.02),
+        leak=Leak(3.0),
+        noise=Noise(2.0, 2.0, shot=0.12),
+    )
+    found = []
+    for times_us in SPLITS.values():
+        bench = Benchtop(settings, 30, 10)
+        events = bench.along([begin_us + t for t in times_us], [0.3] * len(times_us))
+        found.append((events, np.concatenate(bench.causes)))
+    assert len(found[0][0]) > 2000 and set(found[0][1]) == {1, 2}
+    for events, causes in found[1:]:
+        np.testing.assert_array_equal(events, found[0][0])
+        np.testing.assert_array_equal(causes, found[0][1])
+
+
+@pytest.mark.slow
+def test_variance_falls_with_light_and_the_rate_peaks_between_dark_and_bright():
+    # In the dark the receptor is slow, in the light there is little noise.
+    settings = SensorSettings(front_end=FrontEnd(0.01, 3.0, 300.0), noise=Noise(shot=0.07))
+    rates = []
+    for lux in (0.1, 3.0, 30.0, 100.0, 1000.0):
+        bench = Benchtop(settings, 1000, on=THETA, off=THETA)
+        bench.to(0, math.log(lux / 100))
+        rates.append(len(bench.along([200_000, 400_000], [math.log(lux / 100)] * 2)) / 1000 / 0.4)
+    assert np.argmax(rates) in (1, 2, 3) and rates[-1] < 0.1 * max(rates) > rates[0]
+    # n = 1 / (1 + tau_follower / tau_receptor) of the dark's variance, at 100 lux, as a lone follower's noise of that
+    # variance: the two have one correlation time, of which rates are in units.
+    sigma = 0.07 / math.sqrt(1 + 100.01 * 3.0 / 300.0)
+    tau_s = (1 / 300.0 + 1 / (3.0 * 100.01)) / (2 * math.pi)
+    alone = SensorSettings(front_end=FrontEnd(follower_hz=1 / (2 * math.pi * tau_s)), noise=Noise(shot=sigma))
+    bench = Benchtop(alone, 1000, on=THETA, off=THETA)
+    bench.to(0, 0.0)
+    assert rates[3] == pytest.approx(len(bench.along([200_000, 400_000], [0.0] * 2)) / 1000 / 0.4, rel=0.1)
