@@ -7,6 +7,8 @@
 ...         mujoco.mj_step(model, data)
 ...         scene.follow(simulator)
 ...     events = simulator.step(scene.time_us)
+
+An environment of Gymnasium's follows it too: ``EventObservation(env, simulator, scene.follow)``.
 """
 
 from __future__ import annotations
@@ -94,10 +96,11 @@ class MujocoScene:
         """Time of the data since the scene was made, or since its time went back [µs]."""
         return round((float(self._data.time) - self._start_s) * 1e6)
 
-    def follow(self, simulator: Simulator) -> None:
+    def follow(self, simulator: Simulator) -> int:
         """Tell the simulator where all is at the data's time; call it before the first step and after each of MuJoCo's.
 
-        Where the data's time went back, as in ``mj_resetData``, the simulator has to be reset before.
+        It returns the data's time, as `time_us`. Where that went back, as in ``mj_resetData``, the simulator has to be
+        reset before.
         """
         import mujoco
 
@@ -107,7 +110,7 @@ class MujocoScene:
         self._last_s = float(data.time)
         at_us = self.time_us
         if at_us == simulator.time_us > 0:
-            return
+            return at_us
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
@@ -118,6 +121,7 @@ class MujocoScene:
         simulator.set_camera(self._camera_pose(), at_us)
         for index, name in self._lights.items():
             simulator.set_pose(name, self._light_pose(index), at_us)
+        return at_us
 
     def _add_bodies(self, builder: WorldBuilder) -> None:
         model, surfaces = self._model, Surfaces(self._model, builder)

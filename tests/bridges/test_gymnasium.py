@@ -1,0 +1,92 @@
+"""An agent that sees events."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.events import EVENT_DTYPE
+from clsim.events.grids import voxel_grid
+from clsim.scene.motion import compose
+from tests.simulator.stage import simulator
+
+gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
+
+from clsim.bridges.gymnasium import EventObservation  # noqa: E402
+
+
+class Slide(gymnasium.Env):  # type: ignore[misc, name-defined]
+    """A box on a line; an action is its speed [m/s], a step lasts 10 ms."""
+
+    observation_space = gymnasium.spaces.Box(-2.0, 2.0, (1,), np.float64)
+    action_space = gymnasium.spaces.Box(-20.0, 20.0, (1,), np.float64)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
+        super().reset(seed=seed)
+        self.steps, self.x = 0, float(self.np_random.uniform(-0.1, 0.1))
+        return np.array([self.x]), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.steps += 1
+        self.x = float(np.clip(self.x + 0.01 * action[0], -1.0, 1.0))
+        return np.array([self.x]), -abs(self.x), False, self.steps >= 20, {"x": self.x}
+
+
+def wrapped(run: clsim.Simulator, **options: Any) -> EventObservation:
+    env = Slide()
+
+    def follow(simulator: clsim.Simulator) -> int:
+        at_us = 10_000 * env.steps
+        simulator.set_pose("box", compose((env.x, 0.0, 0.0), np.eye(3)), at_us)
+        return at_us
+
+    return EventObservation(env, run, follow, **options)
+
+
+@pytest.mark.filterwarnings("ignore:.*different from the unwrapped version", "ignore:.*symmetric and normalized")
+@pytest.mark.parametrize("form", ["voxels", "histogram"])
+def test_gymnasium_finds_nothing_wrong(tmp_path: Path, form: str) -> None:
+    from gymnasium.utils.env_checker import check_env
+
+    with simulator(tmp_path) as run:
+        check_env(wrapped(run, form=form), skip_render_check=True)
+
+
+def test_what_is_observed_is_what_fired(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run:
+        env = wrapped(run, bins=3, limit=2.0)
+        observation, info = env.reset(seed=4)
+        assert (
+            observation in env.observation_space and len(info["events"]["t"]) == 0 and not observation["events"].any()
+        )
+        start = observation["state"]
+        found = []
+        for k in range(3):
+            observation, reward, terminated, truncated, info = env.step(np.array([20.0]))
+            assert observation in env.observation_space and (terminated, truncated) == (False, False)
+            assert info["x"] == pytest.approx(float(start[0]) + 0.2 * (k + 1)) and reward == -abs(info["x"])
+            events = np.rec.fromarrays(list(info["events"].values()), EVENT_DTYPE)
+            assert len(events) > 20 and 10_000 * k < events["t"].min() <= events["t"].max() <= 10_000 * (k + 1)
+            grid = voxel_grid(events, 32, 24, 3, 10_000 * k, 10_000 * (k + 1))
+            assert (observation["events"] == np.clip(grid, -2.0, 2.0)).all()
+            found.append(info["events"]["t"].tobytes())
+        env.reset(seed=4)
+        assert [env.step(np.array([20.0]))[4]["events"]["t"].tobytes() for _ in range(3)] == found
+        counted = wrapped(run, form="histogram")
+        counted.reset(seed=4)
+        observation, *_, info = counted.step(np.array([20.0]))
+        assert (
+            observation["events"].sum(axis=(1, 2)) == [(~info["events"]["on"]).sum(), info["events"]["on"].sum()]
+        ).all()
+
+
+def test_what_cannot_be_is_told(tmp_path: Path) -> None:
+    with simulator(tmp_path) as run:
+        for options in ({"bins": 0}, {"limit": -1.0}):
+            with pytest.raises(InputError, match="`bins` must be at least 1 and `limit` positive"):
+                wrapped(run, **options)
+        with pytest.raises(InputError, match="`form` must be one of voxels, histogram, got 'image'"):
+            wrapped(run, form="image")
