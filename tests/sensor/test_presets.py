@@ -1,0 +1,122 @@
+"""Sensors by name and from files: what each says, where it is from, and what is refused."""
+
+import math
+from dataclasses import fields, is_dataclass
+
+import pytest
+
+from clsim.errors import InputError
+from clsim.live.options import LiveOptions
+from clsim.live.stages import plan_stages
+from clsim.sensor import SensorSettings, load_sensor, preset_names
+
+CAMERAS = {
+    "davis240": (240, 180),
+    "davis346": (346, 260),
+    "dvs128": (128, 128),
+    "dvxplorer": (640, 480),
+    "gen3.1": (640, 480),
+    "gen4.1": (1280, 720),
+    "imx636": (1280, 720),
+    "genx320": (320, 320),
+}
+SIMULATORS = ("ideal", "v2e-clean", "v2e-noisy")
+
+
+def numbers_that_differ(settings):
+    """Return the names, as "stage.number", of all that is not as in the ideal sensor."""
+    ideal = SensorSettings()
+    return {
+        f"{group.name}.{number.name}"
+        for group in fields(settings)
+        if is_dataclass(getattr(ideal, group.name))
+        for number in fields(getattr(ideal, group.name))
+        if getattr(getattr(settings, group.name), number.name) != getattr(getattr(ideal, group.name), number.name)
+    }
+
+
+def test_no_preset_is_left_out_here():
+    assert set(preset_names()) == {*CAMERAS, *SIMULATORS}
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_camera_has_its_chip_and_every_kind_of_fault_that_all_have(name):
+    settings = load_sensor(name.upper())
+    assert (settings.optics.width, settings.optics.height) == CAMERAS[name]
+    assert {"MISMATCH", "DARK", "RECEPTOR", "FOLLOWER", "RATE_NOISE", "LEAK", "REFRACTORY"} <= set(settings.macros)
+    assert settings.name == {"imx636": "gen4.1"}.get(name, name)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_every_number_has_a_source_and_every_source_its_number(name):
+    settings = load_sensor(name)
+    assert numbers_that_differ(settings) == set(settings.sources)
+    assert all(len(source) > 10 for source in settings.sources.values())
+
+
+def test_noise_of_v2e_falls_by_three_quarters_from_black_to_white():
+    noise = load_sensor("v2e-noisy").noise
+    for lux, on, off in zip(noise.lux, noise.on_hz, noise.off_hz, strict=True):
+        assert on == off == pytest.approx(2.5 * (1 - 0.75 * (lux * 2.55 + 20) / 275), abs=6e-4)
+
+
+def test_a_field_of_view_is_that_of_the_lens_it_names():
+    assert load_sensor("davis240").optics.fov_deg == pytest.approx(math.degrees(2 * math.atan(120 / 199.4)), abs=0.05)
+    optics = load_sensor("davis346").optics
+    width_mm = optics.width * optics.pitch_um * 1e-3
+    assert optics.fov_deg == pytest.approx(math.degrees(2 * math.atan(width_mm / 2 / 4.5)), abs=0.05)
+
+
+def test_a_preset_sets_the_camera_unless_asked_for_otherwise():
+    plain = plan_stages(LiveOptions("two-boxes")).world.camera
+    seen = plan_stages(LiveOptions("two-boxes", sensor="gen4.1"))
+    assert (seen.world.camera.width, seen.world.camera.height) == (1280, 720)
+    assert seen.world.camera.fov_deg == plain.fov_deg  # that sensor names no lens
+    assert (seen.detector.threshold_on, seen.detector.threshold_off) == (0.25, 0.25)
+    davis = plan_stages(LiveOptions("two-boxes", sensor="davis346")).world.camera
+    assert davis.fov_deg == 70.8 != plain.fov_deg
+    other = plan_stages(LiveOptions("two-boxes", sensor="davis346", resolution=(32, 24), threshold=(0.3, 0.4)))
+    assert (other.world.camera.width, other.world.camera.height) == (32, 24)
+    assert (other.detector.threshold_on, other.detector.threshold_off) == (0.3, 0.4)
+
+
+def written(folder, text, name="mine.toml"):
+    file = folder / name
+    file.write_text(text)
+    return str(file)
+
+
+def test_a_file_says_what_differs_from_its_base(tmp_path):
+    mine = load_sensor(written(tmp_path, 'base = "davis346"\n[threshold]\non = 0.3\n[defects]\nhot_share = 0.001\n'))
+    davis = load_sensor("davis346")
+    assert mine.name == "mine" and mine.threshold.on == 0.3 and mine.threshold.off == davis.threshold.off
+    assert mine.defects.hot_share == 0.001 and mine.leak == davis.leak and mine.optics == davis.optics
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("[treshold]\non = 0.2\n", "treshold"),
+        ("[threshold]\nonn = 0.2\n", "onn"),
+        ("[leak]\nhz = -1\n", "`hz` must not be negative, got -1"),
+        ('[leak]\nhz = "much"\n', "hz"),
+        ("leak = 3\n", "leak"),
+        ("[threshold\n", "is no TOML"),
+        ('base = "mine.toml"\n', "is its own `base`"),
+        ('base = "other.toml"\n', "other.toml: cannot be read"),
+        ("[noise]\non_hz = [1, 2]\n", "`on_hz` has 2 numbers, expected 1"),
+        ("[noise]\nshot = 0.1\n", "follower_hz"),
+    ],
+)
+def test_what_a_file_may_not_say_is_told_in_a_sentence(tmp_path, text, told):
+    with pytest.raises(InputError) as error:
+        load_sensor(written(tmp_path, text))
+    message = str(error.value)
+    assert told in message and ".toml: " in message and "\n" not in message
+
+
+def test_a_name_that_is_nearly_one_is_recognised():
+    with pytest.raises(InputError, match="no sensor 'davis364'; did you mean davis346"):
+        load_sensor("davis364")
+    with pytest.raises(InputError, match=r"expected one of davis240, .*, or a \.toml file"):
+        load_sensor("retina")
