@@ -122,6 +122,7 @@ class Detector:
         stats.many_crossings += fired.many_crossings
         stats.most_crossings = max(stats.most_crossings, fired.most_crossings)
         stats.capped += fired.capped
+        stats.lost += fired.lost
         return fired.events
 
     def level(self) -> FloatArray:

@@ -55,6 +55,8 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
             f"clsim: {summary['capped_events']:,} events beyond 1000 per pixel and step were not written; the "
             "threshold is too low"
         )
+    if summary["lost_events"]:
+        say(f"clsim: {summary['lost_events']:,} events were lost in the sensor's readout: it was too busy")
     motion = summary["motion"]
     if motion is not None and motion["fast_pairs"]:
         say(

@@ -19,6 +19,7 @@ class DetectorStats:
         many_crossings: pixels with more than 3 crossings in one step, summed over steps.
         most_crossings: the largest number of crossings of a pixel in one step (rule `interpolated`; else at most 1).
         capped: events left out because a pixel had more than 1000 in one step.
+        lost: events that the sensor's readout had no time for.
     """
 
     frames: int = 0
@@ -30,6 +31,7 @@ class DetectorStats:
     many_crossings: int = 0
     most_crossings: int = 0
     capped: int = 0
+    lost: int = 0
 
     @property
     def solved_share(self) -> float:

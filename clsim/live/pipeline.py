@@ -53,6 +53,8 @@ class DetectorStats(Protocol):
     """The largest number of crossings of a pixel in one step."""
     capped: int
     """Events not written because a pixel had too many in one step."""
+    lost: int
+    """Events that the sensor's readout had no time for."""
 
 
 class Detector(Protocol):
@@ -123,6 +125,8 @@ class Progress:
     most_crossings: int = 0
     """The largest number of thresholds that a pixel crossed in one step."""
     capped_events: int = 0
+    lost_events: int = 0
+    """Events that the sensor's readout had no time for."""
     paths: int | None = None
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
@@ -325,6 +329,7 @@ class Pipeline:
         progress.steep_pixels = stats.many_crossings
         progress.most_crossings = stats.most_crossings
         progress.capped_events = stats.capped
+        progress.lost_events = stats.lost
         progress.fill = self._ring.fill
         if isinstance(self._source, CountsRays):
             progress.paths, progress.first_hit_rays = self._source.paths, self._source.first_hit_rays

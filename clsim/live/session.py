@@ -122,6 +122,7 @@ class Session:
             steep_pixels=progress.steep_pixels,
             most_crossings=progress.most_crossings,
             capped_events=progress.capped_events,
+            lost_events=progress.lost_events,
             dropped_frames=progress.dropped_frames,
             late_frames=progress.late_frames,
             paths=progress.paths,

@@ -49,6 +49,7 @@ class Fired:
         most_crossings: the most crossings of a pixel.
         capped: events left out because a pixel had more than 1000.
         causes: uint8, of each event (see `clsim.sensor.CAUSES`); None where brightness causes them all.
+        lost: events that the readout had no time for.
     """
 
     events: EventBatch
@@ -57,6 +58,7 @@ class Fired:
     most_crossings: int = 0
     capped: int = 0
     causes: npt.NDArray[np.uint8] | None = None
+    lost: int = 0
 
 
 class IdealPixels:

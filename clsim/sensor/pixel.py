@@ -12,6 +12,7 @@ from clsim.events import EventBatch, empty_batch
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 from clsim.sensor.ideal import Fired
+from clsim.sensor.readout import Bus, Pool, Requests
 from clsim.sensor.settings import Context, SensorSettings
 
 CAUSES = ("signal", "shot", "leak", "hot")
@@ -65,7 +66,9 @@ class RealPixels:
         self._capacity = _ROOM
         self._room = self._allocate(self._chunks * _ROOM)
         self._gathered = self._allocate(0)
-        self._pending = np.empty(0, dtype=REQUEST)
+        self._asked, self._stamped = Pool(REQUEST), Pool(REQUEST)
+        self._bus = None if settings.readout.is_perfect else Bus(place, settings.readout)
+        self._stamp_us = settings.readout.stamp_us
         self.forget()
 
     def forget(self) -> None:
@@ -88,10 +91,9 @@ class RealPixels:
         if path.count:
             size = (-(-path.count // _CHUNK),)
             self._place.launch(self._list, size, path.pixels, path.count, self._fired, self._crossings)
-        requests = self._due(self._collect(counts[:, 0]), path.end_us * 1000)
+        events, causes, lost = self._read_out(self._collect(counts[:, 0]), path.end_us)
         many, capped = (int(value) for value in counts[:, 1:3].sum(axis=0))
-        events, causes = _stamped(requests)
-        return Fired(events, self._crossings, many, int(counts[:, 3].max()), capped, causes)
+        return Fired(events, self._crossings, many, int(counts[:, 3].max()), capped, causes, lost)
 
     def _for(self, path: BrightnessPath) -> tuple[Any, tuple[Buffer, ...]]:
         """Return the kernel for a path, and what it takes of its knots."""
@@ -116,7 +118,7 @@ class RealPixels:
         )  # fmt: skip
         return place.read(self._counts, self._host_counts)
 
-    def _collect(self, counts: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+    def _collect(self, counts: npt.NDArray[np.int64]) -> Requests:
         """Return what the work-items requested, in raster order of the pixels."""
         place = self._place
         starts = np.zeros(self._chunks, dtype=np.int32)
@@ -134,24 +136,27 @@ class RealPixels:
                 requests[name] = place.read(buffer, np.empty(total, buffer.dtype))
         return requests
 
-    def _due(self, requests: npt.NDArray[Any], end_ns: int) -> npt.NDArray[Any]:
-        """Return the requests up to ``end_ns``, those of earlier steps included; keep the later ones."""
-        if len(self._pending):
-            requests = np.concatenate([self._pending, requests])
-        late = requests["t"] > end_ns
-        self._pending = requests[late]
-        return requests[~late] if len(self._pending) else requests
+    def _read_out(self, requests: Requests, end_us: int) -> tuple[EventBatch, npt.NDArray[np.uint8], int]:
+        """Return the events up to ``end_us``, what caused each, and how many were lost on the way."""
+        lost = 0
+        requests = self._asked.pass_on(requests, end_us * 1000)
+        if self._bus is not None:
+            order = np.lexsort((requests["x"], requests["y"], requests["t"]))
+            requests, lost = self._bus.run(requests[order], end_us * 1000)
+        stamp_ns = 1000 * self._stamp_us
+        requests["t"] = -(-requests["t"] // stamp_ns) * stamp_ns
+        events, causes = _sorted(self._stamped.pass_on(requests, end_us * 1000))
+        return events, causes, lost
 
     def _allocate(self, count: int) -> list[Buffer]:
         return [self._place.allocate((count,), kind) for kind in _KINDS.values()]
 
 
-def _stamped(requests: npt.NDArray[Any]) -> tuple[EventBatch, npt.NDArray[np.uint8]]:
-    """Return events by t, then (y, x), and what caused each: a stamp is the whole µs at or after its time."""
-    stamps = -(-requests["t"] // 1000)
-    order = np.lexsort((requests["x"], requests["y"], stamps))
+def _sorted(requests: Requests) -> tuple[EventBatch, npt.NDArray[np.uint8]]:
+    """Return events by t, then (y, x), and what caused each."""
+    order = np.lexsort((requests["x"], requests["y"], requests["t"]))
     events = empty_batch(len(requests))
-    events["t"] = stamps[order]
+    events["t"] = requests["t"][order] // 1000
     for name in ("x", "y", "on"):
         events[name] = requests[name][order]
     return events, requests["cause"][order]

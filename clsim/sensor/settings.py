@@ -321,6 +321,49 @@ class Delay(Stage):
 
 
 @dataclass(frozen=True)
+class Readout:
+    """From requests of pixels to events on the wire, in this order: scan, queue, controller, stamp.
+
+    Attributes:
+        scan_us: period of a scan of all columns, which holds the image: an event is read at the next scan, and one of
+            a pixel each [µs]; 0 lets pixels ask at any time.
+        event_us: how long the bus takes for an event [µs]: 1 / its largest rate.
+        row_us: how much longer where an event is of another row than the one before [µs].
+        most_wait_us: who would wait longer for the bus is lost [µs]; None waits for ever.
+        control_period_us: period of the event-rate controller [µs].
+        most_in_period: events that it lets pass in each, the first; None lets all pass.
+        stamp_us: times are whole multiples of it [µs], at or after the event.
+    """
+
+    scan_us: float = 0.0
+    event_us: float = 0.0
+    row_us: float = 0.0
+    most_wait_us: float | None = None
+    control_period_us: float = 200.0
+    most_in_period: int | None = None
+    stamp_us: int = 1
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        read_fields(self)
+        _not_negative(self, "scan_us", "event_us", "row_us", "most_wait_us")
+        _positive(self, "control_period_us", "most_in_period", "stamp_us")
+        for name in ("scan_us", "control_period_us"):
+            if 0 < getattr(self, name) < 1:
+                raise InputError(f"`{name}` must be at least 1 µs, got {getattr(self, name):g}")
+
+    @property
+    def queues(self) -> bool:
+        """Whether the bus takes time."""
+        return self.event_us > 0 or self.row_us > 0
+
+    @property
+    def is_perfect(self) -> bool:
+        """Whether every request is an event at its own time."""
+        return not (self.scan_us or self.queues) and self.most_in_period is None and self.stamp_us == 1
+
+
+@dataclass(frozen=True)
 class Optics:
     """What a camera's chip and lens say of the picture; None leaves the scene's.
 
@@ -354,8 +397,9 @@ _KINDS: dict[str, Any] = {
     "defects": Defects,
     "refractory": Refractory,
     "delay": Delay,
+    "readout": Readout,
 }
-STAGES = tuple(name for name in _KINDS if name != "optics")
+STAGES = tuple(name for name in _KINDS if issubclass(_KINDS[name], Stage))
 """What kernels are told of, in the order in which an event meets it."""
 
 
@@ -406,13 +450,15 @@ class SensorSettings:
     defects: Defects = field(default_factory=Defects)
     refractory: Refractory = field(default_factory=Refractory)
     delay: Delay = field(default_factory=Delay)
+    readout: Readout = field(default_factory=Readout)
     sources: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse stages that do not go together."""
         for name in STAGES:
             object.__setattr__(self, name, _stage(name, getattr(self, name)))
-        object.__setattr__(self, "optics", _stage("optics", self.optics))
+        for name in ("optics", "readout"):
+            object.__setattr__(self, name, _stage(name, getattr(self, name)))
         front = self.front_end
         if self.noise.shot > 0 and front.follower_hz is None:
             raise InputError("noise: `shot` needs a bandwidth: give front_end `follower_hz`, or rates instead")
@@ -430,4 +476,4 @@ class SensorSettings:
     @property
     def is_ideal(self) -> bool:
         """Whether no stage is on."""
-        return not self.macros
+        return not self.macros and self.readout.is_perfect

@@ -41,7 +41,7 @@ class CountingSource:
 class OneEventDetector:
     """Fires one event a frame, whose x is the source's frame index."""
 
-    solved_share, masked, many_crossings, most_crossings, capped = 0.25, 0, 0, 0, 0
+    solved_share, masked, many_crossings, most_crossings, capped, lost = 0.25, 0, 0, 0, 0, 0
 
     @property
     def stats(self) -> "OneEventDetector":

@@ -57,7 +57,7 @@ class SteeredSource:
 
 
 class InterestedDetector:
-    solved_share, masked, many_crossings, most_crossings, capped = 0.0, 0, 0, 0, 0
+    solved_share, masked, many_crossings, most_crossings, capped, lost = 0.0, 0, 0, 0, 0, 0
 
     @property
     def stats(self) -> "InterestedDetector":
