@@ -8,10 +8,11 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
+from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.frames import Frame, InterestMap
+from clsim.frames import Frame, InterestMap, PixelTracer
 from clsim.frames.frame import FloatArray
 from clsim.opencl.device import Device, choose_device
 from clsim.opencl.workplace import Grid, Workplace
@@ -49,6 +50,8 @@ class Detector:
         *,
         device: Device | None = None,
         specimen: Specimen | None = None,
+        tracer: PixelTracer | None = None,
+        tolerance_us: float = 100.0,
     ) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
 
@@ -58,6 +61,8 @@ class Detector:
             names: planes of the frames.
             device: what computes; None takes the best.
             specimen: the sensor; None is the ideal one.
+            tracer: what traces pixels between frames, and is closed with the detector; None lets them be.
+            tolerance_us: error of an event's time that will do, where pixels are traced [µs].
 
         Raises:
             InputError: a plane is missing, the gate needs recorded frames, options do not go with the sensor, or there
@@ -76,6 +81,11 @@ class Detector:
         self._grid = Grid(width, height, lanes, np.float64 if double else np.float32)
         self.estimator = self.estimator_type(config, self._grid, names, self.device, self.queue)
         self._sensor: IdealPixels | RealPixels | None = None
+        self._tracer = tracer
+        self.refiner: Refiner | None = None
+        if tracer is not None:
+            place = Workplace(self.device, self._grid, self.queue)
+            self.refiner = Refiner(place, config, names, tracer, tolerance_us)
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -94,6 +104,8 @@ class Detector:
     def reset(self) -> None:
         """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""
         self.estimator.reset()
+        if self.refiner is not None:
+            self.refiner.reset()
         if self._sensor is not None:
             self._sensor.forget()
 
@@ -101,6 +113,13 @@ class Detector:
         """Release the device's memory; safe to call twice."""
         self.estimator.close()
         self._sensor = None
+        if self._tracer is not None:
+            self._tracer.close()
+
+    def cancel(self) -> None:
+        """Make a running ``step`` that traces pixels raise an error soon; safe from any thread."""
+        if self._tracer is not None:
+            self._tracer.cancel()
 
     def step(self, frame: Frame) -> EventBatch:
         """Process one frame and return its events, sorted by t, then (y, x).
@@ -110,6 +129,8 @@ class Detector:
         """
         sensor = self.sensor
         path, counts = self.estimator.observe(frame, sensor.references)
+        if self.refiner is not None:
+            path = self.refiner.refine(path, frame, sensor.references)
         fired = sensor.step(path)
         self.estimator.learn(path, fired.crossings)
         stats = self.stats

@@ -24,6 +24,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
+from clsim.live.time_steps import TimeSteps
 from clsim.radiance import RadianceCamera
 from clsim.render import SceneData, View
 from clsim.render.features import light_stands_still
@@ -108,6 +109,8 @@ class Simulator:
         render_device: str = "cpu",
         opencl: str | None = None,
         strict: bool = False,
+        time: TimeSteps = "fixed",
+        time_tolerance_us: float | None = None,
         truth: str | Sequence[str] = (),
     ) -> None:
         """Load the scene and choose devices; the first step copies the scene to the one that renders.
@@ -119,8 +122,8 @@ class Simulator:
                 each step, and evenly between where a step is longer than 1/fps.
             fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
                 sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
-                history, follow_specular, max_depth, threads, render_device, opencl, strict: as in `clsim.stream`; a
-                World has its own resolution and camera.
+                history, follow_specular, max_depth, threads, render_device, opencl, strict, time,
+                time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera.
             truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
@@ -208,6 +211,10 @@ class Simulator:
         red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
         if min(red, green, blue) < 0:
             raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
+        if self._options.time == "adaptive":
+            raise InputError(
+                "`time` adaptive knows the scene's own light between frames, so no light can be set; use fixed"
+            )
         if self._options.point.sampling == "cached":
             raise InputError("`sampling` cached keeps the light on surfaces, so no light can be set; use adaptive")
         self._driving.set_light(name, (red, green, blue))
@@ -346,7 +353,7 @@ class Simulator:
         """Build a camera and a detector without a past."""
         self._board = self._stages.board("refuse")
         self._view = self._stages.view(self._data, self._board)
-        self._detector = self._stages.make_detector()
+        self._detector = self._stages.build_detector()
 
     def _frame_times(self, until_us: int) -> list[int]:
         """Return the times of the frames of a step."""

@@ -42,7 +42,8 @@ static inline real crossings_to(real level, real on, real off, real *ref, int *r
 // levels[k] at times[k] [ns from the start], k = offsets[i] … offsets[i + 1] - 1, for the i-th of the list. Updates the
 // references; a pixel without one (NaN) takes the level as its first and fires nothing.
 // out_fired: crossings, negative where the last is OFF; out_from: level before, reference before, level after.
-// out_counts per work-item: events to write, pixels with many crossings, events left out, most crossings of a pixel.
+// out_counts per work-item: events to write, pixels with many crossings and no knots, events left out, most crossings of a
+// pixel without knots.
 __kernel void decide_events(
     __global const int *list, int count, __global const real *start, __global const real *end, KNOT_ARGUMENTS real on,
     real off, __global real *references, __global int *out_fired, __global real *out_from, __global long *out_counts)
@@ -51,7 +52,7 @@ __kernel void decide_events(
     long events = 0, many = 0, capped = 0, most = 0;
     for (int i = first; i < last; i++) {
         const real now = end[list[i]], before = start[list[i]], ref = references[list[i]];
-        real ref_after = ref, crossings = 0;
+        real ref_after = ref, crossings = 0, steepest = 0;
         int fired = 0, rising = 0;
         if (ref != ref) {
             references[list[i]] = now;
@@ -67,15 +68,16 @@ __kernel void decide_events(
             const real end_crossings = crossings_to(now, on, off, &ref_after, &end_rising);
             if (end_crossings > 0) rising = end_rising;
             crossings += end_crossings;
+            if (offsets[i] == offsets[i + 1]) steepest = end_crossings;
 #else
-            crossings = crossings_to(now, on, off, &ref_after, &rising);
+            steepest = crossings = crossings_to(now, on, off, &ref_after, &rising);
 #endif
             if (crossings > 0) {
                 const int written = crossings > MAX_EVENTS ? MAX_EVENTS : (int)crossings;
-                many += crossings > MANY;
+                many += steepest > MANY;
                 const int counted = (int)(crossings > 1e9f ? 1e9f : crossings);
                 capped += counted - written;
-                most = MAX(most, counted);
+                most = MAX(most, (long)(steepest > 1e9f ? 1e9f : steepest));
                 events += written;
                 fired = rising ? written : -written;
                 references[list[i]] = ref_after;

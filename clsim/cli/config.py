@@ -46,7 +46,8 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
 
     Args:
         parameters: a command's, by name: the fields of ``LiveOptions`` and ``FileOptions``, with ``duration``,
-            ``resolution``, ``threshold`` and ``truth`` as text, and ``config``, the file. None is not given.
+            ``time_tolerance``, ``resolution``, ``threshold`` and ``truth`` as text, and ``config``, the file. None is
+            not given.
 
     Where events go is never repeated: what is there already shall stay. Of how ``files`` are written, their time and
     frames are, where they suit the new outputs; the format is told by their names.
@@ -59,6 +60,8 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
     config: Path | None = chosen.pop("config", None)
     if "duration" in chosen:
         chosen["duration_s"] = parse.duration_s(chosen.pop("duration"))
+    if "time_tolerance" in chosen:
+        chosen["time_tolerance_us"] = 1e6 * parse.duration_s(chosen.pop("time_tolerance"), "--time-tolerance")
     readers = (("resolution", parse.resolution), ("threshold", parse.threshold), ("truth", parse.names))
     for name, read in readers:
         if name in chosen:

@@ -11,6 +11,7 @@ from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
 from clsim.events.outputs import Encoding
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
+from clsim.live.time_steps import TimeSteps
 from clsim.truth.layouts import LAYOUTS
 from clsim.truth.names import TRUTH_NAMES
 
@@ -73,6 +74,16 @@ PACE = Annotated[
         help="As fast as it can; or by the wall clock, where a governor renders less while the machine is too "
         "slow. [max]"
     ),
+]
+TIME = Annotated[
+    TimeSteps | None,
+    advanced(
+        help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive); "
+        "frames are 30 a second then unless --fps is given. [fixed]"
+    ),
+]
+TIME_TOLERANCE = Annotated[
+    str | None, advanced(help="With --time adaptive: error of an event's time that will do, such as 20us. [100us]")
 ]
 LOOP = Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")]
 SENSOR = Annotated[

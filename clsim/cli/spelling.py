@@ -9,6 +9,7 @@ _OPTIONS = {
     "outputs": "--out",
     "threshold_off": "--threshold",
     "threshold_on": "--threshold",
+    "time_tolerance_us": "--time-tolerance",
 }
 """Options whose name is not that of the field with hyphens."""
 

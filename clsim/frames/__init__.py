@@ -21,7 +21,14 @@ from clsim.frames.planes import (
     plane_of,
     rendered_planes,
 )
-from clsim.frames.protocols import Cancellable, CountsRays, FrameSource, Renoising, SourceEnded
+from clsim.frames.protocols import (
+    Cancellable,
+    CountsRays,
+    FrameSource,
+    PixelTracer,
+    Renoising,
+    SourceEnded,
+)
 from clsim.frames.ring import FrameRing, Policy, RingClosed
 
 __all__ = [
@@ -47,6 +54,7 @@ __all__ = [
     "FrameSource",
     "InterestBoard",
     "InterestMap",
+    "PixelTracer",
     "Plane",
     "PlaneSet",
     "Policy",

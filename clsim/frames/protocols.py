@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
 from clsim.errors import Error
-from clsim.frames.frame import Frame
+from clsim.frames.frame import FloatArray, Frame
 
 
 class SourceEnded(Error):  # noqa: N818 - a normal end, not an error
@@ -33,6 +36,33 @@ class FrameSource(Protocol):
 
     def close(self) -> None:
         """Release what the source holds; safe to call twice."""
+        ...
+
+
+class PixelTracer(Protocol):
+    """What traces chosen pixels at chosen times, as in the frames of those times."""
+
+    names: tuple[str, ...]
+    """Planes of what it traces."""
+
+    def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> FloatArray:
+        """Return the planes ``[C, N]`` of N pixels, y·width + x each, at N times [s]."""
+        ...
+
+    def motion(self, start_s: float, end_s: float) -> FloatArray | None:
+        """Return how far things go on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
+
+        Of what a pixel sees at the start, of what it sees at the end, and the longest way over it. None where
+        nothing moves.
+        """
+        ...
+
+    def cancel(self) -> None:
+        """Make a running ``trace``, and every later one, raise an error soon; safe from any thread."""
+        ...
+
+    def close(self) -> None:
+        """Release what it holds; safe to call twice."""
         ...
 
 

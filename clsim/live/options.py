@@ -27,6 +27,7 @@ from clsim.live.quality import (
     with_given,
 )
 from clsim.live.schedule import LARGEST_FPS
+from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, TimeSteps
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.presets import load_sensor
 from clsim.sensor.settings import SensorSettings
@@ -104,6 +105,10 @@ class LiveOptions:
     """Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce."""
     threads: int | None = None
     """Threads that render; None takes one a core."""
+    time: TimeSteps = "fixed"
+    """Whether brightness is found at frames alone, or between them too, where events happen."""
+    time_tolerance_us: float | None = None
+    """Error of an event's time that will do where time is adaptive [µs]; None is 100."""
     pace: Pace = "max"
     governor: bool = True
     """Whether a run at the pace of the wall clock renders less where it could not keep up."""
@@ -149,6 +154,7 @@ class LiveOptions:
             if maybe is not None and maybe < 1:
                 raise InputError(f"`{option}` must be at least 1, got {maybe}")
         self._check_sampling()
+        self._check_time()
         if self.seed < 0:
             raise InputError(f"`seed` must not be negative, got {self.seed}")
         if self.frame_count is not None and self.duration_s is not None:
@@ -260,6 +266,28 @@ class LiveOptions:
                 raise InputError(f"`probe_spp` must be at most `spp` {point.spp}, got {point.probe_spp}")
             if point.noise != "common":
                 raise InputError(f"`sampling` {point.sampling} needs `noise` common, got {point.noise}")
+
+    def _check_time(self) -> None:
+        tolerance, point = self.time_tolerance_us, self.point
+        if tolerance is not None and not SMALLEST_TOLERANCE_US <= tolerance <= LARGEST_TOLERANCE_US:
+            raise InputError(
+                f"`time_tolerance_us` must be from {SMALLEST_TOLERANCE_US:g} to {LARGEST_TOLERANCE_US:g}, "
+                f"got {tolerance:g}"
+            )
+        if self.time == "fixed":
+            if tolerance is not None:
+                raise InputError(f"`time_tolerance_us` {tolerance:g} is for `time` adaptive, but time is fixed")
+            return
+        if self.sensor is not None and not self.sensor.is_ideal:
+            raise InputError("`time` adaptive is for the ideal pixel, but `sensor` is given; leave one of them out")
+        if point.method not in ("esim", "irradiance"):
+            raise InputError(f"`time` adaptive needs `method` esim or irradiance, got {point.method}")
+        if point.noise != "common":
+            raise InputError(f"`time` adaptive needs `noise` common, got {point.noise}")
+        if point.event_rule != "interpolated":
+            raise InputError(f"`time` adaptive needs `event_rule` interpolated, got {point.event_rule}")
+        if point.method == "irradiance":
+            self._need_first_hit_rays("`time` adaptive with `method` irradiance")
 
     def _need_first_hit_rays(self, setting: str) -> None:
         if self.point.first_hit_rays == 0:

@@ -180,6 +180,7 @@ class Pipeline:
         self._board, self._governed = board, governed
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
+        self._detector: object = None
         self._stopping = threading.Event()
         self._consumed = threading.Semaphore(0)
         self._continuity = Continuity(schedule)
@@ -250,8 +251,9 @@ class Pipeline:
         if self._board is not None:
             self._board.close()
         self._consumed.release()
-        if isinstance(self._source, Cancellable):
-            self._source.cancel()
+        for each in (self._source, self._detector):
+            if isinstance(each, Cancellable):
+                each.cancel()
 
     def _produce(self) -> None:
         source = self._source = self._make_source()
@@ -285,7 +287,7 @@ class Pipeline:
             source.close()
 
     def _consume(self) -> None:
-        detector = self._make_detector()
+        detector = self._detector = self._make_detector()
         try:
             while True:
                 frame = self._ring.take()

@@ -61,7 +61,7 @@ class Rendering:
         every_frame = replace(stages.render, variances=stages.render.first_hit_rays == 0, truth_every=1)
         view = View(stages.scene_data(), every_frame, board)
         frame = Frame(page_aligned((len(view.names), self.height, self.width)), view.names)
-        detector = None if board is None else stages.make_detector()
+        detector = None if board is None else stages.build_detector()
         try:
             for index in range(self.frame_count):
                 view.fill(index, frame)

@@ -175,7 +175,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
         lambda: PathTracer(world, stages.render, board),
-        stages.make_detector,
+        lambda: stages.build_detector(schedule),
         outputs,
         schedule,
         (stages.planes, camera.height, camera.width),

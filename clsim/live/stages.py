@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
-from clsim.frames import InterestBoard, rendered_planes
+from clsim.frames import InterestBoard, PixelTracer, rendered_planes
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
-from clsim.live.schedule import truth_every
+from clsim.live.schedule import Schedule, truth_every
+from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
 from clsim.scene import World, load_world
 from clsim.truth.names import plane_names
 
@@ -19,6 +19,14 @@ if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
     from clsim.sensor import Specimen
     from clsim.sensor.settings import Optics, SensorSettings
+
+
+class DetectorMaker(Protocol):
+    """What builds a detector."""
+
+    def __call__(self, tracer: PixelTracer | None = None) -> Detector:
+        """Build it; with a ``tracer`` it asks for pixels between frames."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -31,8 +39,9 @@ class Stages:
         render: options of the renderer.
         detector: options of the detector.
         planes: names of the frames' planes.
-        make_detector: builds the detector, its kernels too.
+        make_detector: builds the detector, its kernels too, with what traces pixels between frames, if anything does.
         steered: whether the detector's maps of interest steer the renderer.
+        retracing: how pixels are traced between frames; None where they are not.
     """
 
     world: World
@@ -40,8 +49,9 @@ class Stages:
     render: RenderOptions
     detector: DetectorConfig
     planes: tuple[str, ...]
-    make_detector: Callable[[], Detector]
+    make_detector: DetectorMaker
     steered: bool
+    retracing: Retracing | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -51,6 +61,11 @@ class Stages:
     def board(self, missing: Literal["refuse", "wait", "newest"]) -> InterestBoard | None:
         """Return a board for the maps of interest if anything asks for them; see InterestBoard for ``missing``."""
         return InterestBoard(missing) if self.steered else None
+
+    def build_detector(self, schedule: Schedule | None = None) -> Detector:
+        """Build the detector; where pixels are traced between frames, at the times of ``schedule`` or the world's."""
+        tracer = None if self.retracing is None else self.retracing.tracer(self.world, schedule)
+        return self.make_detector(tracer)
 
     def scene_data(self) -> SceneData:
         """Copy the world to the device that renders."""
@@ -80,7 +95,7 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
         )
         if options.resolution is None and options.sensor is not None:
             world = _seen_by(world, options.sensor.optics)
-    fps = options.fps or world.fps
+    fps = options.fps or (world.fps if options.time == "fixed" else min(world.fps, BASE_FPS))
     point = options.point
     steered = point.sampling == "adaptive"
     if point.sampling == "cached" and not light_stands_still(world):
@@ -110,8 +125,18 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0, truth=render.truth).names
     size = world.camera.width, world.camera.height
     specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)
-    make_detector = detector_maker(detector, size, planes, options.opencl, specimen)
-    return Stages(world, fps, render, detector, planes, make_detector, steered)
+    retracing = None
+    if options.time == "adaptive":
+        if world.camera.shutter_s > 0:
+            raise InputError(
+                f"`time` adaptive finds brightness at instants, but the camera of {world.name} exposes for "
+                f"{world.camera.shutter_s:g} s; expected 0"
+            )
+        retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, render)
+    make_detector = detector_maker(
+        detector, size, planes, options.opencl, specimen, None if retracing is None else retracing.tolerance_us
+    )
+    return Stages(world, fps, render, detector, planes, make_detector, steered, retracing)
 
 
 def detector_maker(
@@ -120,11 +145,14 @@ def detector_maker(
     planes: tuple[str, ...],
     opencl: str | None,
     specimen: Specimen | None = None,
-) -> Callable[[], Detector]:
+    tolerance_us: float | None = None,
+) -> DetectorMaker:
     """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels later.
 
-    ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one.
+    ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one. ``tolerance_us``
+    says how exactly events are timed by what traces pixels.
     """
+    from clsim.detector import Detector as StreamDetector
     from clsim.detector import check_sensor, recorded_detector
     from clsim.opencl.device import choose_device
 
@@ -133,7 +161,11 @@ def detector_maker(
     if specimen is not None:
         check_sensor(config, specimen)
 
-    def make() -> Any:
+    def make(tracer: PixelTracer | None = None) -> Any:
+        if tracer is not None and tolerance_us is not None:
+            return StreamDetector(
+                config, *size, planes, device=device, specimen=specimen, tracer=tracer, tolerance_us=tolerance_us
+            )
         return recorded_detector(config, *size, planes, device=device, specimen=specimen)
 
     return make

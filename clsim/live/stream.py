@@ -22,6 +22,7 @@ from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.session import Session, open_live
 from clsim.live.sidecars import camera_pose
 from clsim.live.summary import Summary
+from clsim.live.time_steps import TimeSteps
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 
@@ -156,6 +157,8 @@ def stream(
     render_device: str = "cpu",
     opencl: str | None = None,
     strict: bool = False,
+    time: TimeSteps = "fixed",
+    time_tolerance_us: float | None = None,
     truth: str | Sequence[str] = (),
     frame_rate: float | None = None,
     pose_rate: float = 200.0,
@@ -181,6 +184,9 @@ def stream(
         threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
         sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one. Its resolution and
             field of view hold where no ``resolution`` is given.
+        time: "fixed": brightness is found at frames alone, and is linear in time between; "adaptive": pixels are traced
+            between frames too, where events happen. Frames are then 30 a second unless ``fps`` is given.
+        time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs: files and addresses that receive the events as well.
         files: how files are written.

@@ -19,6 +19,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.features import Features
+from clsim.render.pose_cache import PoseCache
 from clsim.render.shutter import (
     key_steps,
     key_times,
@@ -228,6 +229,7 @@ class CameraData:
         self._camera = camera
         self._origin_m = origin_m
         self._shutter_s = camera.shutter_s if features.camera_blur else 0.0
+        self._plain = plain(features)
         fov, lens = math.radians(camera.fov_deg), camera.lens
         fisheye = lens.model == "fisheye"
         self._focal_px = camera.width / fov if fisheye else camera.width / (2.0 * math.tan(fov / 2.0))
@@ -263,15 +265,23 @@ class CameraData:
         self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
         return self._view
 
-    def at_instants(self, times_s: npt.NDArray[np.float64], device: Any) -> Any:
+    def at_instants(self, times_s: npt.NDArray[np.float64], poses: PoseCache) -> Any:
         """Return the views at those times, one after the other."""
-        poses = np.array([self._camera.motion.pose(float(t)) for t in times_s])
-        axes = poses[:, :3, :3] / np.linalg.norm(poses[:, :3, :3], axis=1, keepdims=True)
-        images = np.array([self._image(pose) for pose in poses], np.float32)
-        self._view.positions = array((poses[:, :3, 3] - self._origin_m).astype(np.float32), wp.vec3, device)
-        self._view.rotations = array(quaternions(axes).astype(np.float32), wp.quat, device)
-        self._view.images = array(images, wp.mat33, device)
+        seen = [poses.recall(self, float(t), self._instant) for t in times_s]
+        positions, images, axes = (np.array(values) for values in zip(*seen, strict=True))
+        device = self._view.positions.device
+        self._view.positions = array(positions.astype(np.float32), wp.vec3, device)
+        if self._plain:
+            self._view.images = array(images.astype(np.float32), wp.mat33, device)
+        else:
+            self._view.rotations = array(quaternions(axes).astype(np.float32), wp.quat, device)
         return self._view
+
+    def _instant(self, time_s: float) -> tuple[Any, Any, Any]:
+        """Return position, image plane and axes at a time."""
+        pose = self._camera.motion.pose(time_s)
+        axes = pose[:3, :3] / np.linalg.norm(pose[None, :3, :3], axis=1, keepdims=True)[0]
+        return pose[:3, 3] - self._origin_m, self._image(pose), axes
 
     def _image(self, pose: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
         """Return the plane of the image: right, down and the corner."""

@@ -14,6 +14,7 @@ from clsim.render.camera import CameraData
 from clsim.render.effort import first_look
 from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
+from clsim.render.motion_field import build_motion_field, pass_over
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
@@ -58,7 +59,9 @@ class Retracer:
         self.requests = self.samples = 0
         self._data, self._device = data, data.device
         self._first_hits = options.first_hit_rays
-        features = options.features(data.features, camera, requests=True)
+        self._features = features = options.features(data.features, camera, requests=True)
+        self._shape = camera.height, camera.width
+        self._follow: tuple[Any, Any, Any, Any] | None = None
         self._kernel = build_kernel(features, data.tree)
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width)
@@ -91,6 +94,37 @@ class Retracer:
             done, first = int(ends[last - 1]), last
         return planes
 
+    def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
+        """Return how far things go on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
+
+        The first is the way of what a pixel sees at the start, the second that of what it sees at the end, the third
+        the longest that leads over it or a neighbour. None where nothing moves meanwhile.
+        """
+        self._data.poses.forget()
+        if self._rests(start_s, end_s):
+            return None
+        instants_s = np.array([start_s, end_s])
+        if self._follow is None:
+            self._follow = self._record_motion()
+        launch, spread, ways, longest = self._follow
+        alike = self._data.still or self._data.features.instants
+        for k in (0, 1):
+            self._data.move_to(instants_s if alike else instants_s[k : k + 1])
+            for name, value in (("scene", self._data.scene), ("start", k), ("out_ways", ways[k])):
+                launch.set_param_by_name(name, value)
+            launch.set_param_by_name("camera", self._camera.at_instants(instants_s, self._data.poses))
+            launch.launch()
+        longest.zero_()
+        spread.launch()
+        height, width = self._shape
+        found = ways.numpy()
+        found[1] *= -1.0
+        keys = _largest_around(longest.numpy().reshape(height, width))
+        over = found.reshape(-1, 2)[(keys & 0xFFFFFFFF).ravel()]
+        over[keys.ravel() < 1 << 32] = 0.0
+        result = np.concatenate([found, over[None]]).transpose(0, 2, 1)
+        return np.ascontiguousarray(result).reshape(3, 2, height, width)
+
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
         self._tiles.cancel()
@@ -114,7 +148,7 @@ class Retracer:
         planes, bits = self._target(len(pixels))
         changed = {
             "scene": self._data.scene,
-            "camera": self._camera.at_instants(instants_s, self._device),
+            "camera": self._camera.at_instants(instants_s, self._data.poses),
             "pixels": self._upload(pixels),
             "instants": self._upload(numbers),
             "out_planes": planes,
@@ -130,7 +164,7 @@ class Retracer:
         planes, bits = self._target(tile)
         arguments = {
             "scene": self._data.scene,
-            "camera": self._camera.at_instants(np.zeros(1), self._device),
+            "camera": self._camera.at_instants(np.zeros(1), self._data.poses),
             "settings": self._settings,
             "first": 0,
             "pixels": self._upload(np.zeros(tile)),
@@ -140,9 +174,41 @@ class Retracer:
         more = {"first_look": first_look(self._first_hits)} if self._first_hits else {"out_bits": bits}
         return record(self._kernel, tile, self._device, **arguments, **more)
 
+    def _rests(self, start_s: float, end_s: float) -> bool:
+        """Whether all is where it was, at the middle and the end of a step."""
+        world = self._data.world
+        if any(mesh.deformation is not None for mesh in world.meshes):
+            return False
+        later_s = 0.5 * (start_s + end_s), end_s
+        pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
+        return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
+
+    def _record_motion(self) -> tuple[Any, Any, Any, Any]:
+        height, width = self._shape
+        kernel = build_motion_field(self._features, self._data.tree)
+        ways: Any = wp.zeros((2, height * width), dtype=wp.vec2, device=self._device)
+        longest: Any = wp.zeros(height * width, dtype=wp.int64, device=self._device)
+        launch = record(
+            kernel, height * width, self._device, scene=self._data.scene,
+            camera=self._camera.at_instants(np.zeros(2), self._data.poses), settings=self._settings, first=0, start=0,
+            out_ways=ways[0],
+        )  # fmt: skip
+        spread = wp.launch(
+            pass_over, dim=(2, height * width), inputs=[ways, width, height, longest], device=self._device,
+            record_cmd=True,
+        )  # fmt: skip
+        return launch, spread, ways, longest
+
     def _upload(self, values: Any) -> Any:
         return wp.array(values, dtype=wp.int32, device=self._device)
 
     def _target(self, requests: int) -> tuple[Any, Any]:
         planes: Any = wp.empty((len(self.names), requests), dtype=wp.float32, device=self._device)
         return planes, wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+
+
+def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the largest value of each pixel and its eight neighbours, ``[H, W]``."""
+    padded = np.pad(values, 1)
+    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

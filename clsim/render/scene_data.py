@@ -14,11 +14,12 @@ from clsim.render.features import light_stands_still, scene_features
 from clsim.render.geometry import Tree
 from clsim.render.integrator import Scene
 from clsim.render.placement import place
+from clsim.render.pose_cache import PoseCache
 from clsim.render.shutter import key_times
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
 from clsim.render.upload_materials import emit, upload_materials
-from clsim.scene import World
+from clsim.scene import Motion, World
 from clsim.scene.validate import validate
 from clsim.scene.world import Vec3
 
@@ -37,6 +38,7 @@ class SceneData:
         interval_s: the time that it covers, about the instant to which it was moved [s].
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
+        poses: those that were asked for, where there are several instants.
     """
 
     def __init__(
@@ -71,10 +73,13 @@ class SceneData:
             self.interval_s = 0.0
         self.features = scene_features(world, self.interval_s, instants)
         self._time_s: float | None = None
+        self.poses = PoseCache()
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
         self.instance_objects, self.triangle_objects = placement.instance_objects, placement.triangle_objects
-        self._geometry = GeometryData(placement, world.sphere_lights, self.features, self.tree, times_s, self.device)
+        self._geometry = GeometryData(
+            placement, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose
+        )
         box = self._geometry.middle_m, self._geometry.radius_m
         self._lights = LightData(world, placement, *box, self.features, times_s, self.device)
         self.scene: Any = Scene()
@@ -126,6 +131,9 @@ class SceneData:
     def still(self) -> bool:
         """Whether nothing but cameras moves, so that all instants are alike."""
         return light_stands_still(self.world)
+
+    def _pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:
+        return self.poses.pose(motion, time_s) if self.features.instants else motion.pose(time_s)
 
     def _key_times(self, time_s: float) -> Any:
         return key_times(time_s, self.interval_s if self.features.motion_blur else 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,10 @@ class GeometryData:
         tree: Tree,
         times_s: _F64,
         device: Any,
+        pose: Callable[[Motion, float], _F64],
     ) -> None:
         """Copy the shapes, as they are at time 0, and build the trees for what stands somewhere at those times."""
-        self._device = device
+        self._device, self._pose = device, pose
         self._features = features
         self._search = Bvh8 if tree == "bvh8" else wp.Mesh
         self._instances = placement.instances
@@ -146,7 +148,7 @@ class GeometryData:
     def _poses(self, times_s: _F64) -> tuple[_F64, _F64]:
         """Poses from the origin ``[keys, instances, 4, 4]`` and their steps (``shutter.key_steps``)."""
         motions = [instance.motion for instance in self._instances]
-        poses = np.array([[motion.pose(float(t)) for motion in motions] for t in times_s])
+        poses = np.array([[self._pose(motion, float(t)) for motion in motions] for t in times_s])
         poses[..., :3, 3] -= self._origin_m
         return poses, self._steps(motions, times_s, poses[..., :3, 3])
 
@@ -170,7 +172,7 @@ class GeometryData:
     def _sphere_rows(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Centres from the origin and radii ``[keys · spheres, 4]``, and steps (``shutter.key_steps``)."""
         motions = [light.motion for light in self._sphere_lights]
-        centres = np.array([[motion.pose(float(t))[:3, 3] for motion in motions] for t in times_s])
+        centres = np.array([[self._pose(motion, float(t))[:3, 3] for motion in motions] for t in times_s])
         centres = centres.reshape(len(times_s), -1, 3) - self._origin_m
         radii = np.broadcast_to([light.radius_m for light in self._sphere_lights], centres.shape[:2])
         rows = np.concatenate([centres, radii[..., None]], axis=2).reshape(-1, 4)

@@ -45,8 +45,8 @@ class Fired:
         events: sorted by t, then (y, x).
         crossings: int32, for each listed pixel of the path: how many events, negative where the last is OFF; on the
             device.
-        many_crossings: pixels with more than 3 crossings.
-        most_crossings: the most crossings of a pixel.
+        many_crossings: pixels with more than 3 crossings, and without knots.
+        most_crossings: the most crossings of a pixel without knots.
         capped: events left out because a pixel had more than 1000.
         causes: uint8, of each event (see `clsim.sensor.CAUSES`); None where brightness causes them all.
         lost: events that the readout had no time for.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import hand_worlds as hw
 import numpy as np
 import pytest
+from test_blur import Glide
 
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
@@ -117,3 +118,24 @@ def test_what_cannot_be_traced_at_instants_is_told():
         Retracer(SceneData(world, instants=True), RenderOptions(noise="independent"))
     with pytest.raises(InputError, match=r"exposes for 0\.01 s; expected 0"):
         Retracer(SceneData(blurred, instants=True), RenderOptions())
+
+
+def test_ways_on_the_image_are_those_of_the_pinhole():
+    """A wall that goes to the right before a camera that goes back; at the pixels' middles, by plain projection."""
+    wall = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
+    view = replace(hw.camera(width=16, height=12, fov_deg=90.0), motion=Glide((0.0, 0.0, 0.0), (0.0, 0.0, 3.0)))
+    world = hw.world(wall, view=view, motions=[Glide((0.0, 0.0, 0.0), (1.5, 0.0, 0.0))], fps=FPS)
+    retracer = Retracer(SceneData(world, instants=True), RenderOptions(spp=1, max_depth=1))
+    ways = retracer.motion(0.0, 0.1)
+    retracer.close()
+    x, y = np.meshgrid(np.arange(16) + 0.5 - 8, np.arange(12) + 0.5 - 6)
+    # 8 pixels are 45°: what is seen at 2 m has gone .15 m to the right, and is at 2.3 m then.
+    start = np.stack([(x * 2 / 8 + 0.15) * 8 / 2.3 - x, y * 2 / 2.3 - y])
+    end = np.stack([x - (x * 2.3 / 8 - 0.15) * 8 / 2, y - y * 2.3 / 2])
+    np.testing.assert_allclose(ways[0], start, atol=2e-4)
+    np.testing.assert_allclose(ways[1], end, atol=2e-4)
+    longest = np.hypot(*ways[2])
+    assert (
+        np.all(longest >= np.hypot(*start) - 0.01) and longest.max() <= np.hypot(*ways[:2].swapaxes(0, 1)).max() + 0.01
+    )
+    assert Retracer(SceneData(busy_world(False, False), instants=True), RenderOptions()).motion(0.0, 0.1) is None

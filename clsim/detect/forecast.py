@@ -1,0 +1,52 @@
+"""Host side of forecast.cl: at which times within a step brightness should be known, from where things go."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.opencl.workplace import Buffer, Grid, Workplace
+
+MOMENTS = 64
+"""Parts of a step (forecast.cl)."""
+BEND = 0.12
+"""Share of a threshold by which brightness may leave a straight line unseen."""
+
+
+class Forecast:
+    """Carries the pictures at both ends of a step along the ways of things."""
+
+    def __init__(self, place: Workplace[Grid], on: float, off: float) -> None:
+        """Build the kernel for contrast thresholds [natural-log units]."""
+        self._place = place
+        self._thresholds = on, off
+        (self._kernel,) = place.kernels("forecast", ("forecast",))
+        height, width = place.layout.height, place.layout.width
+        self._ways = place.allocate((3, 2, height, width), np.float32)
+        self._marks = place.allocate((height, width), np.uint64)
+
+    def marks(
+        self, start: Buffer, end: Buffer, references: Buffer, ways: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Return pixels (y·width + x) and moments, 1 to `MOMENTS` − 1, at which brightness should be known.
+
+        They are sorted by pixel, then by moment.
+
+        Args:
+            start, end: levels at both ends, ``[H, span]``.
+            references: levels of the last events, ``[H, span]``; NaN where there is none.
+            ways: how far things go over each pixel, ``[3, 2, H, W]`` [pixels].
+        """
+        place, layout = self._place, self._place.layout
+        height, width, span = layout.height, layout.width, layout.span
+        place.write(self._ways, ways)
+        on, off = self._thresholds
+        place.launch(
+            self._kernel, (height,), start, end, references, self._ways, width, height, span, on, off,
+            BEND * min(on, off), self._marks,
+        )  # fmt: skip
+        marks = place.read(self._marks).ravel()
+        pixels = np.flatnonzero(marks)
+        bits = np.unpackbits(marks[pixels].astype("<u8").view(np.uint8).reshape(-1, 8), axis=1, bitorder="little")
+        which, moments = np.nonzero(bits)
+        return pixels[which], moments

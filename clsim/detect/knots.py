@@ -1,0 +1,147 @@
+"""Brightness at chosen times between two frames, pixel by pixel: what is known, and where more should be.
+
+Times are counted in ticks of 2⁻¹⁵/30 s, about 1 µs, from time 0. New ones lie at multiples of powers of 2, whatever the
+frames' times: so the same scene is asked at the same times at any frame rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+TICKS_PER_S = 30 * 2**15
+CAUTION = 2.0
+"""Brightness may bend so many times as sharply as a parabola through what is known: it has corners."""
+_NEAREST = 0.125
+"""Share of a piece that a new time keeps from both its ends."""
+
+
+def ticks(time_us: int) -> int:
+    """Return the tick nearest to a time [µs]."""
+    return round(time_us * TICKS_PER_S / 1e6)
+
+
+@dataclass
+class Knots:
+    """Levels of some pixels at some times of a step, sorted by pixel, then by time; each has its first and its last.
+
+    A *piece* is what lies between a knot and the one before it, and has the later one's number.
+
+    Attributes:
+        pixels: which pixel, a number from 0 on, ``[K]``.
+        times: [ticks], ``[K]``.
+        levels: [natural-log units], ``[K]``.
+        bulges: by how much the level may leave the straight line of a piece, ``[K]``; infinite where nobody knows.
+    """
+
+    pixels: I64
+    times: I64
+    levels: F64
+    bulges: F64
+
+    @property
+    def firsts(self) -> Mask:
+        """Which knots are the first of a pixel, so that no piece ends there."""
+        return np.diff(self.pixels, prepend=-1) > 0
+
+    def insert(self, before: I64, times: I64, levels: F64) -> None:
+        """Add knots in the pieces ``before``, rising, one in each, and learn how their brightness bends."""
+        last, first = before, before - 1
+        span = (self.times[last] - self.times[first]).astype(np.float64)
+        share = (times - self.times[first]) / span
+        straight = self.levels[first] + share * (self.levels[last] - self.levels[first])
+        # The parabola through the three leaves a line over the whole piece by so much.
+        bend = CAUTION * np.abs(levels - straight) / (4.0 * share * (1.0 - share))
+        self.bulges[last] = bend * (1.0 - share) ** 2
+        self.pixels = np.insert(self.pixels, before, self.pixels[last])
+        self.times = np.insert(self.times, before, times)
+        self.levels = np.insert(self.levels, before, levels)
+        self.bulges = np.insert(self.bulges, before, bend * share**2)
+
+    def guess_bulges(self) -> None:
+        """Take what is not known of a piece from how the slope changes at both its ends."""
+        inside = ~self.firsts
+        spans = np.where(inside, np.diff(self.times, prepend=0), 1).astype(np.float64)
+        slopes = np.diff(self.levels, prepend=0.0) / spans
+        # The second derivative at each knot that lies between two pieces of its pixel.
+        bends = np.zeros(len(slopes) + 1)
+        between = inside[:-1] & inside[1:]
+        bends[1:-1] = np.where(between, np.abs(2.0 * np.diff(slopes) / (spans[1:] + spans[:-1])), 0.0)
+        bend = np.maximum(bends[:-1], bends[1:])
+        guessed = inside & np.isinf(self.bulges) & (bend > 0)
+        self.bulges[guessed] = CAUTION * bend[guessed] * spans[guessed] ** 2 / 8.0
+
+    def walk(self, references: F64, on: float, off: float) -> tuple[F64, I64]:
+        """Let ideal pixels fire, brightness being linear between knots.
+
+        Args:
+            references: of each pixel, levels of the last events before the step.
+            on, off: contrast thresholds.
+
+        Returns:
+            The reference before each piece, and how many thresholds are crossed in it, negative downwards, ``[K]``.
+        """
+        starts = np.flatnonzero(self.firsts)
+        counts = np.diff(starts, append=len(self.pixels))
+        order = np.argsort(-counts, kind="stable")
+        starts, counts = starts[order], counts[order]
+        ref = references[order].copy()
+        before, crossings = np.zeros(len(self.pixels)), np.zeros(len(self.pixels), np.int64)
+        active = len(starts)
+        for k in range(1, int(counts[0]) if active else 0):
+            active = int(np.searchsorted(-counts, -k, side="left"))
+            at, now = starts[:active] + k, ref[:active]
+            change = self.levels[at] - now
+            size = np.where(change > 0, on, off)
+            fired = np.floor(np.abs(change) / size)
+            before[at] = now
+            crossings[at] = (np.sign(change) * fired).astype(np.int64)
+            ref[:active] = now + np.sign(change) * fired * size
+        return before, crossings
+
+
+def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float, least: int) -> tuple[I64, I64]:
+    """Return the pieces in which a threshold is crossed nobody knows well when, or may be crossed, and a time in each.
+
+    Args:
+        knots: what is known.
+        references: of each pixel, levels of the last events before the step.
+        on, off: contrast thresholds.
+        tolerance: error of an event's time that will do [ticks].
+        least: pieces that are no longer are left alone [ticks].
+    """
+    before, crossings = knots.walk(references, on, off)
+    pieces = np.flatnonzero(~knots.firsts)
+    last, first = knots.levels[pieces], knots.levels[pieces - 1]
+    span = knots.times[pieces] - knots.times[pieces - 1]
+    bulge, fired = knots.bulges[pieces], crossings[pieces]
+    rise = last - first
+    threshold = before[pieces] + np.where(fired > 0, on, -off)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = np.clip((threshold - first) / rise, 0.0, 1.0)
+        # Near a piece's ends the parabola is near the line.
+        way = np.where(np.abs(fired) == 1, 4.0 * share * (1.0 - share) * bulge, bulge)
+        error = np.where(np.isinf(bulge), span, way * span / np.abs(rise))
+    highest, lowest = np.maximum(first, last) + bulge, np.minimum(first, last) - bulge
+    after = before[pieces] + np.where(fired > 0, fired * on, fired * off)
+    may = np.isfinite(bulge) & ((highest - after >= on) | (after - lowest >= off))
+    chosen = (span > least) & (((fired != 0) & (error > tolerance)) | ((fired == 0) & may))
+    pieces, span, share, error = pieces[chosen], span[chosen], share[chosen], error[chosen]
+    single = np.abs(fired[chosen]) == 1
+    share = np.where(single, np.clip(share, _NEAREST, 1.0 - _NEAREST), 0.5)
+    # As coarse a grid as says something: the fewer different times there are, the cheaper they are traced.
+    grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, tolerance / 2.0))
+    start = knots.times[pieces - 1]
+    times = np.round((start + share * span) / grid).astype(np.int64) * grid
+    return pieces, np.clip(times, start + 1, start + span - 1)
+
+
+def _power_of_two(values: F64) -> I64:
+    """Return the largest powers of 2 that are no larger, and at least 1."""
+    return (1 << np.floor(np.log2(np.maximum(values, 1.0))).astype(np.int64)).astype(np.int64)

@@ -1,0 +1,84 @@
+"""When brightness is found: at frames alone, or between them too, where events happen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.frames import PixelTracer
+from clsim.live.schedule import Schedule
+
+if TYPE_CHECKING:
+    from clsim.render import RenderOptions
+    from clsim.scene import World
+
+TimeSteps = Literal["fixed", "adaptive"]
+TOLERANCE_US = 100.0
+"""Error of an event's time that will do where none is given."""
+SMALLEST_TOLERANCE_US, LARGEST_TOLERANCE_US = 1.0, 1e6
+BASE_FPS = 30.0
+"""Frames per simulated second between which pixels are traced, where nobody says how many shall be shown."""
+
+
+@dataclass(frozen=True)
+class Retracing:
+    """How pixels are traced between frames.
+
+    Attributes:
+        tolerance_us: error of an event's time that will do [µs].
+        render: options of the renderer.
+    """
+
+    tolerance_us: float
+    render: RenderOptions
+
+    def tracer(self, world: World, schedule: Schedule | None) -> PixelTracer | None:
+        """Copy a world to the device and return what traces its pixels, at the times of a schedule.
+
+        Without a schedule a run's times are those of the world. None where nothing moves: nothing happens then.
+        """
+        from clsim.render import Retracer, SceneData
+
+        if world.moving_s() == 0:
+            return None
+        tracer = Retracer(SceneData(world, self.render.device, self.render.tree, instants=True), self.render)
+        return Looping(tracer, schedule) if schedule is not None and schedule.loop else tracer
+
+
+class Looping:
+    """A tracer whose times are those of a run, in which the motion starts anew again and again.
+
+    Attributes:
+        names: planes of what it traces.
+    """
+
+    def __init__(self, tracer: Any, schedule: Schedule) -> None:
+        """Shift the times of a run to those of the motion."""
+        self._tracer, self._schedule = tracer, schedule
+        self.names = tracer.names
+        self._shift_s = 0.0
+
+    def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
+        """Return how far things go on the image in a step; until the next one, its pass of the motion is traced."""
+        schedule = self._schedule
+        index = round(start_s * schedule.fps)
+        shown = schedule.source_index(index)
+        self._shift_s = (schedule.time_us(index) - schedule.time_us(shown)) * 1e-6
+        ways: npt.NDArray[np.float32] | None = self._tracer.motion(start_s - self._shift_s, end_s - self._shift_s)
+        return ways
+
+    def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return the planes ``[C, N]`` of pixels at times of the run [s]."""
+        planes: npt.NDArray[np.float32] = self._tracer.trace(pixels, times_s - self._shift_s)
+        return planes
+
+    def cancel(self) -> None:
+        """Make a running ``trace``, and every later one, raise an error soon; safe from any thread."""
+        self._tracer.cancel()
+
+    def close(self) -> None:
+        """Release what it holds; safe to call twice."""
+        self._tracer.close()

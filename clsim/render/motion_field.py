@@ -1,0 +1,117 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102
+"""Where on the image things go in a step of time, as Warp kernels, by one ray through each pixel's middle.
+
+What the ray meets is carried to the other instant by its instance's motion, and projected there by Newton's method on
+the camera's rays, so that every lens has its projection. What deforms is carried by its instance alone.
+"""
+
+from functools import cache
+from typing import Any
+
+import warp as wp
+
+from clsim.render.camera import CameraState, make_camera
+from clsim.render.features import Features
+from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
+from clsim.render.integrator import Scene, Settings, kernel_options
+from clsim.render.intersection import make_intersection
+
+_ITERATIONS = wp.constant(4)
+_SKY_M = wp.constant(1.0e6)
+FRACTIONS = 256
+"""Into how many parts a pixel is divided where lengths of ways are compared."""
+_FRACTIONS = wp.constant(float(FRACTIONS))
+_LONGEST_PX = wp.constant(4000.0)
+
+
+@cache
+def build_motion_field(features: Features, tree: Tree) -> Any:
+    """Return the kernel ``follow(scene, camera, settings, first, start, out_ways)``; a thread is a pixel.
+
+    It sees at instant ``start``, 0 or 1, and tells in ``out_ways``, vec2 ``[H·W]``, how far what it sees has gone on
+    the image by the other one [pixels].
+    """
+    closest, *_ = make_intersection(features, tree)
+    sphere_at = make_sphere_at(features)
+    to_world_at, to_object_at, _ = make_placement(features)
+    camera_ray = make_camera(features)
+
+    @wp.func
+    def carried(scene: Scene, origin: wp.vec3, direction: wp.vec3, start: float, end: float) -> wp.vec3:
+        """Return where what a ray meets at ``start`` is at ``end``."""
+        hit = closest(scene.geometry, origin, direction, start)
+        place = origin + direction * _SKY_M
+        if hit.t < FAR:
+            place = origin + direction * hit.t
+            if wp.static(features.sphere_lights):
+                if hit.sphere >= 0:
+                    before = xyz(sphere_at(scene.geometry, hit.sphere, start))
+                    place += xyz(sphere_at(scene.geometry, hit.sphere, end)) - before
+            if wp.static(features.instants and features.two_level):
+                if hit.triangle >= 0:
+                    own = transform_point(to_object_at(scene.geometry, hit.instance, start), place)
+                    place = transform_point(to_world_at(scene.geometry, hit.instance, end), own)
+        return place
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
+    def follow(
+        scene: Scene,
+        camera: CameraState,
+        settings: Settings,
+        first: int,
+        start: int,
+        out_ways: wp.array(dtype=wp.vec2),
+    ):
+        pixel = first + wp.tid()
+        x = float(pixel % settings.width) + 0.5
+        y = float(pixel // settings.width) + 0.5
+        ray = camera_ray(camera, x, y, wp.vec2(), float(start))
+        moved = wp.vec2()
+        if ray.exists:
+            place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
+            for _ in range(_ITERATIONS):
+                at = camera_ray(camera, x + moved[0], y + moved[1], wp.vec2(), float(1 - start))
+                right = camera_ray(camera, x + moved[0] + 0.5, y + moved[1], wp.vec2(), float(1 - start))
+                below = camera_ray(camera, x + moved[0], y + moved[1] + 0.5, wp.vec2(), float(1 - start))
+                along = (right.direction - at.direction) * 2.0
+                down = (below.direction - at.direction) * 2.0
+                miss = wp.normalize(place - at.origin) - at.direction
+                xx = wp.dot(along, along)
+                xy = wp.dot(along, down)
+                yy = wp.dot(down, down)
+                determinant = xx * yy - xy * xy
+                if determinant > 0.0 and right.exists and below.exists:
+                    a = wp.dot(along, miss)
+                    b = wp.dot(down, miss)
+                    step = wp.vec2((yy * a - xy * b) / determinant, (xx * b - xy * a) / determinant)
+                    # Far from its solution Newton's method may run away.
+                    moved += step * wp.min(1.0, float(settings.width) / wp.max(wp.length(step), 1.0))
+        out_ways[pixel] = moved
+
+    return follow
+
+
+@wp.kernel(enable_backward=False)
+def pass_over(
+    ways: wp.array2d(dtype=wp.vec2),
+    width: int,
+    height: int,
+    out_longest: wp.array(dtype=wp.int64),
+):
+    """Tell each pixel of the longest way over it: its length in `FRACTIONS`, then the row and the pixel it is of.
+
+    A thread is a row of ``ways`` ``[2, H·W]`` and a pixel; bits of ``out_longest`` ``[H·W]`` from 32 on hold the
+    length, the others row · H·W + pixel.
+    """
+    row, pixel = wp.tid()
+    way = ways[row, pixel]
+    length = wp.min(wp.length(way), _LONGEST_PX)
+    steps = int(wp.ceil(length))
+    key = (wp.int64(int(length * _FRACTIONS)) << wp.int64(32)) | wp.int64(row * width * height + pixel)
+    for i in range(steps + 1):
+        share = float(i) / float(wp.max(steps, 1))
+        x = int(wp.floor(float(pixel % width) + 0.5 + way[0] * share))
+        y = int(wp.floor(float(pixel // width) + 0.5 + way[1] * share))
+        if x >= 0 and x < width and y >= 0 and y < height:
+            wp.atomic_max(out_longest, y * width + x, key)

@@ -1,0 +1,119 @@
+"""Events between frames, with a tracer that knows its scene in closed form: things that go over a wall."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from clsim.detect.config import DetectorConfig
+from clsim.detector import Detector
+from clsim.frames import Frame, frame_time_us, page_aligned
+from clsim.score.matching import Sampling, one_to_one
+
+WIDTH, HEIGHT = 96, 8
+NAMES = ("R", "G", "B")
+CONFIG = DetectorConfig(method="esim", threshold_on=0.2, threshold_off=0.2)
+PIXELS = np.arange(WIDTH * HEIGHT)
+
+
+@dataclass
+class Bars:
+    """A dark wall, over which bright bars go to the right; a pixel sees the mean over its square."""
+
+    speed_px: float
+    bar_px: float = 0.3
+    gap_px: float = 1e9
+    first_px: float = -20.0
+    wall: float = 0.1
+    bar: float = 4.3
+    day: float = 1.0
+    names: tuple[str, ...] = NAMES
+    asked: int = 0
+
+    def luminance(self, pixels, times_s):
+        """Day comes slowly, so that no pixel is ever as bright as before: it would be at its threshold to the bit."""
+        left = pixels % WIDTH - self.first_px - self.speed_px * times_s
+        bars = self._covered(left + 1) - self._covered(left)
+        return (self.wall + (self.bar - self.wall) * bars) * (1.0 + 0.3 * self.day * times_s)
+
+    def _covered(self, x):
+        """How much of the half line up to x is bars; the first one ends at 0, and others follow to its left."""
+        period = self.bar_px + self.gap_px
+        return np.where(x < 0, -(np.floor(-x / period) * self.bar_px + np.minimum(-x % period, self.bar_px)), 0.0)
+
+    def trace(self, pixels, times_s):
+        self.asked += len(pixels)
+        return np.tile(self.luminance(pixels, times_s), (3, 1)).astype(np.float32)
+
+    def motion(self, start_s, end_s):
+        """Bars move, the wall does not: what is seen at both ends and the longest way over the pixel."""
+        way = self.speed_px * (end_s - start_s)
+        seen = [self.luminance(PIXELS, t) > self.wall + 1e-9 for t in (start_s, end_s)]
+        moved = np.stack([*seen, np.ones(len(PIXELS))]).reshape(3, HEIGHT, WIDTH) * way
+        return np.stack([moved, np.zeros_like(moved)], axis=1).astype(np.float32)
+
+    def cancel(self):
+        pass
+
+    def close(self):
+        pass
+
+
+def run(scene, fps, tolerance_us=None, duration_s=0.1):
+    tracer = None if tolerance_us is None else scene
+    detector = Detector(CONFIG, WIDTH, HEIGHT, NAMES, tracer=tracer, tolerance_us=tolerance_us or 0.0)
+    frame = Frame(page_aligned((3, HEIGHT, WIDTH)), NAMES)
+    events = []
+    for index in range(round(duration_s * fps) + 1):
+        frame.time_us, frame.index = frame_time_us(index, fps), index
+        luminance = scene.luminance(PIXELS, np.full(len(PIXELS), frame.time_us * 1e-6))
+        frame.planes[:] = luminance.reshape(HEIGHT, WIDTH)
+        events.append(detector.step(frame).copy())
+    stats = detector.stats
+    detector.close()
+    return np.concatenate(events), stats
+
+
+def errors(events, reference, within_us=1000):
+    return np.abs(one_to_one(events, reference, Sampling(WIDTH, HEIGHT, 30.0), within_us))
+
+
+def test_a_thin_bar_that_comes_and_goes_between_frames_fires_where_it_goes():
+    """1000 px/s and 0.3 px wide: at 30 frames a second no pixel shows it twice, and most never."""
+    scene = Bars(1000.0)
+    reference, _ = run(scene, 15_000)
+    alone, _ = run(scene, 30)
+    events, stats = run(scene, 30, 10.0)
+    places = [np.unique(batch["x"] + WIDTH * batch["y"].astype(int)) for batch in (events, reference)]
+    assert len(reference) > 5 * WIDTH * HEIGHT and len(alone) < 0.1 * len(reference)
+    assert len(np.intersect1d(*places)) >= 0.99 * len(places[1])
+    found = errors(events, reference)
+    assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40
+    assert scene.asked < 4 * len(events) and stats.many_crossings == 0
+
+
+@pytest.mark.parametrize("fps", [30, 60, 240])
+def test_events_do_not_hang_on_the_frame_rate(fps):
+    scene = Bars(300.0, bar_px=5.0, gap_px=9.0, first_px=200.0)
+    reference, _ = run(scene, 120, 10.0)
+    events, _ = run(scene, fps, 10.0)
+    found = errors(events, reference)
+    assert len(found) >= 0.99 * max(len(events), len(reference)) and np.median(found) <= 10
+
+
+def test_bars_are_timed_to_the_tolerance_by_few_requests():
+    scene = Bars(300.0, bar_px=5.0, gap_px=9.0, first_px=200.0)
+    reference, _ = run(scene, 15_000)
+    coarse, fine = (run(scene, 30, tolerance)[0] for tolerance in (100.0, 10.0))
+    for events, median_us in ((coarse, 60), (fine, 35)):
+        assert len(errors(events, reference)) >= 0.99 * len(reference)
+        assert np.median(errors(events, reference)) <= median_us
+    assert scene.asked < 2 * 4 * len(reference)
+
+
+def test_where_nothing_moves_nothing_is_asked():
+    scene = Bars(0.0, bar_px=5.0, gap_px=9.0, first_px=200.0, day=0.0)
+    events, _ = run(scene, 30, 10.0)
+    assert len(events) == 0 and scene.asked == 0

@@ -1,0 +1,99 @@
+"""Pixels traced between frames, in runs: options, drivers, loops."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.live.options import LiveOptions
+from clsim.live.schedule import Schedule
+from clsim.live.time_steps import Looping
+from clsim.scene import load_world
+
+SMALL = {"resolution": (32, 24), "time": "adaptive"}
+
+
+def gathered(**options):
+    with clsim.stream("two-boxes", **(SMALL | options)) as run:
+        return np.concatenate(list(run)), run.fps
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"time": "adaptive", "method": "esim-ad"}, "`method` esim or irradiance, got esim-ad"),
+        ({"time": "adaptive", "quality": "published"}, "`method` esim or irradiance, got esim-ad"),
+        ({"time": "adaptive", "quality": "exact", "noise": "independent"}, "`noise` common, got independent"),
+        ({"time": "adaptive", "event_rule": "frame"}, "`event_rule` interpolated, got frame"),
+        ({"time": "adaptive", "first_hit_rays": 0}, "`first_hit_rays` of at least 1"),
+        ({"time": "adaptive", "sensor": "davis346"}, "is for the ideal pixel"),
+        ({"time_tolerance_us": 20.0}, "is for `time` adaptive, but time is fixed"),
+        ({"time": "adaptive", "time_tolerance_us": 0.5}, "from 1 to 1e"),
+        ({"time": "sometimes"}, "`time` must be one of"),
+    ],
+)
+def test_what_cannot_go_together_is_told(given, message):
+    with pytest.raises(InputError, match=message):
+        LiveOptions("two-boxes", **given)
+
+
+def test_options_come_back_from_plain_values():
+    options = LiveOptions("two-boxes", time="adaptive", time_tolerance_us=20.0)
+    assert LiveOptions.from_dict(options.as_dict()).time_tolerance_us == 20.0
+
+
+def test_a_loop_asks_for_the_times_of_its_motion():
+    class Tracer:
+        names = ("R",)
+        asked: tuple[float, ...] = ()
+
+        def motion(self, start_s, end_s):
+            self.asked = (start_s, end_s)
+
+        def trace(self, pixels, times_s):
+            self.asked = tuple(times_s)
+
+    tracer = Tracer()
+    looping = Looping(tracer, Schedule(30.0, 60, None, loop=True, periodic=True))
+    # The third pass begins at 4 s: its first step is that of the motion, and the step before leads beyond its end.
+    looping.motion(119 / 30, 4.0)
+    np.testing.assert_allclose(tracer.asked, (59 / 30, 2.0), atol=1e-6)
+    looping.motion(4.0, 121 / 30)
+    np.testing.assert_allclose(tracer.asked, (0.0, 1 / 30), atol=1e-6)
+    looping.trace(np.zeros(1, np.int32), np.array([4.01]))
+    np.testing.assert_allclose(tracer.asked, 0.01, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", ["balanced", "exact"])
+def test_a_live_run_and_a_simulator_agree_to_the_bit(quality):
+    events, fps = gathered(quality=quality, frame_count=4, spp=8, threads=2)
+    assert fps == 30.0 and len(events) > 300
+    with clsim.Simulator("two-boxes", quality=quality, spp=8, threads=1, **SMALL) as simulator:
+        steps = [simulator.step(33_333), simulator.step(100_000)]
+    np.testing.assert_array_equal(np.concatenate(steps), events)
+
+
+@pytest.mark.slow
+def test_a_scene_that_stands_still_asks_for_nothing():
+    assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
+    with clsim.Simulator("still", **SMALL) as simulator:
+        assert len(simulator.step(100_000)) == 0
+        assert simulator._detector.refiner.stats.requests == 0
+
+
+@pytest.mark.slow
+def test_light_cannot_be_set_while_time_is_adaptive():
+    with clsim.Simulator("two-boxes", **SMALL) as simulator, pytest.raises(InputError, match="`time` adaptive"):
+        simulator.set_light("lamp", (1.0, 1.0, 1.0))
+
+
+def test_a_camera_that_exposes_has_no_instants():
+    world = load_world("two-boxes", resolution=(16, 12))
+    blurred = replace(world, camera=replace(world.camera, shutter_s=0.01))
+    with pytest.raises(InputError, match=r"exposes for 0\.01 s; expected 0"):
+        clsim.Simulator(blurred, time="adaptive")
