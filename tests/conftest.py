@@ -11,6 +11,13 @@ settings.register_profile("clsim", deadline=None)
 settings.load_profile("clsim")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add what the suite can be asked for."""
+    parser.addoption(
+        "--own-kernels", action="store_true", help="render every world with the kernel that users get, built for it"
+    )
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Run the whole suite (no paths given, no -n, no debugger) on up to four cores: most of it is compiling kernels.

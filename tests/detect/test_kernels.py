@@ -25,9 +25,8 @@ RULES = ["frame", "interpolated"]
 VARIANTS = [
     {"history": 3},
     {"stride": 2, "window": 7},
-    {"kernel": "epanechnikov"},
+    {"kernel": "epanechnikov", "bandwidth_h": 0.5},
     {"response": "lin-log", "luminance": "rec601", "scale": 0.3},
-    {"bandwidth_h": 0.5},
     {"box": 9, "gate_scale": 0.7, "threshold_off": 0.1},
     {"gate_scale": 2.0},
     {"features": ("Depth", "Albedo.G")},
@@ -171,7 +170,13 @@ def test_degenerate_features(planes, precision):
 
 @pytest.mark.parametrize(
     ("lanes", "options"),
-    [(1, {}), (8, {}), (16, {}), (8, {"history": 2, "stride": 2}), (8, {"precision": "float64"})],
+    [
+        (1, {}),
+        (8, {"history": 2, "stride": 2}),
+        (16, {}),
+        pytest.param(8, {}, marks=pytest.mark.slow),
+        pytest.param(8, {"precision": "float64"}, marks=pytest.mark.slow),
+    ],
     ids=str,
 )
 def test_listed_pixels_are_solved_bit_for_bit_as_all_pixels(lanes, options, monkeypatch):

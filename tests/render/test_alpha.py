@@ -10,6 +10,8 @@ import pytest
 
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("anything")
+
 HALVES = ImageTexture(np.array([[[255, 255, 255, 255], [255, 255, 255, 64]]], np.uint8), nearest=True)
 """Opaque where u < 1/2, a quarter opaque elsewhere."""
 GLOW = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0))

@@ -13,6 +13,8 @@ from clsim.render import RenderOptions, describe_build
 from clsim.render.shutter import key_steps, key_times
 from clsim.scene import Camera, Instance, Material, PunctualLight, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 GLOW = Material(color=(0.0, 0.0, 0.0), emission=(1.0, 2.0, 4.0))
 GREY = Material(color=(0.5, 0.5, 0.5))
 

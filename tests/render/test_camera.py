@@ -18,6 +18,8 @@ from clsim.render.shutter import quaternions
 from clsim.scene import Camera, Lens, Material, Static
 from clsim.scene.validate import validate
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 POSE = hw.look_from((1.0, 2.0, 3.0), (0.2, 0.1, -1.0), up=(0.1, 1.0, 0.2))
 BROWN = (-0.28, 0.09, 0.0012, -0.0008, -0.013)
 KANNALA = (-0.031, 0.012, -0.009, 0.0017)

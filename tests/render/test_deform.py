@@ -13,6 +13,8 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Camera, Instance, Lens, Material, Static, load_world
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 FOX = Path(__file__).parents[2].parent / "shared" / "assets" / "gltf" / "Fox.glb"
 
 
@@ -131,7 +133,7 @@ def sliding(deforming, shutter_s, emission=(0.0, 0.0, 0.0), spp=256, **options):
     return hw.render(scene, 2, spp=spp, **options)
 
 
-@pytest.mark.parametrize("tree", ["bvh8", "warp"])
+@pytest.mark.parametrize("tree", ["bvh8", pytest.param("warp", marks=pytest.mark.slow)])
 def test_what_deforms_blurs_as_what_moves(tree):
     """Nine shapes make steps of a pixel here, whose halves at the ends are 1/16 of the ramp."""
     blurred = sliding(True, 0.25, tree=tree).plane("Coverage").mean(axis=0)

@@ -11,6 +11,8 @@ from clsim.render import environment
 from clsim.render.devices import start_warp
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 GREY = Material(color=(0.5, 0.5, 0.5))
 WHITE = Material(color=(1.0, 1.0, 1.0))
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])

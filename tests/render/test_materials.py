@@ -10,6 +10,8 @@ import pytest
 
 from clsim.scene import CheckerTexture, Material, PunctualLight, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("anything")
+
 WHITE = (1.0, 1.0, 1.0)
 GLOW = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0), emits_behind=False)
 ROUGH = {

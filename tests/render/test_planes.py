@@ -11,6 +11,8 @@ import pytest
 from clsim.frames import ALL_PLANES, BASE_PLANES, VARIANCE_PLANES
 from clsim.scene import Camera, CheckerTexture, Material, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("anything")
+
 
 def analytic_rays(view: Camera, per_pixel=32):
     """Origin and unit directions ``[H, W, S, 3]`` through a regular grid in each pixel, in float64."""

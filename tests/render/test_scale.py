@@ -11,6 +11,8 @@ import pytest
 from clsim.scene import Instance, Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Nested
 
+pytestmark = pytest.mark.usefixtures("anything")
+
 GREY = Material(color=(0.5, 0.5, 0.5))
 SUN_M, SUN_RADIUS_M = 1e5, 465.0
 """As large in the sky as the sun, 100 km away."""

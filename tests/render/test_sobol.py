@@ -16,6 +16,8 @@ from clsim.render.devices import start_warp
 from clsim.render.sampling import stream_state
 from clsim.scene import Camera, Material, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 SEEDS, PIXELS, POINTS, DIMENSIONS = 4, 32, 64, 4
 
 

@@ -17,6 +17,8 @@ from clsim.render.textures import make_textures
 from clsim.render.upload_materials import decoding, upload_materials
 from clsim.scene import CheckerTexture, ImageTexture, Material, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("anything")
+
 WRAPS = ("repeat", "clamp", "mirror")
 
 

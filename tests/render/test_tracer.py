@@ -31,6 +31,8 @@ from clsim.scene import (
     Static,
 )
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 LAMP = Material(color=(0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0), emits_behind=False)
 
 

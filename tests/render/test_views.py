@@ -15,6 +15,8 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData, View, upload_geometry
 from clsim.scene import Static
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 OPTIONS = RenderOptions(spp=4, threads=1)
 
 

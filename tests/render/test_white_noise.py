@@ -14,6 +14,8 @@ import pytest
 
 from clsim.scene import Material, SphereLight, Static
 
+pytestmark = pytest.mark.usefixtures("any_lights")
+
 SPP = 16
 RENDERS = 12
 LAGS = ((0, 1), (1, 0), (1, 1), (1, -1), (0, 2), (2, 0), (1, 2), (3, 0), (0, 5))
