@@ -13,6 +13,7 @@ from clsim.cli.live import live
 from clsim.cli.render import render
 from clsim.cli.scenes import scenes
 from clsim.cli.score import score
+from clsim.cli.sensor import sensor
 from clsim.cli.view import view
 from clsim.cli.watch import BareViewCommand
 
@@ -27,6 +28,7 @@ app = typer.Typer(
 for command in (live, render, detect, score, view, convert, info, scenes, devices):
     app.command(cls=BareViewCommand if command in (live, view) else None)(command)
 app.add_typer(bench, name="bench")
+app.add_typer(sensor, name="sensor")
 
 
 def _print_version(value: bool) -> None:

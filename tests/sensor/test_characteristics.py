@@ -1,0 +1,89 @@
+"""Curves of a sensor against closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from clsim.errors import InputError
+from clsim.sensor import SensorSettings, characteristics, load_sensor
+from clsim.sensor.settings import FrontEnd, Leak, Noise, Threshold
+
+LUX = np.array([0.1, 10.0, 1000.0])
+
+
+def test_the_bandwidth_of_two_poles_loses_three_decibels():
+    front = FrontEnd(dark_lux=0.5, receptor_hz_per_lux=2.0, follower_hz=21.0)
+    hz = characteristics.bandwidth_hz(front, LUX)
+    poles = [2.0 * (LUX + 0.5), 21.0]
+    assert np.prod([1 + (hz / pole) ** 2 for pole in poles], axis=0) == pytest.approx(2)
+    assert hz[1] == pytest.approx(21 * math.sqrt(math.sqrt(2) - 1))  # both poles are one
+
+
+def test_the_bandwidth_of_one_pole_is_the_pole():
+    for front, expected in (
+        (FrontEnd(receptor_hz_per_lux=3.0), 3 * LUX),
+        (FrontEnd(follower_hz=7.0), [7.0] * 3),
+        (FrontEnd(dark_lux=1.0), [math.inf] * 3),
+    ):
+        assert characteristics.bandwidth_hz(front, LUX) == pytest.approx(np.array(expected))
+
+
+def test_noise_rates_are_those_of_the_settings():
+    settings = SensorSettings(leak=Leak(0.5), noise=Noise((0.0, 0.0), (0.4, 0.1), lux=(0.1, 1000.0)))
+    rates = characteristics.noise_rates(settings, LUX)
+    watched_s = characteristics.PIXELS * rates.seconds
+    for found, expected in zip(rates.off_hz, (0.4, 0.25, 0.1), strict=True):
+        assert found == pytest.approx(expected, abs=4 * math.sqrt(expected / watched_s))
+    # An OFF event takes back what had leaked: ON fires only where none comes for 2 s, and 2 s later again.
+    for found, off in zip(rates.on_hz, (0.4, 0.25, 0.1), strict=True):
+        assert found == pytest.approx(off / math.expm1(2 * off), rel=0.03)
+
+
+def test_latency_is_that_of_a_pole_and_thresholds_are_normal():
+    tau_s = 1 / (2 * math.pi * 100)
+    settings = SensorSettings(threshold=Threshold(0.3, 0.2, mismatch=0.03), front_end=FrontEnd(follower_hz=100.0))
+    latencies = characteristics.step_latencies(settings, LUX)
+    for rows, nominal in ((latencies.on_s, 0.3), (latencies.off_s, 0.2)):
+        reached = nominal + 0.03 * stats.norm.ppf([[0.1], [0.5], [0.9]])
+        expected = -tau_s * np.log(1 - reached / math.log(2))
+        assert rows == pytest.approx(np.broadcast_to(expected, rows.shape), rel=0.06)
+    for found, nominal in zip(characteristics.thresholds(settings, 2000), (0.3, 0.2), strict=True):
+        assert len(found) == 2000 and found.mean() == pytest.approx(nominal, abs=0.003)
+        assert found.std() == pytest.approx(0.03, rel=0.07)
+    responses = characteristics.step_responses(settings)
+    for shares, nominal in ((responses.on, 0.3), (responses.off, 0.2)):
+        # After 10 ms, 6 time constants, 0.2 % of a step is missing.
+        expected = stats.norm.cdf(responses.steps * (1 - math.exp(-0.01 / tau_s)), nominal, 0.03)
+        assert abs(shares - expected).max() < 4 * math.sqrt(0.25 / characteristics.PIXELS)
+
+
+def test_pixels_without_faults_are_ideal():
+    ideal = SensorSettings()
+    rates = characteristics.noise_rates(ideal, LUX)
+    assert not rates.on_hz.any() and not rates.off_hz.any()
+    assert (characteristics.step_latencies(ideal, LUX).on_s == 1e-6).all()
+    assert all(found == pytest.approx(np.full(50, 0.2)) for found in characteristics.thresholds(ideal, 50))
+
+
+def test_a_plot_is_a_picture(tmp_path):
+    matplotlib = pytest.importorskip("matplotlib.image")
+    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    sensor_plot.plot_sensor(SensorSettings(), tmp_path / "a.png")
+    assert matplotlib.imread(tmp_path / "a.png").shape == (800, 1500, 4)
+
+
+def test_numbers_without_a_measurement_are_marked():
+    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    lines, marked = sensor_plot._numbers(load_sensor("dvs128"))
+    stars = {line.split("*")[0].strip() for line in lines if "*" in line}
+    assert marked and {"threshold.on", "threshold.off", "refractory.us"} <= stars
+    assert not stars & {"threshold.mismatch", "optics.width", "front_end.follower_hz"}
+    assert sensor_plot._numbers(SensorSettings())[1] is False
+
+
+def test_a_picture_that_cannot_be_written_is_told_so(tmp_path):
+    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    with pytest.raises(InputError, match=r"cannot write .*a\.png: there is no folder"):
+        sensor_plot.plot_sensor(SensorSettings(), tmp_path / "no" / "a.png")
