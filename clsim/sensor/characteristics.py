@@ -70,7 +70,7 @@ def bandwidth_hz(front: FrontEnd, lux: FloatArray) -> FloatArray:
     low, high = np.sort(poles, axis=0)
     # (1 + f²/low²)(1 + f²/high²) = 2, solved for f²/low².
     ratio = np.where(np.isinf(high), 0.0, low / np.where(np.isinf(high), 1.0, high)) ** 2
-    return low * np.sqrt(2 / (1 + ratio + np.sqrt((1 + ratio) ** 2 + 4 * ratio)))
+    return np.asarray(low * np.sqrt(2 / (1 + ratio + np.sqrt((1 + ratio) ** 2 + 4 * ratio))), np.float64)
 
 
 def noise_rates(settings: SensorSettings, lux: FloatArray, seed: int = 0) -> NoiseRates:

@@ -60,6 +60,12 @@ def test_noise_of_v2e_falls_by_three_quarters_from_black_to_white():
         assert on == off == pytest.approx(2.5 * (1 - 0.75 * (lux * 2.55 + 20) / 275), abs=6e-4)
 
 
+@pytest.mark.parametrize(("name", "per_s"), [("davis346", 12e6), ("dvxplorer", 165e6), ("gen4.1", 1.066e9)])
+def test_a_bus_takes_as_long_as_its_largest_rate_says(name, per_s):
+    # In whole ns, which is what the bus counts.
+    assert load_sensor(name).readout.event_us * 1e3 == round(1e9 / per_s)
+
+
 def test_a_field_of_view_is_that_of_the_lens_it_names():
     assert load_sensor("davis240").optics.fov_deg == pytest.approx(math.degrees(2 * math.atan(120 / 199.4)), abs=0.05)
     optics = load_sensor("davis346").optics
