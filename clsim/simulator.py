@@ -372,7 +372,8 @@ class Simulator:
         self._view.fill_at(self._next, time_us, self._frame)
         if self._options.truth:
             before_us = self.time_us if self._next else None
-            self._view.fill_truth(self._frame, before_us, time_us + round(1e6 / self.fps))
+            after_us = time_us + round(1e6 / self.fps)
+            self._view.fill_truth(self._frame, before_us, after_us, after_us)
             self._data.move_anew()  # a pose may yet be set for a time at which the scene was for the sake of flow
         events: EventBatch = self._detector.step(self._frame).copy()
         if self._board is not None:

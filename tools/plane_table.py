@@ -40,6 +40,12 @@ fewer than two samples (or hits) tell of them. With the Sobol sampler, samples w
 the batches count instead. `Variance.Luminance` stands by itself: red, green and blue vary together, so it does not
 follow from theirs.
 
+**Truth** (`--truth`) is of a ray through the pixel's centre, at the frame's very time: no mean over the pixel, the
+exposure or the aperture. It shows the first surface whose opacity is at least one half; mirrors and glass count as
+themselves. Flow is the way of the point at the pixel's centre, so a fraction of a pixel means just that: a pixel that
+shows two surfaces has the flow of the one in its middle. Flow of the sky is that of a thing infinitely far.
+[ground-truth.md](ground-truth.md) has the rest.
+
 **World axes.** The world is right-handed with +y up; lengths are metres. Normals are along these axes, not the
 camera's.
 

@@ -130,6 +130,13 @@ PLANES = (
     ),
     _truth("Flow.forward", _flow_channels("forward"), "px, px, 1, 1", _FLOW.format("next", "at its end")),
     _truth("Flow.backward", _flow_channels("backward"), "px, px, 1, 1", _FLOW.format("last", "at its start")),
+    _truth("Label.object", ("Label.object",), "1", "number of the object, in frames without other truth too"),
+    _truth(
+        "Label.flow",
+        tuple(f"Label.flow.{channel}" for channel in ("X", "Y", "valid", "covisible")),
+        "px/s, px/s, 1, 1",
+        "velocity of the point at the pixel's centre, on average until the next rendered frame, in all frames too",
+    ),
 )
 """All planes, in the order in which frames have them."""
 
@@ -141,6 +148,7 @@ TRUTH_PLANES: dict[str, tuple[str, ...]] = {
     "ids": ("Id.object", "Id.material"),
     "flow": ("Flow.forward",),
     "backward-flow": ("Flow.backward",),
+    "labels": ("Label.object", "Label.flow"),
 }
 """The planes of truth by the names under which they are asked for."""
 

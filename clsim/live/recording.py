@@ -12,6 +12,7 @@ from clsim.live.sidecars import about_camera
 from clsim.scene import World
 from clsim.truth.imu_file import read_imu_noise
 from clsim.truth.layouts import check_place, layout_of, open_layout
+from clsim.truth.motions import Motions
 from clsim.truth.record import About
 from clsim.truth.recorder import Plan, TruthRecorder
 from clsim.truth.world_facts import material_names, object_motions, object_names, poses_at_start
@@ -36,8 +37,8 @@ def recorder_openers(
 
 def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str, Any], every: int) -> Plan:
     objects = object_names(world)
-    motions = zip(objects, object_motions(world), strict=True)
-    moving = tuple((name, motion) for name, motion in motions if motion.duration_s > 0)
+    named = zip(objects, object_motions(world), strict=True)
+    moving = tuple((name, motion) for name, motion in named if motion.duration_s > 0)
     about = About(
         width=world.camera.width,
         height=world.camera.height,
@@ -53,4 +54,5 @@ def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str
     )
     if options.imu_noise is not None:
         about = replace(about, imu_noise=read_imu_noise(options.imu_noise))
-    return Plan(about, every, schedule.time_us, world.camera.motion, moving, options.pose_rate, options.seed)
+    motions = Motions(about, world.camera.motion, moving, options.pose_rate, options.seed)
+    return Plan(about, every, schedule.time_us, motions)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,12 +19,18 @@ from clsim.render.truth_rays import Objects, TruthHit, build_truth, truth_featur
 from clsim.render.upload_arrays import array
 from clsim.scene import Camera
 
+FLOWS = ("Flow.forward", "Flow.backward", "Label.flow")
+"""The planes that lead to another time."""
+
 
 class TruthPass:
     """Fills the planes of truth of a frame: one ray a pixel, and one more for each way of flow.
 
     The rays go through the pixels' centres at the frame's very time, whatever the exposure and the aperture. A surface
     counts where its opacity is at least one half; mirrors and glass count as themselves.
+
+    Attributes:
+        labels: whether events are to be labelled, for which all frames count.
     """
 
     def __init__(self, data: SceneData, camera: Camera, planes: PlaneSet) -> None:
@@ -36,7 +43,8 @@ class TruthPass:
         self._camera = CameraData(sharp, features, data.origin_m, data.device)
         self._first_row = planes.first(planes.truth[0].name)
         names = [plane.name for plane in planes.truth]
-        self._flow_rows = {way: own.first(f"Flow.{way}") for way in ("forward", "backward") if f"Flow.{way}" in names}
+        self._flow_rows = {name: own.first(name) for name in FLOWS if name in names}
+        self.labels = "Label.flow" in names
         pixels = camera.width * camera.height
         self._planes: Any = wp.zeros((len(own.names), pixels), dtype=wp.float32, device=data.device)
         hits = wp.zeros(pixels, dtype=TruthHit, device=data.device)
@@ -57,25 +65,28 @@ class TruthPass:
                 hits=hits,
                 height=camera.height,
                 row=0,
+                scale=1.0,
                 out_planes=self._planes,
                 **shared,
             )
 
-    def fill(self, out_planes: npt.NDArray[np.float32], before_us: int | None, time_us: int, after_us: int) -> None:
-        """Write truth at ``time_us`` into the frame's planes ``[C, H, W]``; flow leads to the times before and after.
+    def fill(self, out_planes: npt.NDArray[np.float32], time_us: int, ends_us: Mapping[str, int | None]) -> None:
+        """Write truth at ``time_us`` into the frame's planes ``[C, H, W]``.
 
-        Where there is no time before, no backward flow is valid. The scene is left at one of these times.
+        ``ends_us`` holds the time to which each plane of flow leads; where that is None the flow is not valid, and a
+        plane that is not among them stays as it was. The scene is left at one of these times.
         """
         self._launch(self._look, time_us)
-        for way, other_us in (("forward", after_us), ("backward", before_us)):
-            row = self._flow_rows.get(way)
-            if row is None:
+        for name, row in self._flow_rows.items():
+            if name not in ends_us:
                 continue
-            if other_us is None:
+            end_us = ends_us[name]
+            if end_us is None:
                 self._planes[row : row + 4].zero_()
                 continue
             self._follow.set_param_by_name("row", row)
-            self._launch(self._follow, other_us)
+            self._follow.set_param_by_name("scale", 1e6 / (end_us - time_us) if name == "Label.flow" else 1.0)
+            self._launch(self._follow, end_us)
         truth: npt.NDArray[np.float32] = self._planes.numpy()
         out_planes[self._first_row : self._first_row + len(truth)] = truth.reshape(len(truth), *out_planes.shape[1:])
 

@@ -163,6 +163,8 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
             put3(out_planes, wp.static(first.get("Truth.Albedo", 0)), pixel, albedo)
         if wp.static("Id.object" in first):
             out_planes[wp.static(first.get("Id.object", 0)), pixel] = float(number)
+        if wp.static("Label.object" in first):
+            out_planes[wp.static(first.get("Label.object", 0)), pixel] = float(number)
         if wp.static("Id.material" in first):
             out_planes[wp.static(first.get("Id.material", 0)), pixel] = float(material)
 
@@ -174,6 +176,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         width: int,
         height: int,
         row: int,
+        scale: float,
         first_pixel: int,
         out_planes: wp.array2d(dtype=float),
     ):
@@ -206,8 +209,8 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
                         covisible = wp.where(found.triangle < 0 and found.sphere < 0, 1.0, 0.0)
                     else:
                         covisible = wp.where(found.t >= _NEARER * wp.length(way), 1.0, 0.0)
-        out_planes[row, pixel] = x
-        out_planes[row + 1, pixel] = y
+        out_planes[row, pixel] = x * scale
+        out_planes[row + 1, pixel] = y * scale
         out_planes[row + 2, pixel] = valid
         out_planes[row + 3, pixel] = covisible
 

@@ -124,10 +124,13 @@ class View:
             RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
         self.fill_at(index, frame_time_us(index, self.fps), out)
-        every = self._options.truth_every
-        if index % every == 0:
-            before_us = frame_time_us(index - every, self.fps) if index >= every else None
-            self.fill_truth(out, before_us, frame_time_us(index + every, self.fps))
+        if self._truth is not None:
+            every, next_us = self._options.truth_every, frame_time_us(index + 1, self.fps)
+            if index % every == 0:
+                before_us = frame_time_us(index - every, self.fps) if index >= every else None
+                self.fill_truth(out, before_us, frame_time_us(index + every, self.fps), next_us)
+            elif self._truth.labels:
+                self._truth.fill(out.planes, out.time_us, {"Label.flow": next_us})
 
     def fill_at(self, index: int, time_us: int, out: Frame) -> None:
         """Render the world at a time [µs] of the caller's choice, as frame ``index``, into ``out``.
@@ -160,13 +163,15 @@ class View:
             wp.synchronize_device(self._device)
         out.time_us, out.index = time_us, index
 
-    def fill_truth(self, out: Frame, before_us: int | None, after_us: int) -> None:
-        """Fill the planes of truth, if there are any, of a frame that was rendered; flow leads to these times [µs].
+    def fill_truth(self, out: Frame, before_us: int | None, after_us: int, next_us: int) -> None:
+        """Fill the planes of truth, if there are any, of a frame that was rendered.
 
-        The scene is left at one of the three times.
+        Backward and forward flow lead to the times ``before_us`` and ``after_us``, labels are for events until
+        ``next_us`` [µs]. The scene is left at one of these times.
         """
         if self._truth is not None:
-            self._truth.fill(out.planes, before_us, out.time_us, after_us)
+            ends_us = {"Flow.backward": before_us, "Flow.forward": after_us, "Label.flow": next_us}
+            self._truth.fill(out.planes, out.time_us, ends_us)
 
     @property
     def effort(self) -> Effort:

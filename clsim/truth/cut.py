@@ -10,6 +10,8 @@ import numpy.typing as npt
 from clsim.frames import RADIANCE, TRUTH_PLANES, Frame, plane_of
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+_KEYS = {"Id.object": "object", "Id.material": "material"}
+_KEYS |= {"Label.object": "label-object", "Label.flow": "label-flow"}
 
 
 def cut(frame: Frame, names: Sequence[str]) -> dict[str, npt.NDArray[np.float32]]:
@@ -27,6 +29,6 @@ def cut(frame: Frame, names: Sequence[str]) -> dict[str, npt.NDArray[np.float32]
         for plane in map(plane_of, TRUTH_PLANES.get(name, ())):
             first = frame.names.index(plane.channels[0])
             values = frame.planes[first : first + plane.width]
-            key = plane.name.removeprefix("Id.") if name == "ids" else name
+            key = _KEYS.get(plane.name, name)
             found[key] = values[0] if plane.width == 1 else np.moveaxis(values, 0, 2)
     return found

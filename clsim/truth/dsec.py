@@ -36,7 +36,7 @@ from clsim.truth.intrinsics import camera_of, opencv_numbers
 from clsim.truth.lines import Lines, imu_lines, rate_of, read_imu, read_track, tum_lines
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.png import read_png, write_png
-from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.truth.record import About, ImuChunk, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 
 FLOW_HEAD = "# from_timestamp_us, to_timestamp_us\n"
@@ -45,7 +45,7 @@ _IMU_HEAD = "# time_s ax ay az gx gy gz: m/s^2 and rad/s along the camera's axes
 FLOW_REACH_PX = 255.9
 
 
-class DsecLayout:
+class DsecLayout(Layout):
     """Writes the folder; several cameras of a rig may write into one, each to a side of its own."""
 
     def __init__(self, path: Path, about: About) -> None:
@@ -262,9 +262,9 @@ def read_recording(path: Path) -> Recording:
     return Recording(
         about,
         lambda: iter(open_source(path / "events" / "left" / "events.h5")),
-        shots,
-        lambda: iter([read_track(each, name) for name, each in tracks.items() if names["poses"]]),
-        lambda: iter([read_imu(path / "imu.txt")] if names["imu"] else []),
+        shots=shots,
+        tracks=lambda: iter([read_track(each, name) for name, each in tracks.items() if names["poses"]]),
+        imu=lambda: iter([read_imu(path / "imu.txt")] if names["imu"] else []),
     )
 
 

@@ -41,11 +41,11 @@ from clsim.truth.lines import (
 )
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.png import read_png, write_png
-from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.truth.record import About, ImuChunk, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 
 
-class EcdLayout:
+class EcdLayout(Layout):
     """Writes the folder."""
 
     def __init__(self, path: Path, about: About) -> None:
@@ -175,9 +175,9 @@ def read_recording(path: Path) -> Recording:
     return Recording(
         about,
         lambda: iter(open_source(path / "events.txt")),
-        shots,
-        lambda: iter([read_track(there["poses"], "camera")] if "poses" in there else []),
-        lambda: iter([read_imu(there["imu"])] if "imu" in there else []),
+        shots=shots,
+        tracks=lambda: iter([read_track(there["poses"], "camera")] if "poses" in there else []),
+        imu=lambda: iter([read_imu(there["imu"])] if "imu" in there else []),
     )
 
 

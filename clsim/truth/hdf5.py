@@ -17,7 +17,7 @@ Attributes tell units, axes, signs and clocks. Each flush leaves a whole file be
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -27,9 +27,11 @@ import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.events.filesink import FlushPolicy
+from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5 import Hdf5Sink, open_source
+from clsim.truth.labels import LABEL_DTYPE
 from clsim.truth.names import TRUTH_NAMES
-from clsim.truth.record import About, ImuChunk, ImuNoise, Shot, TrackChunk
+from clsim.truth.record import About, ImuChunk, ImuNoise, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 from clsim.version import VERSION
 
@@ -58,23 +60,27 @@ _FLOWS = {
 _GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-class Hdf5Layout:
+class Hdf5Layout(Layout):
     """Writes the file."""
 
     def __init__(self, path: Path, about: About) -> None:
         """Create it; raises InputError when it cannot be."""
         self._about = about
         self._tracks: dict[str, str] = {}
+        self._waiting: dict[str, list[npt.NDArray[Any]]] = {}
         self._sink = Hdf5Sink(path, about.width, about.height, FlushPolicy(), self._prepare)
 
     def events(self, batch: EventBatch, end_us: int) -> None:
         """Append events."""
         self._sink.write(batch, end_us)
 
+    def labels(self, labels: npt.NDArray[np.void]) -> None:
+        """Append labels; after a kill there may be fewer than events, by those of one frame of truth."""
+        self._wait({"events/object": labels["object"], "events/flow": labels["flow"]})
+
     def shot(self, shot: Shot) -> None:
         """Append a frame."""
         rows: dict[str, npt.NDArray[Any]] = {
-            "frames/t": np.array([shot.time_us]),
             "frames/event_index": np.array([shot.event_index]),
         }
         for name, values in shot.planes.items():
@@ -90,18 +96,17 @@ class Hdf5Layout:
                 rows[f"frames/{name}_valid"] = flow[None, :, :, 2] > 0
                 rows[f"frames/{name}_covisible"] = flow[None, :, :, 3] > 0
                 rows[f"frames/{end}"] = np.array([end_us])
-        self._sink.append(rows)
+        rows["frames/t"] = np.array([shot.time_us])
+        self._flush(rows)
 
     def track(self, chunk: TrackChunk) -> None:
         """Append poses."""
         group = self._tracks[chunk.name]
-        self._sink.append(
-            {f"{group}/t": chunk.times_us, f"{group}/pose": chunk.poses, f"{group}/velocity": chunk.velocities}
-        )
+        self._wait({f"{group}/t": chunk.times_us, f"{group}/pose": chunk.poses, f"{group}/velocity": chunk.velocities})
 
     def imu(self, chunk: ImuChunk) -> None:
         """Append inertial samples."""
-        self._sink.append(
+        self._wait(
             {
                 "imu/t": chunk.times_us,
                 "imu/acceleration": chunk.acceleration,
@@ -111,7 +116,21 @@ class Hdf5Layout:
 
     def close(self) -> None:
         """Complete the file."""
-        self._sink.close()
+        try:
+            if self._waiting:
+                self._flush({})
+        finally:
+            self._sink.close()
+
+    def _wait(self, rows: Mapping[str, npt.NDArray[Any]]) -> None:
+        """Keep rows for the next frame: each flush costs milliseconds, however little it has to write."""
+        for name, values in rows.items():
+            self._waiting.setdefault(name, []).append(values)
+
+    def _flush(self, rows: Mapping[str, npt.NDArray[Any]]) -> None:
+        waiting = {name: np.concatenate(parts) for name, parts in self._waiting.items()}
+        self._waiting.clear()
+        self._sink.append(waiting | dict(rows))
 
     def _prepare(self, file: Any) -> None:
         about = self._about
@@ -124,7 +143,7 @@ class Hdf5Layout:
         file.attrs["extrinsics"] = json.dumps({name: np.asarray(m).tolist() for name, m in about.extrinsics.items()})
         self._prepare_frames(file)
         for group, names in (("objects", about.objects), ("materials", about.materials)):
-            if "ids" in about.names or (group == "objects" and "poses" in about.names):
+            if "ids" in about.names or (group == "objects" and {"poses", "labels"} & set(about.names)):
                 file.create_dataset(f"{group}/name", data=list(names), dtype=_text_type())
         if "poses" in about.names:
             file["objects"].create_dataset("pose", data=about.object_poses)
@@ -134,6 +153,10 @@ class Hdf5Layout:
                 _column(file, f"{group}/t", (), "i8", 1 << 12)
                 _column(file, f"{group}/pose", (7,), "f8", 1 << 10)
                 _column(file, f"{group}/velocity", (6,), "f8", 1 << 10)
+        if "labels" in about.names:
+            _column(file, "events/object", (), "u4", 1 << 14)
+            _column(file, "events/flow", (2,), "f4", 1 << 13)
+            file["events/flow"].attrs["unit"] = "px/s, right and down; NaN where it is not known"
         if "imu" in about.names:
             imu = file.create_group("imu")
             imu.attrs["rate_hz"], imu.attrs["gravity"] = about.imu_rate, about.gravity
@@ -195,6 +218,16 @@ def read_recording(path: Path) -> Recording:
                 count = min(map(len, columns))
                 yield TrackChunk(str(group.attrs["name"]), *(column[:count] for column in columns))
 
+    def labels() -> Iterator[npt.NDArray[np.void]]:
+        with h5py.File(path, "r") as file:
+            events = file["events"]
+            count = min(len(events[key]) for key in ("object", "flow", "t")) if "object" in events else 0
+            for start in range(0, count, CHUNK_EVENTS):
+                stop = min(start + CHUNK_EVENTS, count)
+                part = np.zeros(stop - start, LABEL_DTYPE)
+                part["object"], part["flow"] = events["object"][start:stop], events["flow"][start:stop]
+                yield part
+
     def imu() -> Iterator[ImuChunk]:
         with h5py.File(path, "r") as file:
             if "imu" in file:
@@ -202,12 +235,13 @@ def read_recording(path: Path) -> Recording:
                 count = min(map(len, columns))
                 yield ImuChunk(*(column[:count] for column in columns))
 
-    return Recording(about, lambda: iter(open_source(path)), shots, tracks, imu)
+    return Recording(about, lambda: iter(open_source(path)), labels, shots, tracks, imu)
 
 
 def _read_about(file: Any) -> About:
     frames = file["frames"]
     names = [name for name in TRUTH_NAMES if name.replace("-", "_") in frames]
+    names += ["labels"] * ("object" in file["events"])
     names += ["ids"] * ("object" in frames) + ["poses"] * ("poses" in file) + ["imu"] * ("imu" in file)
     facts: dict[str, Any] = {}
     if "objects" in file:

@@ -40,7 +40,8 @@ class LayoutKind:
 
 
 _ALL = (
-    "intensity", "image", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "poses", "imu",
+    "intensity", "image", "depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "labels",
+    "poses", "imu",
 )  # fmt: skip
 _DSEC = ("intensity", "image", "depth", "ids", "flow", "backward-flow", "poses", "imu")
 LAYOUTS = (

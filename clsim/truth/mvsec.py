@@ -36,13 +36,13 @@ from clsim.truth.lines import microseconds, rate_of
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.poses import matrices
 from clsim.truth.poses import rows as pose_rows
-from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.truth.record import About, ImuChunk, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 
 _GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
-class MvsecLayout:
+class MvsecLayout(Layout):
     """Writes the folder; the npz of flow is there once the run has ended."""
 
     def __init__(self, path: Path, about: About) -> None:
@@ -237,7 +237,7 @@ def read_recording(path: Path) -> Recording:
                 samples, times_s = data[f"{group}/imu"][:], data[f"{group}/imu_ts"][:]
                 yield ImuChunk(microseconds(times_s), samples[:, 3:], samples[:, :3])
 
-    return Recording(about, events, shots, tracks, imu)
+    return Recording(about, events, shots=shots, tracks=tracks, imu=imu)
 
 
 def _plane(name: str, stored: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -129,25 +129,23 @@ class ImuChunk:
     angular_velocity: F64
 
 
-class Layout(Protocol):
+class Layout:
     """A layout that is being written; it leaves out what it cannot hold."""
 
     def events(self, batch: EventBatch, end_us: int) -> None:
         """Take events; see Sink.write."""
-        ...
+
+    def labels(self, labels: npt.NDArray[np.void]) -> None:
+        """Take the labels of the events that were handed over last (`clsim.truth.labels`)."""
 
     def shot(self, shot: Shot) -> None:
         """Take a frame, when all events before it are there."""
-        ...
 
     def track(self, chunk: TrackChunk) -> None:
         """Take poses."""
-        ...
 
     def imu(self, chunk: ImuChunk) -> None:
         """Take inertial samples."""
-        ...
 
     def close(self) -> None:
         """Complete and release; safe to call twice."""
-        ...

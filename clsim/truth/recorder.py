@@ -11,11 +11,11 @@ import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame
-from clsim.scene import Motion
 from clsim.truth.cut import cut
 from clsim.truth.images import Pictures
-from clsim.truth.kinematics import Imu, track
-from clsim.truth.record import About, Layout, Shot, Times
+from clsim.truth.labels import Labeller
+from clsim.truth.motions import Motions
+from clsim.truth.record import About, Layout, Shot
 
 
 @dataclass(frozen=True)
@@ -26,19 +26,13 @@ class Plan:
         about: what holds for the whole run.
         every: rendered frames from one frame of truth to the next.
         time_of: the time of a rendered frame [µs].
-        camera: how it moves.
-        moving: name and motion of each object that moves.
-        pose_rate: poses a second.
-        seed: of the inertial sensor's noise.
+        motions: what moves; recorders of one plan share what they find of it.
     """
 
     about: About
     every: int
     time_of: Callable[[int], int]
-    camera: Motion
-    moving: tuple[tuple[str, Motion], ...]
-    pose_rate: float
-    seed: int
+    motions: Motions
 
 
 class TruthRecorder:
@@ -52,11 +46,10 @@ class TruthRecorder:
         self._plan, self._layout = plan, layout
         self._event_count = 0
         self._pictures = Pictures()
-        self._pose_count = 0
-        about = plan.about
-        self._imu = None
-        if "imu" in about.names:
-            self._imu = Imu(plan.camera, about.imu_rate, about.imu_noise, about.gravity, plan.seed)
+        self._labeller = Labeller() if "labels" in plan.about.names else None
+        self._end_us = 0
+        self._motions_us = -1
+        self._closed = False
 
     def report(self) -> dict[str, float]:
         """Return the number of frames recorded."""
@@ -66,9 +59,12 @@ class TruthRecorder:
         """Take the events of a step, what moved within it, and the frame that it led to."""
         before = self._event_count + int(np.searchsorted(events["t"], frame.time_us))
         self.write(events, frame.time_us)
-        self._record_motions(frame.time_us)
+        if self._labeller is not None:
+            self._layout.labels(self._labeller.label(frame, events))
+        self._end_us = frame.time_us
         plan = self._plan
         if frame.index % plan.every == 0:
+            self._record_motions(frame.time_us)
             last, following = (plan.time_of(frame.index + way * plan.every) for way in (-1, 1))
             self._layout.shot(Shot(frame.time_us, last, following, before, self._planes(frame)))
             self.recorded_frames += 1
@@ -80,7 +76,12 @@ class TruthRecorder:
 
     def close(self) -> None:
         """Complete the layout; see Sink.close."""
-        self._layout.close()
+        try:
+            if not self._closed:
+                self._closed = True
+                self._record_motions(self._end_us)
+        finally:
+            self._layout.close()
 
     def _planes(self, frame: Frame) -> dict[str, npt.NDArray[Any]]:
         names = self._plan.about.names
@@ -91,20 +92,11 @@ class TruthRecorder:
         return found
 
     def _record_motions(self, end_us: int) -> None:
-        plan = self._plan
-        if "poses" in plan.about.names:
-            times_us = self._pose_times(end_us)
-            if len(times_us):
-                self._layout.track(track("camera", plan.camera, times_us, camera=True))
-                for name, motion in plan.moving:
-                    self._layout.track(track(name, motion, times_us))
-        if self._imu is not None:
-            self._layout.imu(self._imu.until(end_us))
-
-    def _pose_times(self, end_us: int) -> Times:
-        step_us = 1e6 / self._plan.pose_rate
-        last = int(end_us / step_us + 1e-6)
-        numbers = np.arange(self._pose_count, last + 1)
-        self._pose_count = max(self._pose_count, last + 1)
-        times_us: Times = np.rint(numbers * step_us).astype(np.int64)
-        return times_us
+        if end_us <= self._motions_us:
+            return
+        self._motions_us = end_us
+        tracks, samples = self._plan.motions.until(end_us)
+        for chunk in tracks:
+            self._layout.track(chunk)
+        if samples is not None:
+            self._layout.imu(samples)

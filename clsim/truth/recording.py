@@ -9,6 +9,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
+import numpy as np
+import numpy.typing as npt
+
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesink import PartFile
@@ -24,11 +27,12 @@ class Recording:
 
     Attributes:
         about: what holds for all of it; ``names`` tells what there is.
-        events, shots, tracks, imu: functions that begin to read, in the order of time and in bounded memory.
+        events, labels, shots, tracks, imu: functions that begin to read, in the order of time and in bounded memory.
     """
 
     about: About
     events: Callable[[], Iterator[EventBatch]]
+    labels: Callable[[], Iterator[npt.NDArray[np.void]]] = lambda: iter(())
     shots: Callable[[], Iterator[Shot]] = lambda: iter(())
     tracks: Callable[[], Iterator[TrackChunk]] = lambda: iter(())
     imu: Callable[[], Iterator[ImuChunk]] = lambda: iter(())
@@ -120,6 +124,8 @@ def _copy(source: str, recording: Recording, kind: LayoutKind, path: Path, about
             if len(batch):
                 layout.events(batch, int(batch["t"][-1]))
                 count += len(batch)
+        for labels in _read(source, recording.labels):
+            layout.labels(labels)
         for chunk in _read(source, recording.tracks):
             layout.track(chunk)
         for samples in _read(source, recording.imu):

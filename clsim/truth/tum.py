@@ -7,33 +7,23 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from clsim.events import EventBatch
 from clsim.truth.lines import Lines, tum_lines
-from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
+from clsim.truth.record import About, Layout, TrackChunk
 
 HEAD = "# time_s x y z qx qy qz qw: camera to world, m; the camera's +x is right, +y down, +z ahead (OpenCV)\n"
 
 
-class TumLayout:
+class TumLayout(Layout):
     """Writes the camera's poses and leaves out all else."""
 
     def __init__(self, path: Path, about: About) -> None:
         """Create the file; raises InputError when it cannot be."""
         self._lines = Lines(path, HEAD)
 
-    def events(self, batch: EventBatch, end_us: int) -> None:
-        """Leave them out."""
-
-    def shot(self, shot: Shot) -> None:
-        """Leave it out."""
-
     def track(self, chunk: TrackChunk) -> None:
         """Append the camera's poses."""
         if chunk.name == "camera":
             self._lines.add(tum_lines(chunk))
-
-    def imu(self, chunk: ImuChunk) -> None:
-        """Leave them out."""
 
     def close(self) -> None:
         """Complete the file."""

@@ -17,7 +17,7 @@ from clsim.scene import Camera, Instance, Material, SphereLight, World
 from clsim.scene.motion import Keyframes, Static, euler_quaternion
 from clsim.scene.world import Lens
 
-ASKED = ("depth", "distance", "normal", "ids", "flow", "backward-flow")
+ASKED = ("depth", "distance", "normal", "ids", "flow", "backward-flow", "labels")
 PLANES = PlaneSet((), (), rendered_planes(truth=ASKED).truth)
 T0_US, T1_US = 100_000, 180_000
 
@@ -55,7 +55,8 @@ def filled(world: World, before_us: int | None = 20_000, planes: PlaneSet = PLAN
     """The planes of truth at T0 by channel, forward flow to T1."""
     camera = world.camera
     out = np.zeros((len(planes.names), camera.height, camera.width), np.float32)
-    TruthPass(SceneData(world), camera, planes).fill(out, before_us, T0_US, T1_US)
+    ends_us = {"Flow.forward": T1_US, "Flow.backward": before_us, "Label.flow": T1_US}
+    TruthPass(SceneData(world), camera, planes).fill(out, T0_US, ends_us)
     return dict(zip(planes.names, out, strict=True))
 
 
@@ -97,6 +98,14 @@ def test_everything_moves() -> None:
 
 def test_backward_flow() -> None:
     assert_is_truth(a_world(), after_us=20_000, way="backward")
+
+
+def test_labels_are_objects_and_velocities() -> None:
+    found = filled(a_world())
+    assert np.array_equal(found["Label.object"], found["Id.object"])
+    moved_s = (T1_US - T0_US) * 1e-6
+    for axis in "XY":
+        assert np.abs(found[f"Label.flow.{axis}"] * moved_s - found[f"Flow.forward.{axis}"]).max() < 1e-5
 
 
 def test_without_a_time_before_no_backward_flow_is_valid() -> None:

@@ -13,6 +13,7 @@ from clsim.scene import Camera, Static
 from clsim.scene.motion import Orbit
 from clsim.scene.world import Lens
 from clsim.truth.kinematics import Imu, track
+from clsim.truth.labels import LABEL_DTYPE
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.record import About, ImuChunk, ImuNoise, Layout, Shot, TrackChunk
 
@@ -41,6 +42,7 @@ class Given:
     """What was handed over."""
 
     events: np.ndarray
+    labels: np.ndarray
     shots: list[Shot] = field(default_factory=list)
     tracks: dict[str, TrackChunk] = field(default_factory=dict)
     imu: ImuChunk | None = None
@@ -56,13 +58,15 @@ def shot(number: int, event_index: int, rng: np.random.Generator) -> Shot:
     flow[..., 2] = ~nothing
     flow[..., 3] = (rng.random(size) < 0.8) & ~nothing
     ids = rng.integers(1, 3, size).astype(np.float32)
+    intensity = rng.uniform(0, 3, size).astype(np.float32)
     return Shot(
         number * STEP_US,
         (number - 1) * STEP_US,
         (number + 1) * STEP_US,
         event_index,
         {
-            "intensity": rng.uniform(0, 3, size).astype(np.float32),
+            "intensity": intensity,
+            "image": (85 * intensity).astype(np.uint8),
             "depth": depth,
             "distance": depth * np.float32(1.1),
             "normal": rng.normal(size=(*size, 3)).astype(np.float32),
@@ -83,7 +87,9 @@ def feed(layout: Layout, seed: int = 0, close: bool = True) -> Given:
     events["t"] = np.sort(rng.integers(0, (SHOTS - 1) * STEP_US, count))
     events["x"], events["y"] = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count)
     events["on"] = rng.random(count) < 0.5
-    given = Given(events)
+    labels = np.zeros(count, LABEL_DTYPE)
+    labels["object"], labels["flow"] = rng.integers(0, 3, count), rng.normal(0, 100, (count, 2))
+    given = Given(events, labels)
     imu = Imu(ORBIT, 1000.0, ImuNoise(), GRAVITY, 0)
     chunks: dict[str, list[Any]] = {"camera": [], "ball": [], "imu": []}
     done = 0
@@ -91,6 +97,7 @@ def feed(layout: Layout, seed: int = 0, close: bool = True) -> Given:
         end_us = number * STEP_US
         until = int(np.searchsorted(events["t"], end_us, side="right"))
         layout.events(events[done:until], end_us)
+        layout.labels(labels[done:until])
         times_us = np.arange(-(-max(0, end_us - STEP_US + 1) // 5000) * 5000, end_us + 1, 5000)
         for name, motion in (("camera", ORBIT), ("ball", BALL)):
             chunk = track(name, motion, times_us, camera=name == "camera")

@@ -16,6 +16,7 @@ import recordings
 import clsim
 from clsim.events import hdf5_growing
 from clsim.truth.hdf5 import Hdf5Layout
+from clsim.truth.recording import convert_recording
 
 
 def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
@@ -25,7 +26,7 @@ def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
         frames = file["frames"]
         assert frames["t"][:].tolist() == [shot.time_us for shot in given.shots]
         assert frames["event_index"][:].tolist() == [shot.event_index for shot in given.shots]
-        for name in ("intensity", "depth", "distance", "normal", "albedo", "object", "material"):
+        for name in ("intensity", "image", "depth", "distance", "normal", "albedo", "object", "material"):
             stored = np.stack([shot.planes[name] for shot in given.shots])
             assert np.array_equal(frames[name][:], stored), name
             assert frames[name].attrs["unit"] and frames[name].attrs["meaning"]
@@ -45,9 +46,22 @@ def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
         assert np.array_equal(file["imu/t"][:], given.imu.times_us)
         assert np.array_equal(file["imu/acceleration"][:], given.imu.acceleration)
         assert np.array_equal(file["imu/angular_velocity"][:], given.imu.angular_velocity)
+        assert np.array_equal(file["events/object"][:], given.labels["object"])
+        assert np.array_equal(file["events/flow"][:], given.labels["flow"])
         assert [name.decode() for name in file["objects/name"]] == ["floor", "ball"]
         assert "OpenCV" in file.attrs["conventions"]
     assert np.array_equal(clsim.open(str(path)).read(), given.events)
+    again = str(tmp_path / "again.h5")
+    convert_recording(str(path), again)
+    with h5py.File(path) as one, h5py.File(again) as other:
+
+        def look(name: str, found: h5py.Group | h5py.Dataset) -> None:
+            assert set(found.attrs) == set(other[name].attrs)
+            if isinstance(found, h5py.Dataset):
+                assert np.array_equal(found[()], other[name][()]), name
+
+        one.visititems(look)
+        assert dict(one.attrs) == dict(other.attrs)
 
 
 def test_events_are_dsecs(tmp_path: Path) -> None:

@@ -208,7 +208,7 @@ def test_convert_from_the_command_line(tmp_path: Path) -> None:
     recorded(tmp_path / "a.h5")
     run = CliRunner().invoke(app, ["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.ecd")])
     assert run.exit_code == 0 and "500 events" in run.stderr
-    assert "cannot hold albedo, backward-flow, distance, flow, ids, normal" in run.stderr
+    assert "cannot hold albedo, backward-flow, distance, flow, ids, labels, normal" in run.stderr
     with pytest.raises(InputError, match="is there already"):
         convert_recording(str(tmp_path / "b.ecd"), str(tmp_path / "b.ecd"))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.ecd"]
