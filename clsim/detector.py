@@ -27,7 +27,8 @@ def check_sensor(config: DetectorConfig, specimen: Specimen) -> None:
     """
     if specimen.settings.is_ideal:
         return
-    for name, wanted in (("event_rule", "interpolated"), ("response", "ln")):
+    wants = {"event_rule": "interpolated"} | ({"response": "ln"} if specimen.settings.reads_light else {})
+    for name, wanted in wants.items():
         if getattr(config, name) != wanted:
             given, sensor = getattr(config, name), specimen.settings.name
             raise InputError(f"`{name}` {given} is for the ideal sensor; `sensor` {sensor} needs {wanted}")

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from clsim.cli import parse
 from clsim.cli.detector_options import (
@@ -22,12 +22,15 @@ from clsim.cli.detector_options import (
     KERNEL,
     LIKE,
     LUMINANCE,
+    LUX_PER_UNIT,
     OUT,
     PRECISION,
+    RECORDED_SENSOR,
     REGRESS,
     RESPONSE,
     RIDGE,
     SCALE,
+    SENSOR_SEED,
     SHRINK,
     STRIDE,
     THRESHOLD,
@@ -39,12 +42,18 @@ from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL,
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
+if TYPE_CHECKING:
+    from clsim.live.sensors import RecordedSensor
+
 
 def detect(
     frames: FRAMES,
     out: OUT,
     fps: FPS = None,
     threshold: THRESHOLD = None,
+    sensor: RECORDED_SENSOR = None,
+    seed: SENSOR_SEED = None,
+    lux_per_unit: LUX_PER_UNIT = None,
     transfer: TRANSFER = None,
     times: TIMES = None,
     time_unit: TIME_UNIT = "s",
@@ -90,6 +99,7 @@ def detect(
     from clsim.footage.open import is_footage
     from clsim.live.footage import FootageOptions, open_footage_session
     from clsim.live.options import RecordingOptions
+    from clsim.live.sensors import RecordedSensor
     from clsim.live.session import open_recording
 
     if as_json and any(map(is_standard_output, out)):
@@ -99,6 +109,9 @@ def detect(
         "out",
         "fps",
         "threshold",
+        "sensor",
+        "seed",
+        "lux_per_unit",
         "transfer",
         "times",
         "time_unit",
@@ -113,20 +126,23 @@ def detect(
     if threshold is not None:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
     files = FileOptions(format, text_time, ros_events)
+    seen_by = RecordedSensor(**_given({"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit}))
     if is_footage(frames):
-        footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files)
+        footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files, seen_by)
         return run_session(open_footage_session(footage, _given(chosen)), as_json=as_json)
     for option, value in (("--transfer", transfer), ("--times", times), ("--like", like)):
         if value is not None:
             raise InputError(f"{option} is for video and pictures; EXR frames hold linear light")
     told = _told_by(frames)
-    config = detector_config(frames, told, chosen)
-    options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told))
+    config = detector_config(frames, told, chosen, seen_by)
+    options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told), seen_by)
     return run_session(open_recording(options), as_json=as_json)
 
 
-def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, Any]) -> DetectorConfig:
-    """Return the detector's options: those ``given`` (None: not given), else those that frames.json ``told``."""
+def detector_config(
+    frames: str, told: Mapping[str, Any], given: Mapping[str, Any], seen_by: RecordedSensor | None = None
+) -> DetectorConfig:
+    """Return the detector's options: those ``given`` (None: not given), the sensor's, else those ``told``."""
     from clsim.values import from_plain
 
     chosen = _given(given)
@@ -135,6 +151,8 @@ def detector_config(frames: str, told: Mapping[str, Any], given: Mapping[str, An
         base = from_plain(DetectorConfig, detector if isinstance(detector, dict) else {})
     except InputError as error:
         raise InputError(f"{_about(frames)}: {error}") from None
+    if seen_by is not None:
+        chosen = seen_by.detector(chosen, chosen.get("method", base.method))
     if chosen.get("method", base.method) != base.method:
         base = replace(base, window=None)
     return replace(base, **chosen)

@@ -31,6 +31,18 @@ THRESHOLD = Annotated[
     str | None,
     typer.Option(help="Contrast threshold in natural-log units: 0.2, or ON,OFF: 0.2,0.25. [the frames', or 0.2]"),
 ]
+RECORDED_SENSOR = Annotated[
+    str | None,
+    typer.Option(
+        "--sensor",
+        metavar="NAME|FILE",
+        help="The camera: davis346 … (see docs/sensor.md), or a .toml file; the frames' size stays. [ideal]",
+    ),
+]
+SENSOR_SEED = Annotated[int | None, advanced("--seed", help="Seed of the sensor's random numbers. [0]")]
+LUX_PER_UNIT = Annotated[
+    float | None, advanced(help="Illuminance of the sensor under a luminance of 1, for --sensor [lux]. [100]")
+]
 TRANSFER = Annotated[
     Transfer | None,
     typer.Option(

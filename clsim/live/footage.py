@@ -21,9 +21,11 @@ from clsim.footage.times import read_times_us
 from clsim.frames import Frame, SourceEnded, page_aligned
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule
+from clsim.live.sensors import RecordedSensor
 from clsim.live.session import Session, now, open_sinks
 from clsim.live.sidecars import about_run
 from clsim.live.stages import detector_maker, unused_options
+from clsim.sensor.settings import SensorSettings
 from clsim.values import from_plain, read_fields
 
 
@@ -45,6 +47,7 @@ class FootageOptions:
     opencl: str | None = None
     outputs: tuple[str, ...] = ()
     files: FileOptions = field(default_factory=FileOptions)
+    seen_by: RecordedSensor = field(default_factory=RecordedSensor)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
@@ -87,12 +90,14 @@ def open_footage_session(
     started = now()
     source = options.open()
     try:
-        config = footage_detector(source, options.settings, detector)
+        asked = options.settings.detector | dict(detector)
+        method = str(asked.get("method", "esim"))
+        config = footage_detector(source, options.settings, options.seen_by.detector(asked, method))
         size = source.width, source.height
         schedule = Schedule(source.fps, 1 << 62, source.frame_count, recorded_times=True)
         pipeline = Pipeline(
             lambda: source,
-            detector_maker(config, size, source.names, options.opencl),
+            detector_maker(config, size, source.names, options.opencl, options.seen_by.specimen(config.scale)),
             open_sinks(options.outputs, options.files, extra_sinks, size),
             schedule,
             (source.names, source.height, source.width),
@@ -116,6 +121,9 @@ def events_from(
     transfer: Transfer | None = None,
     like: Convention | None = None,
     opencl: str | None = None,
+    sensor: str | SensorSettings | None = None,
+    seed: int = 0,
+    lux_per_unit: float = 100.0,
     **detector: Any,
 ) -> Iterator[EventBatch]:
     """Return the events of a video, of pictures or of arrays, frame by frame, as an iterator; the first is checked now.
@@ -130,6 +138,9 @@ def events_from(
         transfer: transfer function of the values; None takes what a file tells, srgb for whole numbers, else linear.
         like: whose conventions hold where nothing else is given.
         opencl: part of the name of the OpenCL device.
+        sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one.
+        seed: of the sensor's random numbers.
+        lux_per_unit: illuminance of the sensor under a luminance of 1 [lux].
         detector: fields of `clsim.detect.config.DetectorConfig`, such as ``threshold_on``.
 
     Raises:
@@ -142,8 +153,11 @@ def events_from(
         source: Footage = open_footage(frames, chosen, times, fps, settings.offset)
     else:
         source = Arrays(frames, times_us, chosen, fps=fps, offset=settings.offset)
-    config = footage_detector(source, settings, detector)
-    make = detector_maker(config, (source.width, source.height), source.names, opencl)
+    seen_by = from_plain(RecordedSensor, {"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
+    asked = seen_by.detector(settings.detector | detector, "esim")
+    config = footage_detector(source, settings, asked)
+    size = source.width, source.height
+    make = detector_maker(config, size, source.names, opencl, seen_by.specimen(config.scale))
     return _run(source, make)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Real
@@ -27,9 +26,9 @@ from clsim.live.quality import (
     with_given,
 )
 from clsim.live.schedule import LARGEST_FPS
+from clsim.live.sensors import RecordedSensor, read_sensor
 from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, TimeSteps
 from clsim.scene.trajectory import Axes, Interpolation
-from clsim.sensor.presets import load_sensor
 from clsim.sensor.settings import SensorSettings
 from clsim.truth.layouts import check_layouts, layout_of
 from clsim.truth.names import truth_names
@@ -38,11 +37,6 @@ from clsim.values import from_plain, read_fields
 LIVE_GATES = ("delta-r", "radiance")
 LONGEST_S = 1e12
 """At 10⁶ frames a second, their number still has 64 bits."""
-
-
-def read_sensor(sensor: Any) -> Any:
-    """Return what a preset's name or a file says of a sensor; anything else as it is."""
-    return load_sensor(os.fspath(sensor)) if isinstance(sensor, str | os.PathLike) else sensor
 
 
 @dataclass(frozen=True)
@@ -310,21 +304,11 @@ class RecordingOptions:
     files: FileOptions = field(default_factory=FileOptions)
     rendered_fps: float | None = None
     """Frames per second by which the frames were rendered, if known: their times are whole µs and tell it less well."""
-    sensor: SensorSettings | None = None
-    """The sensor, also by the name of a preset or as a file; None is the ideal one. The frames have their own size."""
-    seed: int = 0
-    """Seed of the sensor's random numbers."""
-    lux_per_unit: float = 100.0
-    """Illuminance of the sensor under a luminance of 1 [lux]."""
+    seen_by: RecordedSensor = field(default_factory=RecordedSensor)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""
-        object.__setattr__(self, "sensor", read_sensor(self.sensor))
         read_fields(self)
-        if self.seed < 0:
-            raise InputError(f"`seed` must not be negative, got {self.seed}")
-        if self.lux_per_unit <= 0:
-            raise InputError(f"`lux_per_unit` must be a positive number, got {self.lux_per_unit:g}")
         if self.fps is not None and self.fps <= 0:
             raise InputError(f"`fps` must be a positive number, got {self.fps}")
         self.files.check(self.outputs)

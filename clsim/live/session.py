@@ -23,7 +23,7 @@ from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
-from clsim.live.stages import detector_maker, plan_stages, specimen_of, unused_options
+from clsim.live.stages import detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
 from clsim.scene import World
 
@@ -232,7 +232,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
             size,
             source.names,
             options.opencl,
-            specimen_of(options.sensor, options.seed, options.lux_per_unit / options.config.scale),
+            options.seen_by.specimen(options.config.scale),
         ),
         open_sinks(options.outputs, options.files, extra_sinks, size),
         schedule,

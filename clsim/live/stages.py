@@ -11,6 +11,7 @@ from clsim.frames import InterestBoard, PixelTracer, rendered_planes
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
+from clsim.live.sensors import specimen_of
 from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
 from clsim.scene import World, load_world
 from clsim.truth.names import plane_names
@@ -18,7 +19,7 @@ from clsim.truth.names import plane_names
 if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
     from clsim.sensor import Specimen
-    from clsim.sensor.settings import Optics, SensorSettings
+    from clsim.sensor.settings import Optics
 
 
 class DetectorMaker(Protocol):
@@ -169,15 +170,6 @@ def detector_maker(
         return recorded_detector(config, *size, planes, device=device, specimen=specimen)
 
     return make
-
-
-def specimen_of(sensor: SensorSettings | None, seed: int, lux: float) -> Specimen | None:
-    """Return a sensor of this kind, whose illuminance is ``lux`` where brightness is 0; None is the ideal one."""
-    if sensor is None or sensor.is_ideal:
-        return None
-    from clsim.sensor import Specimen
-
-    return Specimen(sensor, seed, lux)
 
 
 def unused_options(config: DetectorConfig) -> tuple[str, ...]:

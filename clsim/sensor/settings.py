@@ -474,6 +474,11 @@ class SensorSettings:
         return tuple(dict.fromkeys(name for stage in self.stages for name in stage.macros() if name))
 
     @property
+    def reads_light(self) -> bool:
+        """Whether anything hangs on how many lux there are."""
+        return bool({"DARK", "RECEPTOR", "PARASITIC"} & set(self.macros)) or len(self.noise.lux) > 1
+
+    @property
     def is_ideal(self) -> bool:
         """Whether no stage is on."""
         return not self.macros and self.readout.is_perfect

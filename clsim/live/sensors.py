@@ -1,0 +1,69 @@
+"""Which sensor a run has, and what follows from it for detection."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from clsim.errors import InputError
+from clsim.sensor.presets import load_sensor
+from clsim.sensor.settings import SensorSettings
+from clsim.sensor.specimen import Specimen
+from clsim.values import read_fields
+
+DENSE_METHOD = "wlr-esim"
+"""The method for sensors that follow brightness between events, where esim-ad would be taken: it knows all levels."""
+
+
+def read_sensor(sensor: Any) -> Any:
+    """Return what a preset's name or a file says of a sensor; anything else as it is."""
+    return load_sensor(os.fspath(sensor)) if isinstance(sensor, str | os.PathLike) else sensor
+
+
+def specimen_of(sensor: SensorSettings | None, seed: int, lux: float) -> Specimen | None:
+    """Return a sensor of this kind, whose illuminance is ``lux`` where brightness is 0; None is the ideal one."""
+    return None if sensor is None or sensor.is_ideal else Specimen(sensor, seed, lux)
+
+
+@dataclass(frozen=True)
+class RecordedSensor:
+    """The sensor that looks at recorded frames; they have their own size.
+
+    Attributes:
+        sensor: also the name of a preset, or a file; None is the ideal one.
+        seed: of its random numbers.
+        lux_per_unit: its illuminance under a luminance of 1 [lux].
+    """
+
+    sensor: SensorSettings | None = None
+    seed: int = 0
+    lux_per_unit: float = 100.0
+
+    def __post_init__(self) -> None:
+        """Refuse values that cannot work; see InputError for how messages name fields."""
+        object.__setattr__(self, "sensor", read_sensor(self.sensor))
+        read_fields(self)
+        if self.seed < 0:
+            raise InputError(f"`seed` must not be negative, got {self.seed}")
+        if self.lux_per_unit <= 0:
+            raise InputError(f"`lux_per_unit` must be a positive number, got {self.lux_per_unit:g}")
+
+    def specimen(self, scale: float) -> Specimen | None:
+        """Return the sensor where brightness is of luminance times ``scale``."""
+        return specimen_of(self.sensor, self.seed, self.lux_per_unit / scale)
+
+    def detector(self, given: Mapping[str, Any], method: str) -> dict[str, Any]:
+        """Return options of detection, by name: those ``given``, and what the sensor asks for beside them.
+
+        ``method`` is the one that would be taken. One that predicts levels between events is no good for a sensor that
+        follows them.
+        """
+        if self.sensor is None:
+            return dict(given)
+        threshold, front = self.sensor.threshold, self.sensor.front_end
+        asked: dict[str, Any] = {"threshold_on": threshold.on, "threshold_off": threshold.off}
+        if method == "esim-ad" and front.macros():
+            asked["method"] = DENSE_METHOD
+        return {name: value for name, value in asked.items() if value is not None} | dict(given)
