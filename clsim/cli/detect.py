@@ -126,14 +126,16 @@ def detect(
     if threshold is not None:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
     files = FileOptions(format, text_time, ros_events)
-    seen_by = RecordedSensor(**_given({"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit}))
+    eye = _given({"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
     if is_footage(frames):
+        seen_by = RecordedSensor(**eye)
         footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files, seen_by)
         return run_session(open_footage_session(footage, _given(chosen)), as_json=as_json)
     for option, value in (("--transfer", transfer), ("--times", times), ("--like", like)):
         if value is not None:
             raise InputError(f"{option} is for video and pictures; EXR frames hold linear light")
     told = _told_by(frames)
+    seen_by = _seen_by(frames, told, eye)
     config = detector_config(frames, told, chosen, seen_by)
     options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told), seen_by)
     return run_session(open_recording(options), as_json=as_json)
@@ -156,6 +158,19 @@ def detector_config(
     if chosen.get("method", base.method) != base.method:
         base = replace(base, window=None)
     return replace(base, **chosen)
+
+
+def _seen_by(frames: str, told: Mapping[str, Any], given: Mapping[str, Any]) -> RecordedSensor:
+    """Return the sensor: what is ``given`` of it, and of the rest what frames.json ``told``."""
+    from clsim.live.sensors import RecordedSensor
+    from clsim.values import from_plain
+
+    seen_by = told.get("seen_by")
+    try:
+        base = from_plain(RecordedSensor, seen_by if isinstance(seen_by, dict) else {})
+    except InputError as error:
+        raise InputError(f"{_about(frames)}: {error}") from None
+    return replace(base, **given)
 
 
 def _given(options: Mapping[str, Any]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from clsim.frames import TRUTH_PLANES, Frame, page_aligned
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.schedule import plan
+from clsim.live.sensors import RecordedSensor
 from clsim.live.sidecars import about_camera, about_run, camera_pose
 from clsim.live.stages import plan_stages
 from clsim.truth.names import plane_names
@@ -45,6 +46,7 @@ class Rendering:
         times_us = [schedule.time_us(index) for index in range(self.frame_count)]
         self.about: dict[str, Any] = about_run(options.as_dict(), stages.detector, stages.fps) | {
             "detector": asdict(stages.detector),
+            "seen_by": asdict(RecordedSensor(options.sensor, options.seed, stages.world.sensor.lux_per_unit)),
             "camera": about_camera(camera),
             "poses": [
                 {"time_us": time_us, "camera_to_world": camera_pose(camera, time_us * 1e-6).tolist()}
