@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -13,9 +14,13 @@ from clsim.detector import Detector
 from clsim.errors import Error, InputError
 from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame, page_aligned
+from clsim.live.sensors import read_sensor
 from clsim.opencl.device import choose_device
+from clsim.sensor import Specimen
+from clsim.sensor.settings import SensorSettings
 from clsim.values import read_value
 
+_THRESHOLD = 0.2
 _ON_HOST = (1, 3)
 """DLPack's devices whose memory a CPU reads: its own, and what is pinned for CUDA."""
 
@@ -33,7 +38,10 @@ class RadianceCamera:
         width: int,
         height: int,
         *,
-        threshold: float | tuple[float, float] = 0.2,
+        threshold: float | tuple[float, float] | None = None,
+        sensor: str | Path | SensorSettings | None = None,
+        lux_per_unit: float = 100.0,
+        seed: int = 0,
         event_rule: EventRule = "interpolated",
         scale: float = 1.0,
         floor: float = 1e-4,
@@ -44,7 +52,11 @@ class RadianceCamera:
         Args:
             width: of the sensor [pixels].
             height: of the sensor [pixels].
-            threshold: contrast threshold of ON and OFF events [natural-log units], or of each.
+            threshold: contrast threshold of ON and OFF events [natural-log units], or of each; None takes the sensor's,
+                or .2.
+            sensor: its name, its file or its settings, as for `clsim.stream`; None is the ideal one.
+            lux_per_unit: illuminance of the sensor where luminance is 1 [lux], for sensors to whom it matters.
+            seed: of the sensor's random numbers.
             event_rule: "interpolated" gives each crossing its own time between two pictures, "frame" the later one's.
             scale: L = ln max(scale·Y, floor), Y the luminance.
             floor: the darkest that a pixel tells.
@@ -56,12 +68,16 @@ class RadianceCamera:
         self.width, self.height = read_value("width", width, int), read_value("height", height, int)
         if min(self.width, self.height) < 1:
             raise InputError(f"`width` and `height` must be at least 1, got {width} and {height}")
-        given = read_value("threshold", threshold, float | tuple[float, float])
-        on, off = given if isinstance(given, tuple) else (given, given)
+        settings = read_value("sensor", read_sensor(sensor), SensorSettings | None)
+        on, off = _thresholds(read_value("threshold", threshold, float | tuple[float, float] | None), settings)
         config = DetectorConfig(
             method="esim", event_rule=event_rule, threshold_on=on, threshold_off=off, scale=scale, floor=floor
         )
-        self._detector = Detector(config, self.width, self.height, RADIANCE, device=choose_device(opencl))
+        # Its level is the logarithm of scaled luminance, which is 0 where luminance is 1 / scale.
+        lux = read_value("lux_per_unit", lux_per_unit, float) / config.scale
+        specimen = None if settings is None else Specimen(settings, read_value("seed", seed, int), lux)
+        device = choose_device(opencl)
+        self._detector = Detector(config, self.width, self.height, RADIANCE, device=device, specimen=specimen)
         self._own = page_aligned((len(RADIANCE), self.height, self.width))
         self._closed = False
         self._count = 0
@@ -133,6 +149,14 @@ class RadianceCamera:
             raise InputError(f"`radiance` holds {radiance.dtype}, expected numbers")
         np.copyto(self._own, source, casting="unsafe")
         return self._own
+
+
+def _thresholds(given: float | tuple[float, float] | None, sensor: SensorSettings | None) -> tuple[float, float]:
+    """Return the thresholds of ON and OFF events: those given, else the sensor's, else .2."""
+    if given is not None:
+        return given if isinstance(given, tuple) else (given, given)
+    on, off = (None, None) if sensor is None else (sensor.threshold.on, sensor.threshold.off)
+    return _THRESHOLD if on is None else on, _THRESHOLD if off is None else off
 
 
 def on_host(array: Any) -> npt.NDArray[Any]:

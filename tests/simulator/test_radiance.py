@@ -119,3 +119,21 @@ def test_what_is_no_picture_is_told(picture: object, message: str) -> None:
 def test_a_sensor_needs_a_size() -> None:
     with pytest.raises(InputError, match="`width` and `height` must be at least 1, got 0 and 3"):
         clsim.Simulator.from_radiance(0, 3)
+
+
+def test_a_sensor_may_have_faults_and_thresholds_of_its_own() -> None:
+    found = {}
+    for name, options in {
+        "ideal": {},
+        "davis346": {"sensor": "davis346"},
+        "again": {"sensor": "davis346"},
+        "another": {"sensor": "davis346", "seed": 1},
+        "deaf": {"sensor": "davis346", "threshold": 5.0},
+    }.items():
+        with camera(**options) as pixels:
+            pixels.push(ramp(0.0), 0)
+            found[name] = pixels.push(ramp(2.0), 50_000)
+    assert found["davis346"].tobytes() == found["again"].tobytes() != found["another"].tobytes()
+    assert len(found["deaf"]) < len(found["davis346"]) / 4 and found["davis346"].tobytes() != found["ideal"].tobytes()
+    with pytest.raises(InputError, match="davis347"):
+        camera(sensor="davis347")
