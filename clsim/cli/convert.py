@@ -11,7 +11,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
-from clsim.cli.words import dropped_text
+from clsim.cli.words import dropped_text, events_text
 from clsim.truth.layouts import layout_of
 from clsim.truth.recording import recording_kind
 
@@ -55,7 +55,7 @@ def convert(
                     told_s = now_s
                     rate = copied.events / (now_s - started_s)
                     status.update(
-                        f"{source} → {target}: {copied.events:,} events, t {copied.time_us * 1e-6:.3f} s, "
+                        f"{source} → {target}: {events_text(copied.events)}, t {copied.time_us * 1e-6:.3f} s, "
                         f"{rate:,.0f} ev/s"
                     )
 
@@ -66,10 +66,10 @@ def convert(
         print(f"clsim: {error}", file=sys.stderr)
         return OUTPUT_FAILED
     except KeyboardInterrupt:
-        print(f"clsim: interrupted after {done.events:,} events", file=sys.stderr)
+        print(f"clsim: interrupted after {events_text(done.events)}", file=sys.stderr)
         _tell_dropped(source, done)
         return INTERRUPTED
-    print(f"{target}: {done.events:,} events up to {done.time_us * 1e-6:.6f} s", file=sys.stderr)
+    print(f"{target}: {events_text(done.events)} up to {done.time_us * 1e-6:.6f} s", file=sys.stderr)
     _tell_dropped(source, done)
     return 0
 

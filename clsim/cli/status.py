@@ -15,7 +15,7 @@ from rich.text import Text
 
 from clsim.cli.spelling import as_options
 from clsim.cli.summary import print_losses, print_summary
-from clsim.cli.words import count_text, percent_text, real_time_share
+from clsim.cli.words import count_text, events_text, percent_text, real_time_share
 from clsim.events import Exposed, SinkError
 
 if TYPE_CHECKING:
@@ -106,7 +106,10 @@ def status_line(session: Session) -> Text:
     given_up = summary["governor"] and summary["governor"]["given_up"]
     clients = sum(int(o.get("clients", 0)) for o in summary["outputs"])
     lost = sum(int(o.get("dropped_events", 0)) for o in summary["outputs"])
-    parts = [f"{summary['simulated_s']:.2f}{total} s", f"{count_text(summary['events'])} events"]
+    parts = [
+        f"{summary['simulated_s']:.2f}{total} s",
+        events_text(summary["events"], short=True),
+    ]
     if share is not None:
         parts.append(f"{percent_text(share)} of real time")
     if summary["late_frames"]:

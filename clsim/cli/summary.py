@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from clsim.cli.words import percent_text, real_time_share, size_text
+from clsim.cli.words import events_text, percent_text, real_time_share, size_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,7 +22,7 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
     say = _sayer(console)
     stopped = "stopped: " if summary["interrupted"] else ""
     say(
-        f"{stopped}[bold]{summary['events']:,} events[/] in {summary['simulated_s']:.3f} s of {summary['name']} "
+        f"{stopped}[bold]{events_text(summary['events'])}[/] in {summary['simulated_s']:.3f} s of {summary['name']} "
         f"({summary['width']}x{summary['height']})"
     )
     share, startup_s = real_time_share(summary), summary["startup_s"] or 0.0

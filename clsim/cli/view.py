@@ -13,6 +13,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.options import SENSOR_SIZE
 from clsim.cli.watch import PORT, announce, check, host_and_port
+from clsim.cli.words import events_text
 from clsim.errors import InputError
 from clsim.events.address import is_address
 
@@ -145,7 +146,7 @@ def _in_terminal(name: str, source: EventSource | SocketSource, size: tuple[int,
     pump = Pump(as_they_come(source) if is_address(name) else paced(source, speed), view)
     try:
         while not pump.wait(screen.period_s):
-            screen.paint(f"{title}  t {pump.now_us * 1e-6:.3f} s  {pump.events:,} events", pump.now_us)
+            screen.paint(f"{title}  t {pump.now_us * 1e-6:.3f} s  {events_text(pump.events)}", pump.now_us)
     finally:
         screen.close()
         pump.stop()

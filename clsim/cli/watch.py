@@ -6,6 +6,7 @@ import os
 import socket
 import sys
 import threading
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TextIO, get_args
 
 import typer
@@ -46,7 +47,14 @@ class BareViewCommand(TyperCommand):
                 break
             if word == "--view" and args[position + 1 : position + 2] not in [[view] for view in get_args(View)]:
                 complete.append("web")
-        return super().parse_args(ctx, complete)
+        try:
+            return super().parse_args(ctx, complete)
+        except Exception as error:
+            # A word too many, and one behind a bare --view: that is a view misspelt.
+            meant = [word for last, word in pairwise(args) if last == "--view" and not word.startswith("-")]
+            if "unexpected extra argument" in str(error) and meant and meant[0] not in get_args(View):
+                raise InputError(f"--view must be one of {', '.join(get_args(View))}, got {meant[0]!r}") from None
+            raise
 
 
 def host_and_port(text: str | None) -> dict[str, Any]:

@@ -13,6 +13,11 @@ def count_text(value: float) -> str:
     return f"{value:.0f}"
 
 
+def events_text(count: int, short: bool = False) -> str:
+    """Return ``1 event`` or ``2,700 events``; in ``short``, ``2.7 k events``."""
+    return f"{count_text(count) if short else f'{count:,}'} event{'' if count == 1 else 's'}"
+
+
 def percent_text(share: float) -> str:
     """Return ``18 %``; less than one in two digits, so that what is not nothing is not shown as nothing."""
     return f"{100 * share:.2g} %" if share < 0.01 else f"{100 * share:,.0f} %"
@@ -34,4 +39,6 @@ def real_time_share(summary: dict[str, Any]) -> float | None:
 
 def dropped_text(events: int) -> str:
     """Return the sentence about events of a source that were left out."""
-    return f"{events:,} events were left out, for they lie outside the sensor or come after later ones"
+    are = "was left out, for it lies" if events == 1 else "were left out, for they lie"
+    come = "comes after a later one" if events == 1 else "come after later ones"
+    return f"{events_text(events)} {are} outside the sensor or {come}"

@@ -25,7 +25,7 @@ from clsim.live.quality import (
     setting_names,
     with_given,
 )
-from clsim.live.schedule import LARGEST_FPS
+from clsim.live.schedule import LARGEST_FPS, LONGEST_S
 from clsim.live.sensors import RecordedSensor, read_sensor
 from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, TimeSteps
 from clsim.scene.trajectory import Axes, Interpolation
@@ -35,8 +35,6 @@ from clsim.truth.names import truth_names
 from clsim.values import from_plain, read_fields
 
 LIVE_GATES = ("delta-r", "radiance")
-LONGEST_S = 1e12
-"""At 10⁶ frames a second, their number still has 64 bits."""
 
 
 @dataclass(frozen=True)

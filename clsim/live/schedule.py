@@ -9,6 +9,8 @@ from clsim.errors import InputError
 from clsim.frames import frame_time_us
 
 LARGEST_FPS = 1_000_000
+LONGEST_S = 1e12
+"""At 10⁶ frames a second, their number still has 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +83,10 @@ def plan(
     A run of d seconds has round(d·fps) intervals, hence one frame more: the first one only sets the references.
 
     Raises:
-        InputError: two frames would have the same time.
+        InputError: two frames would have the same time, or one a time beyond all that can be told.
     """
+    if fps < 1 / LONGEST_S:
+        raise InputError(f"`fps` must be at least {1 / LONGEST_S:g}, for times end at {LONGEST_S:g} s, got {fps:g}")
     if fps > LARGEST_FPS:
         raise InputError(f"`fps` must be at most {LARGEST_FPS}, for times are whole µs, got {fps:g}")
     pass_frames = max(1, round(scene_duration_s * fps))

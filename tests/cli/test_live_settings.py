@@ -13,7 +13,7 @@ from rich.console import Console
 from clsim.cli import status
 from clsim.cli.status import status_line
 from clsim.cli.summary import print_losses, print_summary
-from clsim.cli.words import count_text, percent_text
+from clsim.cli.words import count_text, dropped_text, events_text, percent_text
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
 from clsim.live.session import Session, open_live
@@ -190,6 +190,12 @@ def test_percentages(share: float, text: str) -> None:
 )
 def test_counts(value: float, text: str) -> None:
     assert count_text(value) == text
+
+
+def test_one_event_is_one() -> None:
+    assert [events_text(count) for count in (0, 1, 2700)] == ["0 events", "1 event", "2,700 events"]
+    assert events_text(2700, short=True) == "2.7 k events"
+    assert dropped_text(1).startswith("1 event was left out, for it lies outside the sensor or comes after")
 
 
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -46,11 +46,17 @@ def files(tmp_path: Path) -> Path:
         ),
         (["bench", "edge", "--fps", "0.5"], "clsim: --fps must be greater than or equal to 1, got '0.5'\n"),
         (["live", "still", "--out", "{}/frames"], "frames is a folder, expected a file for events"),
-        (["live", "still", "--out", "{}/a.foo"], ".npz; or name the format with --format"),
+        (["live", "still", "--out", "{}/a.foo"], ".bag; or name the format with --format"),
         (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
         (["live", "still", "--spp", "0"], "--spp must be at least 1, got 0"),
         (["live", "still", "--spp", "1000000000"], "--spp must be at most 1048576, got 1000000000"),
         (["live", "still", "--first-hit-rays", "100000"], "--first-hit-rays must be at most 4096, got 100000"),
+        (
+            ["live", "still", "--fps", "1e-320"],
+            "--fps must be at least 1e-12, for times end at 1e+12 s, got 9.99989e-321",
+        ),
+        (["live", "--view", "webb", "still"], "--view must be one of web, terminal, rerun, none, got 'webb'"),
+        (["live", "still", "--view", "webb"], "--view must be one of web, terminal, rerun, none, got 'webb'"),
         (["live", "still", "--fps", "2e6"], "--fps must be at most 1000000, for times are whole µs, got 2e+06"),
         (
             ["live", "still", "--quality", "exact", "--sampling", "adaptive"],
