@@ -18,6 +18,8 @@ CAMERA = "camera"
 _SHORTEST_S = 1e-6
 Place = tuple[Vec3, Quaternion, float]
 """Position [m], rotation x, y, z, w, and scale."""
+Key = tuple[float, Vec3, Quaternion, float]
+"""A time [s], and a place."""
 
 
 class Driven:
@@ -34,7 +36,8 @@ class Driven:
     def __init__(self, scenes: Motion) -> None:
         """Begin with the scene's own motion."""
         self.scenes = scenes
-        self.keys: tuple[tuple[float, Vec3, Quaternion, float], ...] = ()
+        self.keys: tuple[Key, ...] = ()
+        self._found: tuple[object, float, Matrix] = (None, 0.0, np.eye(4))
 
     @property
     def duration_s(self) -> float:
@@ -52,6 +55,14 @@ class Driven:
         keys = self.keys
         if not keys:
             return self.scenes.pose(time_s)
+        known_keys, known_s, known = self._found  # a whole of many parts is asked once for each
+        if known_keys is not keys or known_s != time_s:
+            known = self._between(keys, time_s)
+            self._found = keys, time_s, known
+        return known
+
+    @staticmethod
+    def _between(keys: tuple[Key, ...], time_s: float) -> Matrix:
         j = bisect_right(keys, time_s, key=lambda key: key[0])
         _, start, turn, scale = keys[max(j - 1, 0)]
         weight = 0.0

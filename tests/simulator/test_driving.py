@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.driving import Driving
 from clsim.errors import Error, InputError
 from clsim.render import SceneData
-from clsim.scene.driven import Driven, place_of
+from clsim.render.placement import place
+from clsim.scene import Camera, Material
+from clsim.scene.driven import Driven, place_of, placed
 from clsim.scene.motion import Static, compose, look_at, rotation_matrix
+from clsim.scene.shapes import box
 from tests.simulator.stage import KEYS, keyframed, scene, simulator
 
 POSES = {round(t * 1e6): (position, quaternion) for t, position, quaternion in KEYS}
@@ -250,3 +254,22 @@ def test_light_that_is_kept_is_in_a_snapshot() -> None:
 def test_a_snapshot_needs_a_step(tmp_path: Path) -> None:
     with simulator(tmp_path) as run, pytest.raises(Error, match="there is nothing to remember yet"):
         run.snapshot()
+
+
+def test_what_is_driven_is_never_baked() -> None:
+    made = clsim.WorldBuilder(Camera(8, 6, 50.0, Static(np.eye(4))))
+    for name in ("wall", "arm"):
+        made.add_parts(name, {part: (box((1.0, 1.0, 1.0)), np.eye(4), Material()) for part in ("a", "b")})
+    driving = Driving(made.world())
+    driving.set_place("arm", ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0), None, None)
+    placement = place(driving.seal())
+    assert [instance.name for instance in placement.instances] == ["", "arm/a", "arm/b"], "the walls are one mesh"
+    with pytest.raises(InputError, match="wall stands still in world and is built in"):
+        driving.set_place("wall", ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0), 5, 0)
+
+
+def test_names_that_several_things_have_name_none(tmp_path: Path) -> None:
+    file = tmp_path / "twins.toml"
+    twin = '[[objects]]\nname = "twin"\nshape = "box"\n'
+    file.write_text("[camera]\nposition = [0.0, 0.0, 3.0]\n[environment]\nradiance = [1.0, 1.0, 1.0]\n" + twin + twin)
+    assert tuple(placed(clsim.load_scene(file))) == ("camera",)
