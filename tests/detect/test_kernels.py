@@ -168,6 +168,19 @@ def test_degenerate_features(planes, precision):
     assert_same(config, frames, alpha_error=error, margin=margin, time_error_us=1 if exact else 800)
 
 
+def test_directions_of_which_rounding_leaves_nothing_are_left_out():
+    """Where features are copies of each other and the ridge is below rounding, α is off by several otherwise."""
+    share = {"Nx": ("Ny", 1), "Depth": ("Ny", 5), "Nz": ("Albedo.R", 2), "Albedo.G": ("Albedo.R", 3)}
+    copies = {name: lambda f, of=of, by=by: by * f.plane(of) for name, (of, by) in share.items()}
+    for seed in (1, 2, 3):
+        frames = variants_of(random_frames(seed, height=13, width=17), copies)
+        kernels, reference = both(config_of(method="wlr-esim", ridge=1e-8), frames)
+        for frame in frames:
+            kernels.step(frame)
+            reference.step(frame)
+            assert np.nanmax(np.abs(levels(kernels) - reference.level)) < 0.3
+
+
 @pytest.mark.parametrize(
     ("lanes", "options"),
     [
