@@ -6,6 +6,7 @@ import typer
 
 from clsim.cli.bench import bench
 from clsim.cli.convert import convert
+from clsim.cli.dataset import dataset
 from clsim.cli.detect import detect
 from clsim.cli.devices import devices
 from clsim.cli.info import info
@@ -25,7 +26,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-for command in (live, render, detect, score, view, convert, info, scenes, devices):
+for command in (live, render, detect, dataset, score, view, convert, info, scenes, devices):
     app.command(cls=BareViewCommand if command in (live, view) else None)(command)
 app.add_typer(bench, name="bench")
 app.add_typer(sensor, name="sensor")

@@ -150,8 +150,13 @@ class Session:
                 write_sidecar(output.sidecar, self.about | scene | poses | more)
 
 
-def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session:
-    """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered."""
+def open_live(
+    options: LiveOptions, extra_sinks: Sequence[Sink] = (), told: Mapping[str, Any] = MappingProxyType({})
+) -> Session:
+    """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered.
+
+    ``told`` takes the place of options in what files tell of their making.
+    """
     from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
@@ -171,6 +176,7 @@ def open_live(options: LiveOptions, extra_sinks: Sequence[Sink] = ()) -> Session
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
+    about["options"] = about["options"] | dict(told)
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(

@@ -63,6 +63,24 @@ def test_pictures_with_a_file_of_times(clsim, tmp_path):
     assert about["detector"]["floor"] > 1e-3
 
 
+def test_a_sensor_looks_at_a_video(clsim, clip, tmp_path):
+    """The same sensor as in front of a scene: thresholds that differ make other events; its own threshold holds."""
+    sensor = tmp_path / "sensor.toml"
+    sensor.write_text("[threshold]\non = 0.3\noff = 0.3\nmismatch = 0.02\n")
+    counts = []
+    for options in ((), ("--sensor", sensor), ("--sensor", sensor, "--seed", 3)):
+        out = tmp_path / "events.csv"
+        outcome = clsim("detect", clip, "--out", out, "--transfer", "bt709", *options)
+        assert outcome.status == 0, outcome.stderr
+        with open_source(out) as events:
+            counts.append(events.read())
+    ideal, seen, other = counts
+    assert 0.5 < len(seen) / len(ideal) < 0.8
+    assert seen.tolist() != other.tolist()
+    again = gather(events_from(str(clip), transfer="bt709", sensor=str(sensor)))
+    np.testing.assert_array_equal(seen, again)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

@@ -1,0 +1,1 @@
+"""Data sets: many sequences from one specification, made by many workers, resumed after any interruption."""

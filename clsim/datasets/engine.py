@@ -1,0 +1,245 @@
+"""The engine: sequences as tasks of dask.distributed, on this machine or a cluster that runs; what is there is kept."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib.util
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from clsim.datasets.job import Done, read_done, run_job, sequence_folder
+from clsim.datasets.kernels import KernelCaches, keep_warm, take_warm
+from clsim.datasets.manifest import write_manifest
+from clsim.datasets.spec import Spec
+from clsim.errors import Error, InputError
+
+_ROUNDS = 3
+"""How often what is missing is tried, after tasks that ended badly."""
+_AHEAD = 4
+"""Tasks for each worker that wait at the scheduler."""
+_KERNELS = ".kernels"
+
+
+@dataclass
+class Progress:
+    """How far a data set is.
+
+    Attributes:
+        total: sequences that it shall have.
+        whole: those that are there.
+        found: those that were there at the start.
+        rejected: those of which no attempt was kept.
+        cpu_s: processor time of those made in this run.
+        failures: what went wrong, by number of the sequence.
+    """
+
+    total: int
+    whole: int = 0
+    found: int = 0
+    rejected: int = 0
+    cpu_s: float = 0.0
+    failures: dict[int, str] = field(default_factory=dict)
+
+
+def make(
+    spec: Spec,
+    out: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    verify: bool = False,
+    tell: Callable[[Progress], None] = lambda _: None,
+) -> Progress:
+    """Make what is missing of a data set in ``out``, and its manifest; returns what came of it.
+
+    Args:
+        spec: what it shall be.
+        out: its folder; a cluster's workers must see it under the same name.
+        workers: processes on this machine; None is one for every two cores.
+        scheduler: address of a cluster's scheduler, instead.
+        verify: compare the hashes of what is there, not its sizes alone.
+        tell: called whenever something has changed.
+
+    Raises:
+        InputError: dask.distributed is missing, the scheduler cannot be reached, or the folder is of another kind.
+    """
+    check_engine()
+    prepare(spec, out)
+    progress = Progress(spec.count)
+    missing = _missing(spec, out, verify, progress)
+    tell(progress)
+    if missing:
+        with _client(out, workers, scheduler) as (client, threads):
+            _warm(client, spec, out, missing[0], threads)
+            for _ in range(_ROUNDS):
+                _round(client, spec, out, missing, threads, progress, tell)
+                missing = [index for index in missing if index in progress.failures]
+                if not missing:
+                    break
+        shutil.rmtree(out / _KERNELS, ignore_errors=True)
+    write_manifest(out)
+    return progress
+
+
+def check_engine() -> None:
+    """Raise InputError where a library is missing."""
+    for module, name in (("distributed", "dask.distributed"), ("pyarrow", "pyarrow")):
+        if importlib.util.find_spec(module) is None:
+            raise InputError(f"data sets need {name}; install it with: pip install 'clsim[cluster]'")
+
+
+def prepare(spec: Spec, out: Path) -> None:
+    """Make the folder and write what it is of; raises InputError where it is of another specification."""
+    told = {"name": spec.name, "digest": spec.digest, "split": [name for name, _ in spec.parts]}
+    about = out / "dataset.json"
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if about.is_file():
+            found = json.loads(about.read_text(encoding="utf-8"))
+            if found.get("digest") != spec.digest:
+                raise InputError(
+                    f"{out}: holds a data set of another specification, seed or version of clsim; give a new folder"
+                )
+        elif any(out.iterdir()):
+            raise InputError(f"{out}: holds something else than a data set; give a new or empty folder")
+        part = out / f".dataset.json.{os.getpid()}.part"
+        part.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        os.replace(part, about)
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written ({error.strerror})") from None
+    except (ValueError, AttributeError) as error:
+        if isinstance(error, Error):
+            raise
+        raise InputError(f"{about}: is damaged; remove it if the folder is of this specification") from None
+
+
+def _missing(spec: Spec, out: Path, verify: bool, progress: Progress) -> list[int]:
+    missing = []
+    for index in range(spec.count):
+        done = read_done(sequence_folder(out, index), verify=verify)
+        if done is None or done.job != spec.job_hash(index):
+            missing.append(index)
+            if done is not None or verify:
+                shutil.rmtree(sequence_folder(out, index), ignore_errors=True)
+        else:
+            progress.whole += 1
+            progress.found += 1
+            progress.rejected += not done.kept
+    return missing
+
+
+@contextlib.contextmanager
+def _client(out: Path, workers: int | None, scheduler: str | None) -> Iterator[tuple[Any, int]]:
+    """Yield a client, and the threads that each sequence may use."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    cores = os.cpu_count() or 1
+    count = workers or max(1, cores // 2)
+    threads = max(1, cores // count)
+    settings = {
+        # Workers that die are replaced; a sequence that kills one after the other is given up by the rounds.
+        "distributed.scheduler.allowed-failures": 10,
+        "distributed.worker.multiprocessing-method": "spawn",
+        "distributed.admin.large-graph-warning-threshold": "100MB",
+    }
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(dask.config.set(settings))
+        if scheduler is None:
+            spill = stack.enter_context(tempfile.TemporaryDirectory(prefix="clsim-dataset-"))
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
+                    local_directory=spill, silence_logs=50,
+                )
+            )  # fmt: skip
+            client = stack.enter_context(Client(cluster))
+        else:
+            try:
+                client = stack.enter_context(Client(scheduler, timeout="10s"))
+            except (OSError, ValueError, TimeoutError) as error:
+                raise InputError(f"{scheduler}: no scheduler of Dask answers ({error})") from None
+            threads = 1
+        client.register_plugin(_plugin(out, threads))
+        yield client, threads
+
+
+def _plugin(out: Path, threads: int) -> Any:
+    from distributed.diagnostics.plugin import WorkerPlugin
+
+    class Plugin(KernelCaches, WorkerPlugin):
+        pass
+
+    return Plugin(str(out / _KERNELS), threads)
+
+
+def _warm(client: Any, spec: Spec, out: Path, index: int, threads: int) -> None:
+    """Compile kernels once, and give them to all workers."""
+    if (out / _KERNELS / "warm").is_dir():
+        return
+    first = next(iter(client.scheduler_info(n_workers=-1)["workers"]), None)
+    future = client.submit(
+        compile_kernels, spec, index, str(out), threads, workers=[first], allow_other_workers=True, pure=False
+    )
+    try:
+        future.result()
+    except Error as error:
+        raise InputError(f"sequence {index}: {error}") from None
+    client.run(take_warm, str(out / _KERNELS))
+
+
+def compile_kernels(spec: Spec, index: int, out: str, threads: int) -> None:
+    """Run two frames of a sequence in a folder of no importance, and keep the kernels."""
+    short = replace(spec, run=spec.run | {"frame_count": 2, "duration_s": None}, reject=type(spec.reject)(attempts=1))
+    with tempfile.TemporaryDirectory(prefix="clsim-warm-") as folder:
+        run_job(short, index, folder, threads)
+    keep_warm(str(Path(out) / _KERNELS))
+
+
+def _round(
+    client: Any, spec: Spec, out: Path, missing: list[int], threads: int, progress: Progress,
+    tell: Callable[[Progress], None],
+) -> None:  # fmt: skip
+    """Make the missing ones, a few ahead of the workers."""
+    from distributed import as_completed
+
+    progress.failures.clear()
+    waiting = iter(missing)
+    of: dict[Any, int] = {}
+
+    def submit(index: int) -> Any:
+        future = client.submit(
+            run_job,
+            spec,
+            index,
+            str(out),
+            threads,
+            key=f"clsim-{spec.job_hash(index)}-{os.getpid()}-{len(of)}",
+            retries=1,
+        )
+        of[future] = index
+        return future
+
+    ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    running = as_completed([submit(index) for _, index in zip(range(ahead), waiting, strict=False)])
+    for future in running:
+        index = of[future]
+        try:
+            done: Done = future.result()
+        except Exception as error:  # of ours, of Dask's (a worker died too often), or a defect: all are told
+            progress.failures[index] = f"{type(error).__name__}: {error}"
+        else:
+            progress.whole += 1
+            progress.rejected += not done.kept
+            progress.cpu_s += done.cost["cpu_s"]
+        tell(progress)
+        future.release()
+        following = next(waiting, None)
+        if following is not None:
+            running.add(submit(following))

@@ -1,0 +1,187 @@
+"""Reading data sets: slices, voxel grids, shards; against the arrays that were written."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from clsim.datasets.job import Done, read_done, sequence_folder
+from clsim.datasets.load import Sequence, Slices, voxel_grid
+from clsim.datasets.manifest import read_manifest, scan, write_manifest
+from clsim.datasets.shards import write_shards
+from clsim.errors import InputError
+from clsim.events import EVENT_DTYPE
+from clsim.events.files import open_sink
+
+_W, _H, _FRAME_US = 12, 9, 10_000
+
+
+def make_events(index):
+    rng = np.random.default_rng(index)
+    events = np.zeros(500, EVENT_DTYPE)
+    events["t"] = np.sort(rng.integers(0, 40_000, 500))
+    events["x"], events["y"] = rng.integers(0, _W, 500), rng.integers(0, _H, 500)
+    events["on"] = rng.random(500) < 0.5
+    return events
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """Five sequences as jobs leave them, of which number 3 was rejected and number 4 is torn."""
+    import hashlib
+
+    for index in range(5):
+        place = sequence_folder(tmp_path, index)
+        place.mkdir(parents=True)
+        path = place / "events.h5"
+        sink = open_sink(path, _W, _H)
+        sink.write(make_events(index), 40_000)
+        sink.close()
+        with h5py.File(path, "r+") as file:
+            file["frames/t"] = np.arange(0, 40_001, _FRAME_US)
+            file["frames/depth"] = np.arange(5)[:, None, None] + np.zeros((5, _H, _W), np.float32)
+        data = path.read_bytes()
+        files = {"events.h5": (len(data), hashlib.sha256(data).hexdigest())} if index != 3 else {}
+        done = Done(index, f"job {index}", "train" if index < 2 else "test", files, {"events": 500}, (), index != 3, {})
+        (place / "job.json").write_text(json.dumps(vars(done)))
+    (sequence_folder(tmp_path, 4) / "events.h5").write_bytes(data[:-1])
+    return tmp_path
+
+
+def test_any_slice_of_time_has_its_events(folder):
+    events = make_events(0)
+    with Sequence(sequence_folder(folder, 0)) as sequence:
+        assert (sequence.width, sequence.height, len(sequence)) == (_W, _H, 500)
+        for start, end in (
+            (0, 40_000),
+            (3, 17),
+            (999, 1001),
+            (12_345, 23_456),
+            (39_999, 90_000),
+            (50_000, 60_000),
+            (9, 9),
+        ):
+            expected = events[(events["t"] >= start) & (events["t"] < end)]
+            np.testing.assert_array_equal(sequence.events(start, end), expected)
+        np.testing.assert_array_equal(sequence.events(), events)
+        with pytest.raises(InputError, match="no truth 'flow', but depth, t"):
+            sequence.truth("flow", 0)
+
+
+def test_slices_by_frames_bring_truth(folder):
+    found = list(Slices(folder, split="train", truth=("depth",), bins=3))
+    assert [each["sequence"] for each in found] == [0] * 4 + [1] * 4
+    np.testing.assert_array_equal(np.concatenate([each["events"] for each in found[:4]]), make_events(0))
+    for k, each in enumerate(found[:4]):
+        assert (each["start_us"], each["end_us"]) == (k * _FRAME_US, (k + 1) * _FRAME_US)
+        assert (each["depth"] == k).all()
+        assert each["voxels"].shape == (3, _H, _W)
+
+
+def test_slices_by_time_and_count(folder):
+    times = list(Slices(folder, by="time", step=7000))
+    assert {each["sequence"] for each in times} == {0, 1, 2}
+    assert all(each["end_us"] - each["start_us"] == 7000 for each in times)
+    counts = list(Slices(folder, by="count", step=120))
+    assert [len(each["events"]) for each in counts] == [120] * 12
+
+
+def test_readers_share_sequences_and_orders_are_repeatable(folder):
+    def order(**options):
+        return [each["sequence"] for each in Slices(folder, by="count", step=500, **options)]
+
+    assert sorted(order(worker=0, workers=2) + order(worker=1, workers=2)) == [0, 1, 2]
+    orders = {tuple(order(shuffle_seed=seed)) for seed in range(12)}
+    assert len(orders) > 1
+    assert order(shuffle_seed=4) == order(shuffle_seed=4)
+
+
+def test_workers_of_pytorch_share_too(folder, monkeypatch):
+    import sys
+    from types import SimpleNamespace
+
+    class Loader:
+        number = 0
+
+        @classmethod
+        def get_worker_info(cls):
+            return SimpleNamespace(id=cls.number, num_workers=2)
+
+    monkeypatch.setitem(sys.modules, "torch.utils.data", Loader)
+    seen = []
+    for Loader.number in (0, 1):
+        seen.append([each["sequence"] for each in Slices(folder, by="count", step=500)])
+    assert seen == [[0, 2], [1]]
+
+
+def test_shards_hold_the_same_slices(folder):
+    import webdataset
+
+    shards = write_shards(folder, "webdataset", size=1)
+    assert [each.name for each in shards] == ["test-000000.tar", "train-000000.tar", "train-000001.tar"]
+    plain, packed = (list(Slices(place, split="train", truth=("depth",))) for place in (folder, folder / "shards"))
+    assert len(plain) == len(packed) == 8
+    for a, b in zip(plain, packed, strict=True):
+        np.testing.assert_array_equal(a["events"], b["events"])
+        np.testing.assert_array_equal(a["depth"], b["depth"])
+    samples = list(webdataset.WebDataset([str(each) for each in shards], shardshuffle=False))
+    assert [sample["__key__"] for sample in samples] == ["000002", "000000", "000001"]
+    assert json.loads(samples[0]["json"])["split"] == "test"
+    assert set(samples[0]) >= {"events.h5", "json"}
+
+
+def test_tables_of_events(folder):
+    import pyarrow.parquet as parquet
+
+    (test, train) = write_shards(folder, "parquet")
+    table = parquet.read_table(train).to_pydict()
+    assert table["sequence"] == [0] * 500 + [1] * 500
+    assert table["t"] == [*make_events(0)["t"], *make_events(1)["t"]]
+    assert parquet.read_table(test).num_rows == 500
+
+
+def test_the_manifest_tells_what_is_whole(folder):
+    write_manifest(folder)
+    rows = read_manifest(folder)
+    assert [row["index"] for row in rows] == [0, 1, 2, 3]
+    assert [row["kept"] for row in rows] == [True, True, True, False]
+    assert rows[0]["path"] == "sequences/000000"
+    assert [done.index for done in scan(folder)] == [0, 1, 2, 3]
+
+
+def test_verifying_finds_a_changed_byte(folder):
+    path = sequence_folder(folder, 1) / "events.h5"
+    data = bytearray(path.read_bytes())
+    data[700] ^= 1
+    path.write_bytes(data)
+    assert read_done(path.parent) is not None
+    assert read_done(path.parent, verify=True) is None
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[]", "null", '{"files": 3}', '{"index": 1, "job": 2}', "\xff"])
+def test_a_job_file_that_tells_nothing(tmp_path, text):
+    (tmp_path / "job.json").write_text(text, encoding="latin-1")
+    assert read_done(tmp_path) is None
+
+
+def test_a_voxel_grid_keeps_every_event():
+    events = make_events(0)
+    grid = voxel_grid(events, 5, _H, _W)
+    assert grid.sum() == pytest.approx(np.where(events["on"], 1, -1).sum(), abs=1e-3)
+    # An event a quarter of the way from bin 1 to bin 2.
+    few = np.array([(0, 0, 0, True), (1250, 3, 2, False), (4000, 1, 1, True)], EVENT_DTYPE)
+    grid = voxel_grid(few, 5, _H, _W)
+    assert (grid[1, 2, 3], grid[2, 2, 3]) == (-0.75, -0.25)
+    assert (grid[0, 0, 0], grid[4, 1, 1]) == (1.0, 1.0)
+    assert not voxel_grid(few[:0], 2, _H, _W).any()
+
+
+@pytest.mark.parametrize(
+    "options", [{"by": "x"}, {"by": "time"}, {"step": 5}, {"by": "count", "step": 5, "truth": ("depth",)}]
+)
+def test_slices_that_cannot_be(tmp_path, options):
+    with pytest.raises(InputError):
+        Slices(tmp_path, **options)

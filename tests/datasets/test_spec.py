@@ -1,0 +1,118 @@
+"""Specifications: reading, refusing, and the scenes that they make."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clsim.datasets.scene_file import scene_text
+from clsim.datasets.spec import bundled_specs, load_spec
+from clsim.datasets.toml import read_toml, to_toml
+from clsim.errors import InputError
+from clsim.scene import load_world
+
+_TEXT = """
+count = 6
+split = { train = 0.5, test = 0.5 }
+[run]
+threshold = { uniform = [0.15, 0.3] }
+truth = ["flow", "depth"]
+[scene]
+base = "two-boxes"
+[scene.camera]
+wander = { seed = { integers = [0, 1000] } }
+"""
+
+
+def spec_of(tmp_path, text=_TEXT, **options):
+    path = tmp_path / "a.toml"
+    path.write_text(text)
+    return load_spec(str(path), **options)
+
+
+def test_a_sequence_has_its_options_and_its_scene(tmp_path):
+    sample = spec_of(tmp_path).sample(4)
+    assert 0.15 <= sample.run["threshold"] <= 0.3
+    assert sample.split in ("train", "test")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(scene_text(sample.scene))
+    drawn, base = load_world(str(scene)), load_world("two-boxes")
+    assert len(drawn.instances) == len(base.instances)
+    assert (drawn.camera.motion.pose(0.05) != base.camera.motion.pose(0.05)).any()
+
+
+def test_a_bases_camera_gives_way_to_a_place_that_is_drawn(tmp_path):
+    text = scene_text({"base": "two-boxes", "camera": {"position": [0.0, 1.0, 4.0]}})
+    assert "keyframes" not in text.partition("[camera]")[2].partition("[environment]")[0]
+    assert "fov_deg = 50.0" in text
+
+
+@pytest.mark.parametrize("name", sorted(bundled_specs()))
+def test_bundled_specifications_make_scenes(tmp_path, name):
+    spec = load_spec(name)
+    for index in range(3):
+        scene = tmp_path / f"{index}.toml"
+        scene.write_text(scene_text(spec.sample(index).scene))
+        world = load_world(str(scene))
+        assert len(world.instances) >= 3
+        assert not world.warnings
+
+
+def test_the_hash_hangs_on_all_but_the_count(tmp_path):
+    plain = spec_of(tmp_path)
+    assert plain.job_hash(2) == spec_of(tmp_path, count=100).job_hash(2) != plain.job_hash(3)
+    for old, new in (("0.3", "0.31"), ("two-boxes", "cornell"), ("count = 6", "count = 6\nseeds = { noise = 1 }")):
+        assert spec_of(tmp_path, _TEXT.replace(old, new)).digest != plain.digest
+
+
+def test_files_are_listed_from_the_specifications_folder(tmp_path):
+    (tmp_path / "models").mkdir()
+    for name in ("b.glb", "a.glb"):
+        (tmp_path / "models" / name).touch()
+    text = 'scene.objects = [{ file = { files = "models/*.glb" } }]\n'
+    drawn = {spec_of(tmp_path, text).sample(index).scene["objects"][0]["file"] for index in range(20)}
+    assert drawn == {str(tmp_path / "models" / name) for name in ("a.glb", "b.glb")}
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("count = 0", "count must be a whole number"),
+        ("cuont = 3", "no key 'cuont'"),
+        ("[run]\nscene = 'x'", "run.scene is no option of sequences"),
+        ("[run]\nsppp = 3", "run.sppp"),
+        ("split = { a = 0.5 }", "add up to 1"),
+        ("split = { a = 'x' }", "split must have a share"),
+        ("[reject]\nflow_p95_px = [0, 1]", "needs run.truth to hold 'flow'"),
+        ("[reject]\nattempts = 0", "`attempts` must be at least 1"),
+        ("[write]\nlayout = 'rosbag'", "`layout`"),
+        ("[write]\nalso = ['../x.csv']", "write.also"),
+        ("[scene.camera]\nposition = { uniform = [1] }", "scene.camera.position: uniform"),
+        ("count = ", "is no TOML"),
+    ],
+)
+def test_what_is_no_specification(tmp_path, text, sentence):
+    with pytest.raises(InputError, match=sentence) as told:
+        spec_of(tmp_path, text)
+    assert "a.toml" in str(told.value)
+
+
+def test_a_name_that_is_none():
+    with pytest.raises(InputError, match=r"expected a \.toml file or one of flow, indoor-depth"):
+        load_spec("flwo")
+
+
+names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=8)
+values = st.recursive(
+    st.booleans() | st.integers(-(2**62), 2**62) | st.floats(allow_nan=False, allow_infinity=False) | names,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(names, inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.dictionaries(names, values, max_size=4))
+def test_toml_comes_back(tmp_path_factory, table):
+    path = tmp_path_factory.mktemp("toml") / "a.toml"
+    path.write_text(to_toml(table), encoding="utf-8")
+    assert read_toml(path) == table
