@@ -24,9 +24,7 @@
 
 #define SECONDS(ns) ((double)(ns) * 1e-9)
 
-// Ornstein-Uhlenbeck noise: its standard deviation and correlation time; over a slot, what is left of it, the standard
-// deviation of what is new, and the variance of its bridge.
-typedef struct { double sigma, tau, decay, fresh, spread; int light; } Noise;
+#include "sensor_state.clh"
 
 // Where events of a work-item go.
 typedef struct {
@@ -35,40 +33,6 @@ typedef struct {
     __global uchar *on, *cause;
     int capacity, count;
 } Outbox;
-
-typedef struct {
-    __global const double *c;
-    ulong key;
-    ushort x, y;
-    double on, off;      // thresholds
-    double ref;          // reference at `since`; NaN before the first level
-    long since;          // where it lies ahead the pixel rests until then
-    int fired, net_on;   // events in this launch; whether the last was ON
-    long capped;
-#ifdef LEAK
-    double leak;         // rise of what is compared [ln/s]
-#endif
-#ifdef PARASITIC
-    double dark_leak, leak_factor;
-#endif
-#ifdef HOT_PIXELS
-    int hot;
-#endif
-#ifdef RATE_NOISE
-    double rate_factor;
-#endif
-#ifdef RECEPTOR
-    double receptor;     // its output [ln]
-#endif
-#ifdef FOLLOWER
-    double follower;
-#endif
-#ifdef SHOT_NOISE
-    double noise, next_noise, noise_at_ref;   // at `noise_since`, at the end of its slot, when the reference was set
-    long noise_since, node;
-    Noise law;                                // under the light of the moment
-#endif
-} Pixel;
 
 // What a pixel sees without noise, linear from `at` on.
 typedef struct { long at; double level, slope; } Line;
@@ -87,50 +51,19 @@ static inline long ahead(double seconds) { return seconds < 4e9 ? (long)ceil(sec
 #include "sensor_front.clh"
 #include "sensor_noise.clh"
 
-// What a pixel keeps for ever: thresholds and rates of its own.
-static inline void be_born(__global const double *c, ulong key, __global double *own, int pixels, int at) {
-    double on = c[C_THRESHOLD_ON], off = c[C_THRESHOLD_OFF];
-#ifdef MISMATCH
-    on = fmax(on + c[C_MISMATCH] * normal_of(drawn(key, 0, DRAW_THRESHOLD_ON)), 0.1 * on);
-    off = fmax(off + c[C_MISMATCH] * normal_of(drawn(key, 0, DRAW_THRESHOLD_OFF)), 0.1 * off);
-#endif
-#ifdef DEAD_PIXELS
-    if (uniform_of(drawn(key, 0, DRAW_DEAD)) < c[C_DEAD_SHARE]) on = off = INFINITY;
-#endif
-    own[(size_t)P_ON * pixels + at] = on;
-    own[(size_t)P_OFF * pixels + at] = off;
-#ifdef LEAK
-    const double factor = exp(c[C_LEAK_SPREAD] * normal_of(drawn(key, 0, DRAW_LEAK_RATE)));
-    double leak = c[C_LEAK] * factor;
-#ifdef PARASITIC
-    own[(size_t)P_LEAK_FACTOR * pixels + at] = factor;
-#endif
-#ifdef HOT_PIXELS
-    const int hot = uniform_of(drawn(key, 0, DRAW_HOT)) < c[C_HOT_SHARE];
-    if (hot) leak += c[C_HOT_LEAK] * exp(c[C_HOT_SPREAD] * normal_of(drawn(key, 0, DRAW_HOT_RATE)));
-    own[(size_t)P_HOT * pixels + at] = hot;
-#endif
-    own[(size_t)P_LEAK * pixels + at] = leak;
-#endif
-#ifdef RATE_NOISE
-    own[(size_t)P_RATE_FACTOR * pixels + at] = exp(c[C_RATE_SPREAD] * normal_of(drawn(key, 0, DRAW_RATE)));
-#endif
-}
-
 #ifdef PARASITIC
 // Light adds to the leak.
 static inline void change_leak(Pixel *p, long t, double level) {
     const double leak = p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * exp(level);
     if (leak == p->leak) return;
     if (p->since <= t) {
+        p->leaked += p->leak * SECONDS(t - p->since);
         p->ref -= p->leak * SECONDS(t - p->since);
         p->since = t;
     }
     p->leak = leak;
 }
 #endif
-
-static inline ulong key_of(ulong seed, int x, int y) { return mixed(mixed(seed) ^ (((ulong)y << 16) | (ulong)x)); }
 
 // Work-item: CHUNK pixels of the image [H][span]. out_own: [planes][pixels], what each pixel keeps for ever.
 __kernel void make_pixels(__global const double *c, ulong seed, int pixels, int span, __global double *out_own) {
@@ -140,8 +73,11 @@ __kernel void make_pixels(__global const double *c, ulong seed, int pixels, int 
 
 // The largest part of the change since the reference was set.
 static inline int cause_of(const Pixel *p, Line line, long t, int rising) {
-    const double leaked = LEAK_OF(p) * SECONDS(t - p->since);
-    double noise = 0, change = level_at(line, t) - p->ref;
+    double leaked = LEAK_OF(p) * SECONDS(t - p->since), noise = 0, change = level_at(line, t) - p->ref;
+#ifdef PARASITIC
+    change -= p->leaked;
+    leaked += p->leaked;
+#endif
 #ifdef SHOT_NOISE
     noise = noise_at(p, t) - p->noise_at_ref;
     change += p->noise_at_ref;
@@ -179,6 +115,9 @@ static inline void emit(Pixel *p, Outbox *out, long t, int rising, int cause) {
 static inline void take_reference(Pixel *p, Line line, long t) {
     p->ref = level_at(line, t);
     p->since = t;
+#ifdef PARASITIC
+    p->leaked = 0;
+#endif
 #ifdef SHOT_NOISE
     p->noise_at_ref = noise_at(p, t);
     p->ref += p->noise_at_ref;
@@ -194,6 +133,9 @@ static inline void fire(Pixel *p, Outbox *out, Line line, long t, int rising, in
     if (exact) {
         p->ref += (rising ? p->on : -p->off) - LEAK_OF(p) * SECONDS(t - p->since);
         p->since = t;
+#ifdef PARASITIC
+        p->leaked = 0;
+#endif
 #ifdef SHOT_NOISE
         p->noise_at_ref = noise_at(p, t);
 #endif
@@ -354,72 +296,6 @@ static inline double reference_for(const Pixel *p, long t, double level) {
     ref -= p->noise_at_ref;
 #endif
     return level - (seen - ref);
-}
-
-static inline Pixel loaded(
-    __global const double *c, ulong seed, __global const double *own, __global const double *state, int pixels, int i,
-    int x, int y)
-{
-    Pixel p;
-    p.c = c;
-    p.key = key_of(seed, x, y);
-    p.x = x;
-    p.y = y;
-    p.fired = p.net_on = 0;
-    p.capped = 0;
-    p.on = own[(size_t)P_ON * pixels + i];
-    p.off = own[(size_t)P_OFF * pixels + i];
-#ifdef LEAK
-    p.leak = own[(size_t)P_LEAK * pixels + i];
-#endif
-#ifdef HOT_PIXELS
-    p.hot = own[(size_t)P_HOT * pixels + i] > 0;
-#endif
-#ifdef RATE_NOISE
-    p.rate_factor = own[(size_t)P_RATE_FACTOR * pixels + i];
-#endif
-    p.ref = state[(size_t)S_REFERENCE * pixels + i];
-    p.since = as_long(state[(size_t)S_SINCE * pixels + i]);
-#ifdef PARASITIC
-    p.dark_leak = p.leak;
-    p.leak_factor = own[(size_t)P_LEAK_FACTOR * pixels + i];
-    p.leak = state[(size_t)S_LEAK * pixels + i];
-#endif
-#ifdef RECEPTOR
-    p.receptor = state[(size_t)S_RECEPTOR * pixels + i];
-#endif
-#ifdef FOLLOWER
-    p.follower = state[(size_t)S_FOLLOWER * pixels + i];
-#endif
-#ifdef SHOT_NOISE
-    p.noise = state[(size_t)S_NOISE * pixels + i];
-    p.next_noise = state[(size_t)S_NEXT_NOISE * pixels + i];
-    p.noise_at_ref = state[(size_t)S_NOISE_AT_REFERENCE * pixels + i];
-    p.noise_since = as_long(state[(size_t)S_NOISE_SINCE * pixels + i]);
-    p.node = (p.noise_since / (long)c[C_NOISE_SLOT_NS] + 1) * (long)c[C_NOISE_SLOT_NS];
-    p.law.light = INT_MIN;
-#endif
-    return p;
-}
-
-static inline void keep(const Pixel *p, __global double *out_state, int pixels, int i) {
-    out_state[(size_t)S_REFERENCE * pixels + i] = p->ref;
-    out_state[(size_t)S_SINCE * pixels + i] = as_double(p->since);
-#ifdef PARASITIC
-    out_state[(size_t)S_LEAK * pixels + i] = p->leak;
-#endif
-#ifdef RECEPTOR
-    out_state[(size_t)S_RECEPTOR * pixels + i] = p->receptor;
-#endif
-#ifdef FOLLOWER
-    out_state[(size_t)S_FOLLOWER * pixels + i] = p->follower;
-#endif
-#ifdef SHOT_NOISE
-    out_state[(size_t)S_NOISE * pixels + i] = p->noise;
-    out_state[(size_t)S_NEXT_NOISE * pixels + i] = p->next_noise;
-    out_state[(size_t)S_NOISE_AT_REFERENCE * pixels + i] = p->noise_at_ref;
-    out_state[(size_t)S_NOISE_SINCE * pixels + i] = as_double(p->noise_since);
-#endif
 }
 
 #ifdef KNOTS

@@ -207,7 +207,7 @@ class Leak(Stage):
     parasitic_hz_per_lux: float = 0.0
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {"LEAK": ("LEAK",), "PARASITIC": ("LEAK_FACTOR",)}
-    state: ClassVar[Mapping[str, tuple[str, ...]]] = {"PARASITIC": ("LEAK",)}
+    state: ClassVar[Mapping[str, tuple[str, ...]]] = {"PARASITIC": ("LEAK", "LEAKED")}
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
