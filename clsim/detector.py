@@ -11,7 +11,7 @@ from clsim.detect.estimator import BrightnessEstimator
 from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
 from clsim.errors import InputError
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.frames import Frame, InterestMap, PixelTracer
 from clsim.frames.frame import FloatArray
 from clsim.opencl.device import Device, choose_device
@@ -82,6 +82,8 @@ class Detector:
         self._grid = Grid(width, height, lanes, np.float64 if double else np.float32)
         self.estimator = self.estimator_type(config, self._grid, names, self.device, self.queue)
         self._sensor: IdealPixels | RealPixels | None = None
+        self.causes: Causes | None = None
+        """Of the last step's events; None where brightness caused them all."""
         self._tracer = tracer
         self.refiner: Refiner | None = None
         if tracer is not None:
@@ -133,6 +135,7 @@ class Detector:
         if self.refiner is not None:
             path = self.refiner.refine(path, frame, sensor.references)
         fired = sensor.step(path)
+        self.causes = fired.causes
         self.estimator.learn(path, fired.crossings)
         stats = self.stats
         stats.frames += 1

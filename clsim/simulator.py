@@ -17,11 +17,11 @@ from clsim.detect.config import EventRule, Gate, Method
 from clsim.detect.pack import FrameMemory
 from clsim.driving import Driving
 from clsim.errors import Error, InputError, require_choice
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.events.batch import gather
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.live.options import LiveOptions
-from clsim.live.pipeline import InterestedDetector
+from clsim.live.pipeline import InterestedDetector, TellsCauses
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
 from clsim.live.time_steps import TimeSteps
@@ -141,6 +141,7 @@ class Simulator:
         self._options = LiveOptions(**given)
         self._stages = plan_stages(self._options, world)
         self.world, self.fps, self.warnings = self._stages.world, self._stages.fps, self._stages.warnings
+        self._causes: list[Causes] = []
         self.width, self.height = self.world.camera.width, self.world.camera.height
         self._driving = Driving(self.world)
         self.names = self._driving.names
@@ -238,10 +239,16 @@ class Simulator:
         self._driving.end_step(until_us, self._passed_us)
         if self._data is None:
             self._build()
+        self._causes.clear()
         batches = [self._advance(time_us) for time_us in self._frame_times(until_us)]
         if self._clock == "wall":
             self._wait_for(until_us)
         return gather(batches)
+
+    @property
+    def causes(self) -> Causes:
+        """What caused each event of the last step: an index of `clsim.events.CAUSES`."""
+        return np.concatenate([np.zeros(0, np.uint8), *self._causes])
 
     def frame(self) -> Frame:
         """Return a copy of the last frame, with all its planes.
@@ -376,6 +383,8 @@ class Simulator:
             self._view.fill_truth(self._frame, before_us, after_us, after_us)
             self._data.move_anew()  # a pose may yet be set for a time at which the scene was for the sake of flow
         events: EventBatch = self._detector.step(self._frame).copy()
+        causes = self._detector.causes if isinstance(self._detector, TellsCauses) else None
+        self._causes.append(np.zeros(len(events), np.uint8) if causes is None else causes)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, self._detector).interest())
         before_us, self.time_us = self.time_us, time_us

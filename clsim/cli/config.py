@@ -97,7 +97,7 @@ def _suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
 
     told = from_plain(FileOptions, files if isinstance(files, dict) else {})
     suited: dict[str, Any] = {}
-    for name in ("text_time", "ros_events", "frames"):
+    for name in ("text_time", "ros_events", "frames", "labels"):
         alone = from_plain(FileOptions, {name: getattr(told, name)})
         with contextlib.suppress(InputError):
             alone.check(outputs)

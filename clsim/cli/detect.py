@@ -38,7 +38,7 @@ from clsim.cli.detector_options import (
     TIMES,
     TRANSFER,
 )
-from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, METHOD, OPENCL, ROS_EVENTS, TEXT_TIME, WINDOW
+from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, LABELS, METHOD, OPENCL, ROS_EVENTS, TEXT_TIME, WINDOW
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
@@ -82,6 +82,7 @@ def detect(
     opencl: OPENCL = None,
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
+    labels: LABELS = None,
     ros_events: ROS_EVENTS = None,
 ) -> int:
     """Turn EXR frames, video or pictures into events.
@@ -121,11 +122,12 @@ def detect(
         "format",
         "text_time",
         "ros_events",
+        "labels",
     ]
     chosen = {name: value for name, value in given.items() if name not in elsewhere} | {"features": _features(features)}
     if threshold is not None:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
-    files = FileOptions(format, text_time, ros_events)
+    files = FileOptions(format, text_time, ros_events, labels=bool(labels))
     eye = _given({"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
     if is_footage(frames):
         seen_by = RecordedSensor(**eye)

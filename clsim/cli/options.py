@@ -217,6 +217,12 @@ ROS_EVENTS = Annotated[
 TEXT_TIME = Annotated[
     Literal["us", "s"] | None, advanced(help="Time in text: whole µs, or seconds with six decimals. [us]")
 ]
+LABELS = Annotated[
+    bool | None,
+    advanced(
+        "--labels", help="What caused each event (signal, shot, leak, hot), in a column of .h5 and .parquet files."
+    ),
+]
 FRAMES = Annotated[
     bool | None,
     advanced("--frames", help="Frames, in 8-bit sRGB, along with the events in .aedat4 files."),

@@ -1,5 +1,29 @@
 """Events: the event type, file codecs and sockets."""
 
-from clsim.events.batch import EVENT_DTYPE, EventBatch, Exposed, Hurried, Reporting, Sink, SinkError, empty_batch
+from clsim.events.batch import (
+    CAUSES,
+    EVENT_DTYPE,
+    Causes,
+    EventBatch,
+    Exposed,
+    Hurried,
+    Labelling,
+    Reporting,
+    Sink,
+    SinkError,
+    empty_batch,
+)
 
-__all__ = ["EVENT_DTYPE", "EventBatch", "Exposed", "Hurried", "Reporting", "Sink", "SinkError", "empty_batch"]
+__all__ = [
+    "CAUSES",
+    "EVENT_DTYPE",
+    "Causes",
+    "EventBatch",
+    "Exposed",
+    "Hurried",
+    "Labelling",
+    "Reporting",
+    "Sink",
+    "SinkError",
+    "empty_batch",
+]

@@ -13,6 +13,11 @@ from clsim.errors import Error
 EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 """t [µs], x to the right and y down from the top-left pixel, on = brightness rose."""
 
+CAUSES = ("signal", "shot", "leak", "hot")
+"""What causes events, by number: brightness, noise, a reference that leaks, a pixel that is hot."""
+Causes: TypeAlias = npt.NDArray[np.uint8]
+"""Of each event of a batch, its cause: an index of CAUSES."""
+
 EventBatch: TypeAlias = npt.NDArray[Any]
 """Events as a one-dimensional array of EVENT_DTYPE, sorted by t and, within one t, by (y, x)."""
 
@@ -50,6 +55,18 @@ class Sink(Protocol):
 
     def close(self) -> None:
         """Finish and release; whatever was written is readable afterwards. Safe to call twice."""
+        ...
+
+
+@runtime_checkable
+class Labelling(Protocol):
+    """A sink that may keep the cause of each event beside it."""
+
+    labelled: bool
+    """Whether it does: if so, it wants them."""
+
+    def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
+        """Take the events and their causes until ``end_us`` [µs], as `Sink.write`."""
         ...
 
 

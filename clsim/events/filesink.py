@@ -16,10 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.events.batch import EventBatch, SinkError, empty_batch
+from clsim.events.batch import EVENT_DTYPE, Causes, EventBatch, SinkError
 
 STDOUT = Path("-")
 """The path that means standard output."""
+
+_LABELLED_DTYPE = np.dtype([*EVENT_DTYPE.descr, ("cause", "u1")])
 
 
 @dataclass(frozen=True)
@@ -58,15 +60,21 @@ class Limits:
 class FileSink(abc.ABC):
     """Checks, gathers and flushes; a format says how events are stored and how the file is finished."""
 
-    def __init__(self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy) -> None:
-        """Check that the format can hold the sensor; opens nothing."""
+    def __init__(
+        self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy, *, labelled: bool = False
+    ) -> None:
+        """Check that the format can hold the sensor; opens nothing.
+
+        With ``labelled`` what is stored has the field ``cause`` too.
+        """
         limits.check_size(path, width, height)
         self.path = path
         self.width = width
         self.height = height
         self._limits = limits
         self._flush = flush
-        self._pending = empty_batch(flush.events)
+        self.labelled = labelled
+        self._pending = np.empty(flush.events, dtype=_LABELLED_DTYPE if labelled else EVENT_DTYPE)
         self._count = 0
         self._end_us = 0
         self._flushed_us = 0
@@ -83,8 +91,8 @@ class FileSink(abc.ABC):
     def _finish(self) -> None:
         """Complete the file after the last event and release it; called once."""
 
-    def write(self, events: EventBatch, end_us: int) -> None:
-        """Take the events until ``end_us``; see Sink.write."""
+    def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
+        """Take the events until ``end_us``; see Sink.write. ``causes`` are those of each; without, it is brightness."""
         self._check_open()
         if len(events):
             self._check(events)
@@ -96,7 +104,13 @@ class FileSink(abc.ABC):
         done = 0
         while done < len(events):
             taken = min(len(events) - done, len(self._pending) - self._count)
-            self._pending[self._count : self._count + taken] = events[done : done + taken]
+            place = self._pending[self._count : self._count + taken]
+            if self.labelled:
+                for name in EVENT_DTYPE.names or ():
+                    place[name] = events[name][done : done + taken]
+                place["cause"] = 0 if causes is None else causes[done : done + taken]
+            else:
+                place[:] = events[done : done + taken]
             self._count += taken
             done += taken
             if self._count == len(self._pending):

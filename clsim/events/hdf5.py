@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import EventBatch, empty_batch
+from clsim.events.batch import CAUSES, EventBatch, empty_batch
 from clsim.events.filesink import FileSink, FlushPolicy, Limits
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, open_binary
 from clsim.events.hdf5_growing import GrowingHdf5
@@ -40,18 +40,24 @@ class Hdf5Sink(FileSink):
         height: int,
         flush: FlushPolicy,
         prepare: Callable[[Any], None] = lambda file: None,
+        *,
+        labels: bool = False,
     ) -> None:
         """Create the file with empty columns; raises InputError when it cannot be.
 
-        ``prepare(file)`` creates what else the file shall hold; `append` fills it.
+        ``prepare(file)`` creates what else the file shall hold; `append` fills it. With ``labels`` there is the column
+        ``events/cause``, whose numbers its attribute ``causes`` names.
         """
-        super().__init__(path, width, height, LIMITS, flush)
+        super().__init__(path, width, height, LIMITS, flush, labelled=labels)
 
         def columns(file: Any) -> None:
             group = file.create_group("events")
             group.attrs["width"], group.attrs["height"] = width, height
             for name, kind in _COLUMNS.items():
                 group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            if labels:
+                causes = group.create_dataset("cause", (0,), "u1", maxshape=(None,), chunks=(_CHUNK_ROWS,))
+                causes.attrs["causes"] = list(CAUSES)
             file.create_dataset("ms_to_idx", (0,), "<u8", maxshape=(None,), chunks=(1 << 12,))
             file.create_dataset("t_offset", data=np.int64(0))
             prepare(file)
@@ -68,15 +74,16 @@ class Hdf5Sink(FileSink):
             self._growing.file["t_offset"][()] = self._offset_us
         t = events["t"] - self._offset_us
         marks = np.arange(self._next_ms, int(t[-1]) // 1000 + 1)
-        self._growing.append(
-            {
-                "events/t": t,
-                "events/x": events["x"],
-                "events/y": events["y"],
-                "events/p": events["on"],
-                "ms_to_idx": self._rows + np.searchsorted(t, marks * 1000),
-            }
-        )
+        rows = {
+            "events/t": t,
+            "events/x": events["x"],
+            "events/y": events["y"],
+            "events/p": events["on"],
+            "ms_to_idx": self._rows + np.searchsorted(t, marks * 1000),
+        }
+        if self.labelled:
+            rows["events/cause"] = events["cause"]
+        self._growing.append(rows)
         self._next_ms += len(marks)
         self._rows += len(events)
 
@@ -94,9 +101,9 @@ class Hdf5Sink(FileSink):
         self._growing.close()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> Hdf5Sink:
-    """Open a DSEC HDF5 writer."""
-    return Hdf5Sink(path, width, height, flush)
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: bool = False) -> Hdf5Sink:
+    """Open a DSEC HDF5 writer, with a column for ``labels`` or without."""
+    return Hdf5Sink(path, width, height, flush, labels=labels)
 
 
 def open_source(path: Path) -> EventSource:

@@ -17,6 +17,8 @@ from clsim.values import read_fields
 
 TextTime = Literal["us", "s"]
 Encoding = Literal["mono", "evt3", "array"]
+LABELLED = ("hdf5", "parquet")
+"""Formats that may hold the causes of events."""
 BAGS = ("mcap", "db3", "bag")
 """Formats that are bags of ROS."""
 
@@ -33,6 +35,8 @@ class FileOptions:
     """How events stand in bags of ROS: packets in encoding mono or EVT3, or arrays; None is mono."""
     frames: bool = False
     """Whether AEDAT4 files get the rendered frames along with the events."""
+    labels: bool = False
+    """Whether HDF5 and Parquet files get the cause of each event (`clsim.events.CAUSES`) in a column."""
 
     def __post_init__(self) -> None:
         """Refuse values of other types."""
@@ -50,6 +54,8 @@ class FileOptions:
             raise InputError("`text_time` is for text, but no output is text; name one in `outputs`, such as a.txt")
         if self.ros_events is not None and not set(BAGS) & set(formats):
             raise InputError("`ros_events` is for bags of ROS, but no output is one; name one, such as events.mcap")
+        if self.labels and not set(LABELLED) & set(formats):
+            raise InputError("`labels` go into HDF5 and Parquet, but no output is one; name one, such as events.h5")
         if self.frames and "aedat4" not in [self.format_of(name) for name in names if not is_address(name)]:
             raise InputError("`frames` go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
 
@@ -126,6 +132,8 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
         own["time_unit"] = options.text_time
     if kind in BAGS and options.ros_events is not None:
         own["ros_events"] = options.ros_events
+    if kind in LABELLED and options.labels:
+        own["labels"] = True
     if is_address(name):
         from clsim.events.sockets import open_socket_sink
 

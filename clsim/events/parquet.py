@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.events.batch import EventBatch
+from clsim.events.batch import CAUSES, EventBatch
 from clsim.events.columns import from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
@@ -23,20 +23,22 @@ _ROW_GROUP = FlushPolicy(events=1 << 19, interval_us=math.inf)
 class ParquetSink(FileSink):
     """Writes row groups under a temporary name; the file has its name when it is complete."""
 
-    def __init__(self, path: Path, width: int, height: int) -> None:
-        """Create the temporary file; raises InputError when it cannot be."""
-        super().__init__(path, width, height, LIMITS, _ROW_GROUP)
+    def __init__(self, path: Path, width: int, height: int, *, labels: bool = False) -> None:
+        """Create the temporary file, with a column for ``labels`` or without; raises InputError when it cannot be."""
+        super().__init__(path, width, height, LIMITS, _ROW_GROUP, labelled=labels)
         arrow = _pyarrow()
         self._part = PartFile(path)
-        self._schema = arrow.schema(
-            [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())],
-            metadata={"width": str(width), "height": str(height)},
-        )
+        columns = [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())]
+        metadata = {"width": str(width), "height": str(height)}
+        if labels:
+            columns.append(("cause", arrow.uint8()))
+            metadata["causes"] = ",".join(CAUSES)
+        self._schema = arrow.schema(columns, metadata=metadata)
         self._arrow = arrow
         self._writer = arrow.parquet.ParquetWriter(self._part.part, self._schema, compression="zstd")
 
     def _store(self, events: EventBatch) -> None:
-        columns = [np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")]
+        columns = [np.ascontiguousarray(events[name]) for name in events.dtype.names or ()]
         self._writer.write_table(self._arrow.table(columns, schema=self._schema))
 
     def _finish(self) -> None:
@@ -48,9 +50,12 @@ class ParquetSink(FileSink):
             self._part.discard()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> ParquetSink:
-    """Open a Parquet writer; ``flush`` does not apply, since nothing can be read before the end."""
-    return ParquetSink(path, width, height)
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: bool = False) -> ParquetSink:
+    """Open a Parquet writer; ``flush`` does not apply, since nothing can be read before the end.
+
+    With ``labels`` there is a column ``cause``, whose numbers the file's metadata name.
+    """
+    return ParquetSink(path, width, height, labels=labels)
 
 
 def open_source(path: Path) -> EventSource:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from clsim.errors import Error
-from clsim.events import EventBatch, Sink, SinkError
+from clsim.events import Causes, EventBatch, Labelling, Sink, SinkError
 from clsim.events.closing import close_at_once
 from clsim.frames import Frame
 from clsim.live.sidecars import PoseFile
@@ -93,15 +93,19 @@ class Delivery:
             if isinstance(output.sink, Recorder):
                 output.attempt(partial(output.sink.record, frame, events))
 
-    def write(self, events: EventBatch, end_us: int) -> None:
-        """Hand the events until ``end_us`` [µs] to all that are no recorders.
+    def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
+        """Hand the events until ``end_us`` [µs] to all that are no recorders, and causes to those who want them.
 
         Raises:
             SinkError: every output, recorders too, has failed.
         """
         for output in self.outputs:
             if not isinstance(output.sink, Recorder):
-                output.attempt(partial(output.sink.write, events, end_us))
+                sink = output.sink
+                if isinstance(sink, Labelling) and sink.labelled:
+                    output.attempt(partial(sink.write, events, end_us, causes))
+                else:
+                    output.attempt(partial(sink.write, events, end_us))
         if self.outputs and all(output.error for output in self.outputs):
             raise SinkError("every output has failed: " + "; ".join(output.error or "" for output in self.outputs))
 

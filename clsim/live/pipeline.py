@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, cast, runtime_checkable
 
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.events.closing import HURRY_S
 from clsim.frames import (
     Cancellable,
@@ -92,6 +92,16 @@ class TellsLevel(Protocol):
 
     def level(self) -> FloatArray:
         """Return the brightness of each pixel at the last frame [log units], ``[H, W]``."""
+        ...
+
+
+@runtime_checkable
+class TellsCauses(Protocol):
+    """A detector that tells what caused its events."""
+
+    @property
+    def causes(self) -> Causes | None:
+        """Causes of the last step's events, as many as these; None where brightness caused them all."""
         ...
 
 
@@ -299,7 +309,7 @@ class Pipeline:
                         self._delivery.record(frame, events)
                     finally:
                         self._ring.release()
-                self._delivery.write(events, time_us)
+                self._delivery.write(events, time_us, detector.causes if isinstance(detector, TellsCauses) else None)
                 self._count(events, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
                     self._governed.frame_done(self._meter.lap(), self._clock.lag_s)

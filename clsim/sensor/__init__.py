@@ -1,13 +1,12 @@
 """The sensor: brightness over time becomes events."""
 
 from clsim.sensor.ideal import Fired, IdealPixels, Thresholds
-from clsim.sensor.pixel import CAUSES, RealPixels
+from clsim.sensor.pixel import RealPixels
 from clsim.sensor.presets import load_sensor, preset_names
 from clsim.sensor.settings import SensorSettings
 from clsim.sensor.specimen import Specimen
 
 __all__ = [
-    "CAUSES",
     "Fired",
     "IdealPixels",
     "RealPixels",

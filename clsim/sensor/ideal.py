@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.events import EventBatch, empty_batch
+from clsim.events import Causes, EventBatch, empty_batch
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
@@ -48,7 +48,7 @@ class Fired:
         many_crossings: pixels with more than 3 crossings, and without knots.
         most_crossings: the most crossings of a pixel without knots.
         capped: events left out because a pixel had more than 1000.
-        causes: uint8, of each event (see `clsim.sensor.CAUSES`); None where brightness causes them all.
+        causes: uint8, of each event (see `clsim.events.CAUSES`); None where brightness causes them all.
         lost: events that the readout had no time for.
     """
 
@@ -57,7 +57,7 @@ class Fired:
     many_crossings: int = 0
     most_crossings: int = 0
     capped: int = 0
-    causes: npt.NDArray[np.uint8] | None = None
+    causes: Causes | None = None
     lost: int = 0
 
 

@@ -8,15 +8,13 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events import EventBatch, empty_batch
+from clsim.events import Causes, EventBatch, empty_batch
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 from clsim.sensor.ideal import Fired
 from clsim.sensor.readout import Bus, Pool, Requests
 from clsim.sensor.settings import Context, SensorSettings
 
-CAUSES = ("signal", "shot", "leak", "hot")
-"""What causes events, by number (sensor_pixel.cl)."""
 _CHUNK = 64
 """Pixels that one work-item runs."""
 _ROOM = 64
@@ -136,7 +134,7 @@ class RealPixels:
                 requests[name] = place.read(buffer, np.empty(total, buffer.dtype))
         return requests
 
-    def _read_out(self, requests: Requests, end_us: int) -> tuple[EventBatch, npt.NDArray[np.uint8], int]:
+    def _read_out(self, requests: Requests, end_us: int) -> tuple[EventBatch, Causes, int]:
         """Return the events up to ``end_us``, what caused each, and how many were lost on the way."""
         lost = 0
         requests = self._asked.pass_on(requests, end_us * 1000)
@@ -152,7 +150,7 @@ class RealPixels:
         return [self._place.allocate((count,), kind) for kind in _KINDS.values()]
 
 
-def _sorted(requests: Requests) -> tuple[EventBatch, npt.NDArray[np.uint8]]:
+def _sorted(requests: Requests) -> tuple[EventBatch, Causes]:
     """Return events by t, then (y, x), and what caused each."""
     order = np.lexsort((requests["x"], requests["y"], requests["t"]))
     events = empty_batch(len(requests))

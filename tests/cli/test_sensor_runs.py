@@ -9,6 +9,7 @@ import pytest
 
 import clsim as library
 from clsim.errors import InputError
+from clsim.events import CAUSES
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
@@ -68,6 +69,34 @@ def test_all_ways_to_run_a_sensor_give_the_same_bits(clsim: Callable[..., object
     assert told["thresholds"] == {"on": 0.15, "off": 0.25} and told["options"]["sensor"]["name"] == "mine"
     assert clsim("live", "--config", tmp_path / "live.txt.json", "--out", tmp_path / "again.txt").status == 0
     assert (tmp_path / "again.txt").read_bytes() == expected
+
+
+def test_causes_stand_beside_events(clsim: Callable[..., object], tmp_path: Path) -> None:
+    import h5py
+    import pyarrow.parquet
+
+    sensor = tmp_path / "mine.toml"
+    sensor.write_text(SENSOR)
+    outs = [tmp_path / f"events.{kind}" for kind in ("h5", "parquet", "npz")]
+    command = [*SMALL, "--sensor", sensor, "--labels", *(word for out in outs for word in ("--out", out))]
+    outcome = clsim("live", *command)
+    assert outcome.status == 0, outcome.stderr
+    with library.Simulator("two-boxes", resolution=(32, 24), fps=60.0, seed=3, sensor=str(sensor)) as run:
+        events = run.step(100_000)
+        causes = run.causes
+        assert len(causes) == len(events) and set(causes) == {0, 1, 2}
+        run.step(100_000)
+        assert len(run.causes) == 0
+    with h5py.File(outs[0]) as file:
+        np.testing.assert_array_equal(file["events/cause"][:], causes)
+        assert list(file["events/cause"].attrs["causes"]) == list(CAUSES)
+    table = pyarrow.parquet.read_table(outs[1])
+    np.testing.assert_array_equal(table["cause"].to_numpy(), causes)
+    for out in outs:
+        with library.open(str(out)) as source:
+            np.testing.assert_array_equal(source.read(), events)
+    outcome = clsim("live", *SMALL, "--labels", "--out", tmp_path / "events.raw")
+    assert outcome.status == 2 and "--labels go into HDF5 and Parquet, but no output is one" in outcome.stderr
 
 
 def test_a_preset_sets_the_picture_unless_a_resolution_is_given() -> None:

@@ -10,7 +10,7 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from clsim.sensor import CAUSES
+from clsim.events import CAUSES
 from clsim.sensor.reference.pixel import fire
 from clsim.sensor.settings import Delay, Refractory
 from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages

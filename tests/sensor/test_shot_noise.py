@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clsim.sensor import CAUSES, SensorSettings
+from clsim.events import CAUSES
+from clsim.sensor import SensorSettings
 from clsim.sensor.settings import FrontEnd, Leak, Noise, Refractory, Threshold
 from tests.sensor.benchtop import SPLITS, Benchtop
 
