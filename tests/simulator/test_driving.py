@@ -38,6 +38,21 @@ def test_the_same_keyframes_by_hand_and_by_file_give_the_same_bits(tmp_path: Pat
     assert np.concatenate(parts).tobytes() == expected.tobytes()
 
 
+@pytest.mark.slow
+def test_pixels_traced_between_frames_are_driven_too(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"time": "adaptive", "fps": 200.0}
+    with clsim.stream(scene(tmp_path, keyframed()), frame_count=9, **options) as live:
+        expected = np.concatenate(list(live)).tobytes()
+    with clsim.Simulator(scene(tmp_path, keyframed()), clock="caller", **options) as by_file:
+        assert b"".join(by_file.step(until_us).tobytes() for until_us in range(0, 40_001, 5_000)) == expected
+    with clsim.Simulator(scene(tmp_path), **options) as by_hand:
+        parts = []
+        for at_us, pose in POSES.items():
+            by_hand.set_pose("box", pose)
+            parts.append(by_hand.step(at_us).tobytes())
+    assert b"".join(parts) == expected and len(expected) > 10_000
+
+
 def test_poses_turn_by_slerp_and_grow_evenly() -> None:
     driven = Driven(Static(np.eye(4)))
     assert driven.duration_s > 0, "or it would be baked"
@@ -216,14 +231,16 @@ def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
         pytest.param({"method": "esim-ad"}, marks=pytest.mark.slow),
         pytest.param({"method": "esim", "noise": "independent"}, marks=pytest.mark.slow),
         pytest.param({"quality": "published"}, marks=pytest.mark.slow),
+        pytest.param({"time": "adaptive", "fps": 200.0}, marks=pytest.mark.slow),
     ],
-    ids=["balanced", "davis346", "esim-ad", "independent", "published"],
+    ids=["balanced", "davis346", "esim-ad", "independent", "published", "adaptive"],
 )
 def test_from_a_snapshot_the_same_happens_again(tmp_path: Path, options: dict[str, Any]) -> None:
     def goes_on() -> list[bytes]:
         run.set_pose("box", POSES[30_000], 30_000)
         parts = [run.step(25_000).tobytes()]
-        run.set_light("lamp", (35.0, 30.0, 25.0))
+        if "time" not in options:
+            run.set_light("lamp", (35.0, 30.0, 25.0))
         parts += [run.step(until_us).tobytes() for until_us in (35_000, 60_000)]
         return [*parts, run.frame().planes.tobytes()]
 
