@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -16,11 +16,14 @@ from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.cli.words import events_text
 from clsim.errors import InputError
 from clsim.events.address import is_address
+from clsim.truth.recording import recording_kind
 
 if TYPE_CHECKING:
     from clsim.events import EventBatch, Sink
     from clsim.events.filesource import EventSource
     from clsim.events.stream_source import SocketSource
+    from clsim.live.view.playback import TimedImages
+    from clsim.live.view.truth_pictures import Shown
 
 
 def view(
@@ -51,6 +54,10 @@ def view(
     at: Annotated[
         str | None, typer.Option(help="Time of a .png, such as 0.5s; a bare number is seconds. [where most happens]")
     ] = None,
+    show: Annotated[
+        Literal["image", "depth", "flow", "ids"] | None,
+        typer.Option(help="Of a recording with truth, what the page shows beside the events. [image]"),
+    ] = None,
     resolution: SENSOR_SIZE = None,
 ) -> int:
     """Look at an event file or a live stream.
@@ -62,6 +69,8 @@ def view(
     for option, value in (("--video-fps", video_fps), ("--speed", speed), ("--contrast", contrast)):
         if not 0 < value < float("inf"):
             raise InputError(f"{option} must be a positive number, got {value}")
+    if show is not None and (is_address(events) or recording_kind(events) is None):
+        raise InputError(f"--show is for recordings with truth, but {events} is none")
     if to is None:
         check(where)
     with open_events(events) as source:
@@ -84,7 +93,7 @@ def view(
 
             _pump(source, RerunSink(events, *size))
         elif where == "web":
-            _in_page(events, source, size, port)
+            _in_page(events, source, size, port, show)
     return 0
 
 
@@ -107,7 +116,9 @@ class _Times:
         return 0 if self._first_us is None else self._last_us - self._first_us
 
 
-def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int], port: str | None) -> None:
+def _in_page(
+    name: str, source: EventSource | SocketSource, size: tuple[int, int], port: str | None, show: Shown | None
+) -> None:
     """Serve the page until Ctrl-C or, for a stream, its end."""
     if is_address(name):
         from clsim.live.view.sink import ViewSink
@@ -121,11 +132,15 @@ def _in_page(name: str, source: EventSource | SocketSource, size: tuple[int, int
     from clsim.live.view.player import Player
 
     source.close()
-    frames = None
+    frames: Callable[[], TimedImages] | None = None
     if format_of(Path(name)).name == "aedat4":
         from clsim.events.aedat4 import read_frames
 
         frames = partial(read_frames, Path(name))
+    elif recording_kind(name) is not None:
+        from clsim.live.view.truth_pictures import recorded_pictures
+
+        frames = partial(recorded_pictures, name, show or "image")
     player = Player(lambda: open_source(name), Path(name).name, *size, **host_and_port(port), read_frames=frames)
     _warn(player.warning)
     announce(player.url)
