@@ -20,7 +20,6 @@ from pathlib import Path
 
 import psutil
 
-_LONGEST_S = 20.0
 _RUN_S = 600.0
 
 
@@ -41,15 +40,16 @@ def workers_of(client: subprocess.Popen[bytes]) -> list[psutil.Process]:
     return found
 
 
-def finish(spec: str, folder: Path, workers: int) -> None:
+def finish(spec: str, folder: Path, workers: int) -> float:
+    """Let a run end, and return how long it took [s]."""
+    begun_s = time.monotonic()
     client = start(spec, folder, workers)
     if client.wait(_RUN_S) != 0:
         raise SystemExit(f"a run ended with status {client.returncode}")
+    return time.monotonic() - begun_s
 
 
-def kill_often(
-    spec: str, folder: Path, kills: int, workers: int, seed: int, longest_s: float = _LONGEST_S
-) -> list[str]:
+def kill_often(spec: str, folder: Path, kills: int, workers: int, seed: int, longest_s: float) -> list[str]:
     """Kill so often, then let it end; returns who was killed."""
     chance = random.Random(seed)
     killed: list[str] = []
@@ -110,8 +110,9 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
-    finish(given.spec, given.folder / "undisturbed", given.workers)
-    kill_often(given.spec, given.folder / "killed", given.kills, given.workers, given.seed)
+    whole_s = finish(given.spec, given.folder / "undisturbed", given.workers)
+    print(f"undisturbed: {whole_s:.0f} s", flush=True)
+    kill_often(given.spec, given.folder / "killed", given.kills, given.workers, given.seed, whole_s)
     expected, found = contents(given.folder / "undisturbed"), contents(given.folder / "killed")
     differ = sorted(name for name in expected | found if expected.get(name) != found.get(name))
     print(f"{len(expected)} files, {len(differ)} differ: {', '.join(differ[:5]) or 'none'}")

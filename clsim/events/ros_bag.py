@@ -118,7 +118,11 @@ class Bag:
 
 
 class BagSink(FileSink):
-    """Writes events into a bag, a message at each flush."""
+    """Writes events into a bag, a message at each flush.
+
+    Attributes:
+        bag: for whoever has more to say than events; completed at the end.
+    """
 
     def __init__(
         self, path: Path, width: int, height: int, flush: FlushPolicy, storage: Storage, encoding: Encoding
@@ -130,11 +134,11 @@ class BagSink(FileSink):
         self._sensor = messages.Sensor(width, height)
         self._evt3 = Evt3Encoder()
         self._seq = 0
-        self._bag = Bag(path, storage)
+        self.bag = Bag(path, storage)
         try:
-            self._bag.topic(EVENT_TOPIC, messages.ARRAY if encoding == "array" else messages.PACKET)
+            self.bag.topic(EVENT_TOPIC, messages.ARRAY if encoding == "array" else messages.PACKET)
         except BaseException:
-            self._bag.abandon()
+            self.bag.abandon()
             raise
 
     def _store(self, events: EventBatch) -> None:
@@ -147,7 +151,7 @@ class BagSink(FileSink):
 
     def _message(self, events: EventBatch, end_us: int) -> None:
         start_us = int(events["t"][0]) if len(events) else end_us
-        ros, sensor, seq = self._bag.ros, self._sensor, self._seq
+        ros, sensor, seq = self.bag.ros, self._sensor, self._seq
         if self._encoding == "array":
             data = messages.array_bytes(ros, sensor, seq, end_us, events)
         elif self._encoding == "mono":
@@ -158,15 +162,15 @@ class BagSink(FileSink):
                 ros, sensor, seq, start_us, "evt3", self._evt3.encode(events, afresh=True).tobytes()
             )
         self._seq += 1
-        self._bag.write(EVENT_TOPIC, end_us, data)
+        self.bag.write(EVENT_TOPIC, end_us, data)
 
     def _finish(self) -> None:
         if self._failed:
-            self._bag.abandon()
+            self.bag.abandon()
             return
         if self._end_us > self._last_us or self._seq == 0:  # the recording lasted longer than its events
             self._message(np.empty(0, self._pending.dtype), self._end_us)
-        self._bag.complete()
+        self.bag.complete()
 
 
 def open_bag_source(path: Path) -> EventSource:
