@@ -64,6 +64,10 @@ class Knots:
         self.levels = np.insert(self.levels, before, levels)
         self.bulges = np.insert(self.bulges, before, bend * share**2)
 
+    def of(self, chosen: Mask) -> Knots:
+        """Return the knots of some pixels, all of each."""
+        return Knots(self.pixels[chosen], self.times[chosen], self.levels[chosen], self.bulges[chosen])
+
     def guess_bulges(self) -> None:
         """Take what is not known of a piece from how the slope changes at both its ends."""
         inside = ~self.firsts
@@ -91,7 +95,7 @@ class Knots:
         counts = np.diff(starts, append=len(self.pixels))
         order = np.argsort(-counts, kind="stable")
         starts, counts = starts[order], counts[order]
-        ref = references[order].copy()
+        ref = references[self.pixels[starts]]
         before, crossings = np.zeros(len(self.pixels)), np.zeros(len(self.pixels), np.int64)
         active = len(starts)
         for k in range(1, int(counts[0]) if active else 0):
@@ -104,6 +108,16 @@ class Knots:
             crossings[at] = (np.sign(change) * fired).astype(np.int64)
             ref[:active] = now + np.sign(change) * fired * size
         return before, crossings
+
+
+def join(parts: list[Knots]) -> Knots:
+    """Return the knots of several parts, which have no pixel in common, in order."""
+    pixels = np.concatenate([part.pixels for part in parts])
+    order = np.argsort(pixels, kind="stable")
+    times, levels, bulges = (
+        np.concatenate([getattr(part, name) for part in parts])[order] for name in ("times", "levels", "bulges")
+    )
+    return Knots(pixels[order], times, levels, bulges)
 
 
 def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float, least: int) -> tuple[I64, I64]:
@@ -136,7 +150,7 @@ def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float
     single = np.abs(fired[chosen]) == 1
     share = np.where(single, np.clip(share, _NEAREST, 1.0 - _NEAREST), 0.5)
     # As coarse a grid as says something: the fewer different times there are, the cheaper they are traced.
-    grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, tolerance / 2.0))
+    grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, tolerance))
     start = knots.times[pieces - 1]
     times = np.round((start + share * span) / grid).astype(np.int64) * grid
     return pieces, np.clip(times, start + 1, start + span - 1)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.forecast import MOMENTS, Forecast
-from clsim.detect.knots import TICKS_PER_S, Knots, ticks, vague
+from clsim.detect.knots import TICKS_PER_S, Knots, join, ticks, vague
 from clsim.detect.traced_levels import traced_levels
 from clsim.frames import Frame, PixelTracer
 from clsim.opencl import path as opencl_path
@@ -107,7 +107,7 @@ class Refiner:
         inside = known[pixels]
         rows = np.searchsorted(active, pixels[inside])
         knots = self._first_knots(path, active, rows, moments[inside], start[active], end[active])
-        self._sharpen(path, active, knots, ref[active].astype(np.float64))
+        knots = self._sharpen(path, active, knots, ref[active].astype(np.float64))
         return self._with_knots(path, knots, active)
 
     def _first_knots(self, path: BrightnessPath, active: I64, rows: I64, moments: I64, start: F32, end: F32) -> Knots:
@@ -127,15 +127,23 @@ class Refiner:
         knots.guess_bulges()
         return knots
 
-    def _sharpen(self, path: BrightnessPath, active: I64, knots: Knots, references: npt.NDArray[np.float64]) -> None:
-        """Add knots until it is known when thresholds are crossed."""
+    def _sharpen(self, path: BrightnessPath, active: I64, knots: Knots, references: npt.NDArray[np.float64]) -> Knots:
+        """Return what is known once it is known when thresholds are crossed."""
         least = max(2, int(self._tolerance))
+        done: list[Knots] = []
         for _ in range(_ROUNDS):
             pieces, times = vague(knots, references, self._on, self._off, self._tolerance, least)
+            wanting = np.zeros(len(active), bool)
+            wanting[knots.pixels[pieces]] = True
+            left = wanting[knots.pixels]
+            done.append(knots.of(~left))
+            pieces = (np.cumsum(left) - 1)[pieces]
+            knots = knots.of(left)
             if not len(pieces):
                 break
             knots.insert(pieces, times, self._trace(path, active[knots.pixels[pieces]], times))
             self.stats.rounds += 1
+        return join([*done, knots])
 
     def _trace(self, path: BrightnessPath, pixels: I64, times: I64) -> npt.NDArray[np.float64]:
         if not len(pixels):

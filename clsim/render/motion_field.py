@@ -3,7 +3,7 @@
 """Where on the image things go in a step of time, as Warp kernels, by one ray through each pixel's middle.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there by Newton's method on
-the camera's rays, so that every lens has its projection. What deforms is carried by its instance alone.
+the camera's rays, so that every lens has its projection. Where something deforms, the camera's motion alone is known.
 """
 
 from functools import cache

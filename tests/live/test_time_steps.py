@@ -97,3 +97,16 @@ def test_a_camera_that_exposes_has_no_instants():
     blurred = replace(world, camera=replace(world.camera, shutter_s=0.01))
     with pytest.raises(InputError, match=r"exposes for 0\.01 s; expected 0"):
         clsim.Simulator(blurred, time="adaptive")
+
+
+@pytest.mark.slow
+def test_a_snapshot_remembers_the_last_frame():
+    """What is seen at the frame before is part of the state: the same step gives the same events again."""
+    with clsim.Simulator("two-boxes", threads=1, **SMALL) as simulator:
+        simulator.step(33_333)
+        state = simulator.snapshot()
+        first = simulator.step(66_667).copy()
+        simulator.step(100_000)
+        simulator.restore(state)
+        np.testing.assert_array_equal(simulator.step(66_667), first)
+        assert len(first) > 50

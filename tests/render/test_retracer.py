@@ -8,6 +8,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 from test_blur import Glide
+from test_deform import swelling
 
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
@@ -139,3 +140,10 @@ def test_ways_on_the_image_are_those_of_the_pinhole():
         np.all(longest >= np.hypot(*start) - 0.01) and longest.max() <= np.hypot(*ways[:2].swapaxes(0, 1)).max() + 0.01
     )
     assert Retracer(SceneData(busy_world(False, False), instants=True), RenderOptions()).motion(0.0, 0.1) is None
+
+
+@pytest.mark.slow
+def test_what_deforms_is_traced_in_the_shape_of_its_time():
+    """An instant at a time, each with trees of its own: exactly what a frame shows."""
+    scene = replace(swelling(moving=True), fps=FPS)
+    compare(scene, RenderOptions(spp=2, max_depth=3))
