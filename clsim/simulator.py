@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -19,39 +17,28 @@ from clsim.driving import Driving
 from clsim.errors import Error, InputError, require_choice
 from clsim.events import Causes, EventBatch
 from clsim.events.batch import gather
-from clsim.frames import Frame, frame_time_us, page_aligned
+from clsim.frames import Frame, page_aligned
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector, TellsCauses
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
 from clsim.live.time_steps import TimeSteps
 from clsim.radiance import RadianceCamera
-from clsim.render import SceneData, View
+from clsim.render import SceneData
 from clsim.render.features import light_stands_still
 from clsim.scene import Camera, World, validate
 from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
 from clsim.sensor.settings import SensorSettings
-from clsim.snapshot import Snapshot
+from clsim.snapshot import SimulatorState, Snapshot
+from clsim.stepping import Clock, StepClock
 from clsim.truth.cut import cut
 from clsim.truth.names import plane_names
 from clsim.values import read_value
 
-Clock = Literal["frames", "wall", "caller"]
 _APART = (SceneData, Camera, FrameMemory)
 """What a snapshot leaves as it is: the scene on its device, and memory that is lent and taken back."""
-
-
-@dataclass(frozen=True)
-class SimulatorState:
-    """What a simulator remembers: `Simulator.snapshot` makes it, and `Simulator.restore` takes it."""
-
-    view: View
-    remembers: Snapshot
-    driving: tuple[object, ...]
-    next: int
-    time_us: int
 
 
 class Simulator:
@@ -71,7 +58,6 @@ class Simulator:
         names: what has a pose that can be set: the camera, and objects and lights whose names are their own.
         warnings: what is asked for and will not be, one sentence each.
         time_us: time of the last frame; 0 before the first.
-        lag_s: with the wall clock, by how much the last step ended late.
         from_radiance: makes a camera to which another renderer shows its pictures, and which returns events.
     """
 
@@ -130,7 +116,7 @@ class Simulator:
             InputError: the scene or an option cannot be used.
         """
         given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
-        self._clock: Clock = read_value("clock", clock, Clock)
+        kind: Clock = read_value("clock", clock, Clock)
         world = scene if isinstance(scene, World) else None
         for option in ("resolution", "camera_path"):
             if world is not None and given[option] is not None:
@@ -148,6 +134,7 @@ class Simulator:
         self._frame = Frame(page_aligned((len(self._stages.planes), self.height, self.width)), self._stages.planes)
         self._data: Any = None
         self._closed = False
+        self._clock = StepClock(kind, self.fps)
         self._begin()
 
     def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
@@ -240,9 +227,8 @@ class Simulator:
         if self._data is None:
             self._build()
         self._causes.clear()
-        batches = [self._advance(time_us) for time_us in self._frame_times(until_us)]
-        if self._clock == "wall":
-            self._wait_for(until_us)
+        batches = [self._advance(time_us) for time_us in self._clock.frame_times(self._next, self.time_us, until_us)]
+        self._clock.wait_for(until_us)
         return gather(batches)
 
     @property
@@ -332,6 +318,11 @@ class Simulator:
         self._data.move_anew()
         self._begin(state.next, state.time_us)
 
+    @property
+    def lag_s(self) -> float:
+        """By how much the last step ended late, with the wall clock [s]."""
+        return self._clock.lag_s
+
     def close(self) -> None:
         """Release the devices' memory; safe to call twice."""
         if not self._closed:
@@ -342,8 +333,7 @@ class Simulator:
         """Let so many frames have passed, the last at that time, and the wall clock start with the next step."""
         self._next = frames
         self.time_us = time_us
-        self.lag_s = 0.0
-        self._started_s: float | None = None
+        self._clock.restart()
 
     def _build(self) -> None:
         """Copy the scene to the device, and build what works on it."""
@@ -361,18 +351,6 @@ class Simulator:
         self._board = self._stages.board("refuse")
         self._view = self._stages.view(self._data, self._board)
         self._detector = self._stages.build_detector()
-
-    def _frame_times(self, until_us: int) -> list[int]:
-        """Return the times of the frames of a step."""
-        if self._clock != "caller":
-            last = self._next
-            while frame_time_us(last, self.fps) <= until_us:
-                last += 1
-            return [frame_time_us(index, self.fps) for index in range(self._next, last)]
-        first = [0] if self._next == 0 else []
-        length_us = until_us - self.time_us
-        parts = math.ceil(length_us * self.fps / 1e6 - 1e-6)
-        return first + [self.time_us + round(length_us * (k + 1) / parts) for k in range(parts)]
 
     def _advance(self, time_us: int) -> EventBatch:
         """Render a frame and return its events."""
@@ -396,14 +374,6 @@ class Simulator:
     def _passed_us(self) -> int | None:
         """Time of the last frame; None before the first."""
         return self.time_us if self._next else None
-
-    def _wait_for(self, until_us: int) -> None:
-        now_s = time.perf_counter()
-        if self._started_s is None:
-            self._started_s = now_s - until_us * 1e-6
-        early_s = self._started_s + until_us * 1e-6 - now_s
-        self.lag_s = max(0.0, -early_s)
-        time.sleep(max(0.0, early_s))
 
     def _check_open(self) -> None:
         if self._closed:

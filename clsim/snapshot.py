@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -124,3 +125,22 @@ class Snapshot:
 
         self._give_back.append(give_back)
         return list(values.values())
+
+
+@dataclass(frozen=True)
+class SimulatorState:
+    """What a simulator remembers: `Simulator.snapshot` makes it, and `Simulator.restore` takes it.
+
+    Attributes:
+        view: what rendered for it; a reset builds another.
+        remembers: the state of its stages.
+        driving: what had been set.
+        next: number of the next frame.
+        time_us: time of the last frame [µs].
+    """
+
+    view: object
+    remembers: Snapshot
+    driving: tuple[object, ...]
+    next: int
+    time_us: int
