@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from clsim.events import CAUSES
+from clsim.sensor import IdealPixels, SensorSettings, Thresholds
 from clsim.sensor.reference.pixel import fire
 from clsim.sensor.settings import Delay, Refractory
 from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages
@@ -263,3 +264,28 @@ def test_steps_on_the_way_change_nothing_where_brightness_is_a_line():
     one, many = (np.sort(each, order=["y", "x", "t"]) for each in (one, many))
     np.testing.assert_array_equal(one["on"], many["on"])
     assert abs(one["t"] - many["t"]).max() <= 1
+
+
+def test_without_stages_a_pixel_fires_as_the_ideal_one_does():
+    generator = np.random.default_rng(5)
+    bench = Benchtop(SensorSettings(), 200)
+    ideal = IdealPixels(bench.place, Thresholds(ON, OFF))
+    real_events, ideal_events = [], []
+    step = bench.pixels.step
+
+    def both(path):
+        ideal_events.append(ideal.step(path).events)
+        return step(path)
+
+    bench.pixels.step = both
+    for k in range(10):
+        rows = [
+            sorted((int(t), float(v)) for t, v in zip(*generator.uniform(1, 4e6, (2, n)), strict=True))
+            for n in generator.integers(0, 3, 200)
+        ]
+        rows = [[(t, v / 4e6) for t, v in row] for row in rows]
+        real_events.append(bench.to(4000 * k, generator.uniform(-1, 1, 200), rows if k else None))
+    real, expected = (np.sort(np.concatenate(each), order=["x", "t"]) for each in (real_events, ideal_events))
+    assert len(real) == len(expected) > 5000
+    np.testing.assert_array_equal(real[["x", "on"]], expected[["x", "on"]])
+    assert abs(real["t"] - expected["t"]).max() <= 1
