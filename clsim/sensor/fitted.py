@@ -1,0 +1,81 @@
+"""A sensor file from what was fitted: each number with its error and where it is from."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+
+from clsim.sensor.fit_flicker import FlickerFit
+from clsim.sensor.fit_still import StillFit
+
+_SHORTEST_REST_US = 20.0
+"""A lamp that is no exact sine, or noise, looks like a shorter one."""
+Row = tuple[str, "tuple[float, float] | None", str]
+"""A number's name, "stage.number", with its standard error; None where there is none of it. And what it is of."""
+
+
+def fitted_rows(still: StillFit, flicker: FlickerFit | None) -> Iterator[Row]:
+    """Yield what was fitted, in the order of a sensor file."""
+    if flicker is not None:
+        yield "threshold.on", flicker.on, "lamp"
+        yield "threshold.off", flicker.off, "lamp"
+        yield "threshold.mismatch", flicker.mismatch, "lamp"
+    yield "noise.on_hz", still.noise_hz, "OFF events of the still scene: noise is taken to be of both polarities alike"
+    yield "noise.off_hz", still.noise_hz, "still scene"
+    yield "noise.spread_decades", still.noise_decades, "still scene"
+    leaks = still.leak_hz[0] > 3 * still.leak_hz[1]
+    yield "leak.hz", still.leak_hz if leaks else None, "still scene"
+    yield "leak.spread_decades", _own_spread(still, flicker) if leaks else None, "still scene"
+    hot = bool(still.hot.any())
+    yield "defects.hot_share", still.hot_share if hot else None, "still scene"
+    yield "defects.hot_hz", still.hot_hz, "still scene"
+    yield "defects.hot_spread_decades", still.hot_decades, "still scene"
+    if flicker is not None:
+        yield "defects.dead_share", flicker.silent_share if flicker.silent_share[0] > 0 else None, "lamp"
+        rests = flicker.rest_us[0] > max(3 * flicker.rest_us[1], _SHORTEST_REST_US)
+        yield "refractory.us", flicker.rest_us if rests else None, "lamp"
+
+
+def _own_spread(still: StillFit, flicker: FlickerFit | None) -> tuple[float, float]:
+    """Return the leak's spread without that of the thresholds over which pixels leak, if it is known."""
+    spread, error = still.leak_decades
+    if flicker is None:
+        return spread, error
+    of_thresholds = flicker.mismatch[0] / flicker.on[0] / math.log(10)
+    return max(spread**2 - of_thresholds**2, 0.0) ** 0.5, error
+
+
+def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, base: str | None = None) -> str:
+    """Return the text of a sensor file.
+
+    Args:
+        name: of the sensor.
+        size: width and height [pixels].
+        rows: see `fitted_rows`.
+        told: what the numbers are from, such as the recordings' names.
+        base: the sensor that says what was not fitted.
+    """
+    lines = ["# Fitted by `clsim sensor fit`.", f"name = {_quoted(name)}"]
+    if base is not None:
+        lines.append(f"base = {_quoted(base)}")
+    lines += ["", "[optics]", f"width = {size[0]}", f"height = {size[1]}"]
+    sources = {"optics.width": told, "optics.height": told}
+    stage = ""
+    for row, number, of in rows:
+        if number is None:
+            continue
+        group, key = row.split(".")
+        if group != stage:
+            lines += ["", f"[{group}]"]
+            stage = group
+        value, error = number
+        lines.append(f"{key} = {value:.5g}")
+        sources[row] = f"± {error:.2g}; {of}; {told}"
+    lines += ["", "[sources]", *(f"{_quoted(key)} = {_quoted(source)}" for key, source in sources.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _quoted(text: str) -> str:
+    # What JSON writes is TOML too.
+    return json.dumps(text, ensure_ascii=False)
