@@ -104,6 +104,24 @@ splines with `--camera-interpolation cubic`. In a TOML, `trajectory = "poses.txt
 A camera can also move by chance: `wander = { seed = 1 }` in `[camera]` sends it on a smooth random path about its place
 or its motion, and `shake = {}` makes it tremble.
 
+## Several cameras
+
+`[camera]` can carry several: a stereo pair, or an event camera beside a camera for frames. Each `[[cameras]]` says
+where it sits on it, and in what it differs.
+
+```toml
+[[cameras]]
+name = "left"
+
+[[cameras]]
+name = "right"
+position = [0.1, 0.0, 0.0]      # to the right, up, behind
+```
+
+`clsim live mine.toml --out '{camera}.aedat4'` then writes `left.aedat4` and `right.aedat4` in one run, over one scene
+in memory. Each is as if the camera were alone. Its sidecar, and a recording with truth, tell `extrinsics`: from its
+axes to those of each other camera (OpenCV's). Other commands see from `[camera]` itself.
+
 ## Files that a scene names
 
 A TOML, Mitsuba or pbrt scene may name any ordinary file by a path relative to its own folder, `../` and links

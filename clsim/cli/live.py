@@ -137,6 +137,11 @@ def live(
     if governor and options.pace != "real":
         raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
     check(view, as_json=as_json)
+    sessions = _open_rig(options, view) if any("{camera}" in name for name in outputs) else []
+    if sessions:
+        from clsim.cli.rig import run_rig
+
+        return run_rig(sessions, as_json=as_json)
     session, listener = _open(options, view, port)
     if config is not None and not outputs:
         typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)
@@ -154,6 +159,15 @@ def _check_standard_output(outputs: tuple[str, ...], view: View, as_json: bool) 
         for taken, option in ((as_json, "--json"), (view == "terminal", "--view terminal")):
             if taken:
                 raise InputError(f"{option} and --out - would both write to standard output; give --out a file instead")
+
+
+def _open_rig(options: LiveOptions, view: View) -> list[Session]:
+    """Return a session for each camera of a rig."""
+    from clsim.live.rig import open_rig
+
+    if view not in ("none", "terminal"):
+        raise InputError(f"--view {view} shows one camera; watch those of a rig by their own outputs")
+    return open_rig(options)
 
 
 def _open(options: LiveOptions, view: View, port: str | None) -> tuple[Session, socket.socket | None]:

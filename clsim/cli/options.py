@@ -100,7 +100,7 @@ JSON = Annotated[bool, typer.Option("--json", help="Print machine-readable resul
 FILES = promises()
 OUT_HELP = (
     "Where events go: tcp://HOST:PORT, udp://HOST:PORT, unix://PATH, - for text on standard output, or a file; may be "
-    "given several times. Files: " + FILES
+    "given several times. {camera} in a name stands for each camera of a rig. Files: " + FILES
 )
 
 # How frames are rendered.

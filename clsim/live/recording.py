@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from clsim.live.options import LiveOptions
 from clsim.live.schedule import Schedule
 from clsim.live.sidecars import about_camera
@@ -50,6 +52,8 @@ def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str
         object_poses=poses_at_start(world),
         moving=tuple(name for name, _ in moving),
         imu_rate=options.imu_rate,
+        camera_name=more.get("camera_name", "camera"),
+        extrinsics={name: np.array(matrix) for name, matrix in more.get("extrinsics", {}).items()},
         more=more,
     )
     if options.imu_noise is not None:

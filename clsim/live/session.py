@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from clsim.events import Reporting, Sink, SinkError
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.footage.source import Footage
-from clsim.frames import VARIANCE_PLANES
+from clsim.frames import VARIANCE_PLANES, InterestBoard
 from clsim.live.delivery import Output
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
@@ -23,9 +23,12 @@ from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
-from clsim.live.stages import detector_maker, plan_stages, unused_options
+from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
 from clsim.scene import World
+
+if TYPE_CHECKING:
+    from clsim.render import View
 
 
 @dataclass
@@ -150,18 +153,36 @@ class Session:
                 write_sidecar(output.sidecar, self.about | scene | poses | more)
 
 
+@dataclass(frozen=True)
+class Seat:
+    """A camera's place on a rig.
+
+    Attributes:
+        world: the scene with this camera.
+        view: makes its view of the scene that all cameras share.
+        facts: what files tell of it.
+    """
+
+    world: World
+    view: Callable[[Stages, InterestBoard | None], View]
+    facts: Mapping[str, Any]
+
+
 def open_live(
-    options: LiveOptions, extra_sinks: Sequence[Sink] = (), told: Mapping[str, Any] = MappingProxyType({})
+    options: LiveOptions,
+    extra_sinks: Sequence[Sink] = (),
+    told: Mapping[str, Any] = MappingProxyType({}),
+    seat: Seat | None = None,
 ) -> Session:
     """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered.
 
-    ``told`` takes the place of options in what files tell of their making.
+    ``told`` takes the place of options in what files tell of their making. With a ``seat`` nothing is loaded.
     """
     from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
     started = now()
-    stages = plan_stages(options)
+    stages = plan_stages(options, None if seat is None else seat.world)
     world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(
         world.duration_s,
@@ -177,10 +198,11 @@ def open_live(
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
     about["options"] = about["options"] | dict(told)
+    about |= {} if seat is None else seat.facts
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
-        lambda: PathTracer(world, stages.render, board),
+        lambda: PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board),
         lambda: stages.build_detector(schedule),
         outputs,
         schedule,

@@ -81,21 +81,31 @@ class Stages:
         return View(data, self.render, board)
 
 
+def load_options_world(options: LiveOptions) -> World:
+    """Load the scene that options name, with the camera that they describe; raises InputError."""
+    world = load_world(
+        options.scene,
+        resolution=options.resolution,
+        strict=options.strict,
+        camera_path=options.camera_path,
+        camera_axes=options.camera_axes,
+        camera_interpolation=options.camera_interpolation,
+    )
+    if options.resolution is None and options.sensor is not None:
+        world = _seen_by(world, options.sensor.optics)
+    return world
+
+
 def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError."""
     from clsim.render import RenderOptions, check_device, light_stands_still
 
     if world is None:
-        world = load_world(
-            options.scene,
-            resolution=options.resolution,
-            strict=options.strict,
-            camera_path=options.camera_path,
-            camera_axes=options.camera_axes,
-            camera_interpolation=options.camera_interpolation,
-        )
-        if options.resolution is None and options.sensor is not None:
-            world = _seen_by(world, options.sensor.optics)
+        world = load_options_world(options)
+        if world.rig:
+            names = ", ".join(mount.name for mount in world.rig)
+            alone = f"{world.name} has the cameras {names}, but this sees from where they are mounted; use clsim live"
+            world = replace(world, warnings=(*world.warnings, alone))
     fps = options.fps or (world.fps if options.time == "fixed" else min(world.fps, BASE_FPS))
     point = options.point
     steered = point.sampling == "adaptive"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class SceneData:
         device: Warp's device.
         origin_m: the world's point at which the device has its origin.
         interval_s: the time that it covers, about the instant to which it was moved [s].
+        lock: held by a view while it moves the scene and renders.
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
         poses: those that were asked for, where there are several instants.
@@ -64,6 +66,7 @@ class SceneData:
         validate(world, world.name)
         check_device(device)
         self.world = world
+        self.lock = threading.RLock()
         self.device = wp.get_device(device)
         self.tree: Tree = tree or fastest_tree(device)
         if self.tree == "bvh8" and not self.device.is_cpu:

@@ -123,14 +123,15 @@ class View:
         Raises:
             RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
-        self.fill_at(index, frame_time_us(index, self.fps), out)
-        if self._truth is not None:
-            every, next_us = self._options.truth_every, frame_time_us(index + 1, self.fps)
-            if index % every == 0:
-                before_us = frame_time_us(index - every, self.fps) if index >= every else None
-                self.fill_truth(out, before_us, frame_time_us(index + every, self.fps), next_us)
-            elif self._truth.labels:
-                self._truth.fill(out.planes, out.time_us, {"Label.flow": next_us})
+        with self._data.lock:
+            self.fill_at(index, frame_time_us(index, self.fps), out)
+            if self._truth is not None:
+                every, next_us = self._options.truth_every, frame_time_us(index + 1, self.fps)
+                if index % every == 0:
+                    before_us = frame_time_us(index - every, self.fps) if index >= every else None
+                    self.fill_truth(out, before_us, frame_time_us(index + every, self.fps), next_us)
+                elif self._truth.labels:
+                    self._truth.fill(out.planes, out.time_us, {"Label.flow": next_us})
 
     def fill_at(self, index: int, time_us: int, out: Frame) -> None:
         """Render the world at a time [µs] of the caller's choice, as frame ``index``, into ``out``.

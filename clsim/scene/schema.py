@@ -120,6 +120,18 @@ class CameraTable(Placed):
     rotation_deg: Vector | None = Field(None, description="instead of look_at")
 
 
+class MountTable(Table):
+    """One of several cameras on a rig, which is ``[camera]``: what it does not say is as there."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")] = Field(description="for the names of its outputs")
+    position: Vector = Field((0.0, 0.0, 0.0), description="on the rig: to the right, up and behind")
+    rotation_deg: Vector | None = Field(None, description="on the rig: turns about its x, then y, then z axis")
+    resolution: tuple[Pixels, Pixels] | None = None
+    fov_deg: Annotated[float, Strict(), Field(gt=0, lt=180)] | None = None
+    lens: LensTable | None = None
+    shutter_s: NonNegative | None = None
+
+
 class SphereLightTable(Placed):
     """A glowing sphere."""
 
@@ -276,6 +288,7 @@ class SceneTable(Table):
     fps: Positive = Field(120.0, description="frames per simulated second")
     duration_s: Positive | None = Field(None, description="default: until all motion has ended, 1 s without motion")
     camera: CameraTable
+    cameras: tuple[MountTable, ...] = ()
     environment: EnvironmentTable = EnvironmentTable()
     sensor: SensorTable = SensorTable()
     materials: dict[str, MaterialTable] = {}
@@ -289,6 +302,7 @@ def key_table() -> str:
     sections: list[tuple[str, type[Table]]] = [
         ("top level", SceneTable),
         ("[camera]", CameraTable),
+        ("[[cameras]]", MountTable),
         ("lens = {…}", LensTable),
         ("wander = {…}", WanderTable),
         ("shake = {…}", ShakeTable),

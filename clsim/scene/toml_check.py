@@ -47,6 +47,10 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
                 yield f"materials.{name}: has {first} and {second}, expected one of them"
         if isinstance(materials[name], dict) and ("eta" in materials[name]) != ("k" in materials[name]):
             yield f"materials.{name}: has one of eta and k, expected both or none"
+    mounts = data.get("cameras")
+    called = [table.get("name") for table in mounts if isinstance(table, dict)] if isinstance(mounts, list) else []
+    for name in sorted({name for name in called if isinstance(name, str) and called.count(name) > 1}):
+        yield f"cameras: {name!r} is the name of {called.count(name)} cameras, expected one of each"
     placed = [("camera", data.get("camera"))]
     for group in ("objects", "sphere_lights", "lights"):
         tables = data.get(group)

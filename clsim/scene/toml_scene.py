@@ -44,6 +44,7 @@ from clsim.scene.world import (
     Lens,
     Material,
     Mesh,
+    Mount,
     PunctualLight,
     Sensor,
     SphereLight,
@@ -124,6 +125,7 @@ def load_toml(path: Path) -> World:
         fps=scene.fps,
         warnings=tuple(builder.warnings),
         notes=tuple(builder.notes),
+        rig=tuple(map(_mount, scene.cameras)),
     )
     return replace(world, duration_s=scene.duration_s or world.moving_s() or 1.0)
 
@@ -337,6 +339,13 @@ def _camera(table: schema.CameraTable, folder: Path) -> Camera:
     if table.focal_length_mm is not None:
         fov_deg = 2 * math.degrees(math.atan(table.sensor_width_mm / 2 / table.focal_length_mm))
     return Camera(*table.resolution, fov_deg, motion, table.shutter_s, Lens(**table.lens.model_dump()))
+
+
+def _mount(table: schema.MountTable) -> Mount:
+    turn = NO_TURN if table.rotation_deg is None else euler_quaternion(table.rotation_deg)
+    lens = None if table.lens is None else Lens(**table.lens.model_dump())
+    offset = compose(table.position, rotation_matrix(turn))
+    return Mount(table.name, offset, table.resolution, table.fov_deg, lens, table.shutter_s)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene.motion import Matrix, Motion, Static
+from clsim.scene.motion import Attached, Matrix, Motion, Static
 
 Vec3 = tuple[float, float, float]
 F32 = npt.NDArray[np.float32]
@@ -224,6 +224,36 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Mount:
+    """A camera of a rig: where it sits on the world's camera, which is the rig, and in what it differs from that.
+
+    Attributes:
+        name: what it is called.
+        offset: 4×4, from its axes to the rig's.
+        resolution, fov_deg, lens, shutter_s: its own; None is as the rig's.
+    """
+
+    name: str
+    offset: Matrix
+    resolution: tuple[int, int] | None = None
+    fov_deg: float | None = None
+    lens: Lens | None = None
+    shutter_s: float | None = None
+
+    def camera(self, rig: Camera) -> Camera:
+        """Return it as a camera of its own."""
+        width, height = self.resolution or (rig.width, rig.height)
+        return Camera(
+            width,
+            height,
+            rig.fov_deg if self.fov_deg is None else self.fov_deg,
+            Attached(rig.motion, self.offset),
+            rig.shutter_s if self.shutter_s is None else self.shutter_s,
+            self.lens or rig.lens,
+        )
+
+
+@dataclass(frozen=True)
 class Sensor:
     """What the pixel sees: L = ln max(scale·Y, floor), Y the luminance; thresholds in natural-log units."""
 
@@ -240,6 +270,7 @@ class World:
     """Everything the renderer needs.
 
     Attributes:
+        rig: the cameras that sit on the world's camera, where there are several.
         environment: radiance of the constant environment; all 0 is no environment.
         duration_s: length of the motion; 1 s where nothing moves.
         warnings: what the file asked for and clsim lacks, one sentence each.
@@ -261,6 +292,7 @@ class World:
     duration_s: float = 1.0
     warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    rig: tuple[Mount, ...] = ()
 
     def motions(self) -> list[Motion]:
         """Return how everything moves rigidly: the camera, instances, sphere lights and punctual lights."""

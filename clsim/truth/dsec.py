@@ -208,7 +208,7 @@ def calibration(about: About) -> str:
     lines.append(f"  R_rect0: [{identity}]")
     for name, matrix in about.extrinsics.items():
         rows = ", ".join(str([float(v) for v in row]) for row in matrix)
-        lines.append(f"  T_{name}_{about.side}: [{rows}]")
+        lines.append(f"  T_{name}_{about.camera_name}: [{rows}]")
     lines += [
         "disparity_to_depth:",
         "  cams_03:",

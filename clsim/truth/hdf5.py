@@ -140,6 +140,7 @@ class Hdf5Layout(Layout):
         file.attrs["camera"] = json.dumps(dict(about.camera))
         file.attrs["about"] = json.dumps(dict(about.more))
         file.attrs["side"], file.attrs["baseline_m"] = about.side, about.baseline_m
+        file.attrs["camera_name"] = about.camera_name
         file.attrs["extrinsics"] = json.dumps({name: np.asarray(m).tolist() for name, m in about.extrinsics.items()})
         self._prepare_frames(file)
         for group, names in (("objects", about.objects), ("materials", about.materials)):
@@ -263,6 +264,7 @@ def _read_about(file: Any) -> About:
         names=tuple(name for name in TRUTH_NAMES if name in names),
         frame_rate=float(frames.attrs["rate_hz"]),
         side=str(file.attrs["side"]),
+        camera_name=str(file.attrs["camera_name"]),
         extrinsics={key: np.array(value) for key, value in json.loads(file.attrs["extrinsics"]).items()},
         baseline_m=float(file.attrs["baseline_m"]),
         more=json.loads(file.attrs["about"]),

@@ -53,7 +53,8 @@ class About:
         imu_rate: samples per second.
         imu_noise: what was added to the samples.
         gravity: acceleration of free fall in the world [m/s²].
-        side: what the camera is called within a rig; ``left`` of one that stands alone.
+        side: which of DSEC's or MVSEC's two sides the recording is.
+        camera_name: what the camera is called within a rig.
         extrinsics: from this camera's axes to those of the rig's others, by name ``[4, 4]`` (OpenCV's axes).
         baseline_m: of disparity: how far to the right the second camera stands.
         more: whatever else is known, for sidecars.
@@ -72,6 +73,7 @@ class About:
     imu_noise: ImuNoise = field(default_factory=ImuNoise)
     gravity: tuple[float, float, float] = (0.0, -9.80665, 0.0)
     side: str = "left"
+    camera_name: str = "camera"
     extrinsics: Mapping[str, F64] = field(default_factory=dict)
     baseline_m: float = 0.1
     more: Mapping[str, Any] = field(default_factory=dict)

@@ -1,0 +1,113 @@
+"""Several cameras on one rig: a run for each, over one scene on the device."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.events.address import is_address
+from clsim.live.options import LiveOptions
+from clsim.live.session import Seat, Session, open_live
+from clsim.live.stages import Stages, load_options_world
+from clsim.scene import World, validate
+from clsim.scene.world import Mount
+
+if TYPE_CHECKING:
+    from clsim.frames import InterestBoard
+    from clsim.render import SceneData, View
+
+PLACEHOLDER = "{camera}"
+"""Stands for the camera's name in the names of outputs."""
+
+
+class SharedScene:
+    """The scene of a rig on the device, copied there when the first camera asks."""
+
+    def __init__(self, world: World, interval_s: float) -> None:
+        """Keep the world; ``interval_s`` is the longest exposure of the cameras."""
+        self._world, self._interval_s = world, interval_s
+        self._lock = threading.Lock()
+        self._data: SceneData | None = None
+
+    def view(self, stages: Stages, board: InterestBoard | None) -> View:
+        """Return a camera's view of it; they render in turn (`SceneData.lock`)."""
+        from clsim.render import SceneData, View
+
+        with self._lock:
+            if self._data is None:
+                self._data = SceneData(self._world, stages.render.device, stages.render.tree, self._interval_s)
+            return View(self._data, stages.render, board, stages.world.camera)
+
+
+def open_rig(options: LiveOptions) -> list[Session]:
+    """Open a run for each camera of a scene, by the names that ``{camera}`` in the outputs stands for.
+
+    A scene without a rig has one camera, and its outputs are as they are named.
+
+    Raises:
+        InputError: as `open_live`; or the outputs of two cameras would be one.
+    """
+    world = load_options_world(options)
+    if not world.rig:
+        return [open_live(options)]
+    for name in options.outputs:
+        if PLACEHOLDER not in name:
+            kind = "an address" if is_address(name) else "a file"
+            raise InputError(
+                f"{name}: is {kind} for each of the cameras {', '.join(mount.name for mount in world.rig)}; expected "
+                f"{PLACEHOLDER} in its name"
+            )
+    cameras = {mount.name: mount.camera(world.camera) for mount in world.rig}
+    shared = SharedScene(world, max(camera.shutter_s for camera in cameras.values()))
+    sessions: list[Session] = []
+    try:
+        for mount in world.rig:
+            own = replace(world, camera=cameras[mount.name], rig=())
+            validate(own, f"{world.name}: camera {mount.name}")
+            outputs = tuple(name.replace(PLACEHOLDER, mount.name) for name in options.outputs)
+            facts = {"camera_name": mount.name, "extrinsics": extrinsics(mount, world.rig)}
+            seat = Seat(own, shared.view, facts)
+            sessions.append(open_live(replace(options, outputs=outputs), seat=seat))
+    except BaseException:
+        for session in sessions:
+            session.pipeline.stop()
+        raise
+    return sessions
+
+
+def extrinsics(mount: Mount, rig: tuple[Mount, ...]) -> dict[str, list[list[float]]]:
+    """Return from a camera's axes to those of each other's, ``[4, 4]``, with +z ahead and +y down (OpenCV's)."""
+    axes = np.diag((1.0, -1.0, -1.0, 1.0))
+    return {
+        other.name: (axes @ np.linalg.inv(other.offset) @ mount.offset @ axes).tolist()
+        for other in rig
+        if other.name != mount.name
+    }
+
+
+def run_all(sessions: list[Session]) -> None:
+    """Run all to the end; if one of them cannot go on, none does.
+
+    Raises:
+        SinkError: an output failed on the way; the others are complete.
+        BaseException: whatever ended the runs, Ctrl-C for one; all outputs are closed then.
+    """
+    try:
+        for session in sessions:
+            session.start()
+        for session in sessions:
+            while not session.pipeline.wait(0.1):
+                pass
+    except BaseException:
+        for session in sessions:
+            session.pipeline.stop()
+            session.write_sidecars(complete=False)
+        raise
+    for session in sessions:
+        session.write_sidecars(complete=True)
+    for session in sessions:
+        session.raise_failures()

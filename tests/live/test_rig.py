@@ -1,0 +1,98 @@
+"""Several cameras on a rig: where they are, and that each is as if it were alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.live.options import LiveOptions
+from clsim.live.rig import extrinsics, open_rig, run_all
+
+RIG = """
+fps = 120
+[camera]
+resolution = [32, 24]
+look_at = [0.0, 0.4, 0.0]
+keyframes = [{ time_s = 0.0, position = [-1.8, 1.7, 3.4] }, { time_s = 1.0, position = [0.2, 1.5, 3.6] }]
+[[cameras]]
+name = "left"
+[[cameras]]
+name = "right"
+position = [0.2, 0.0, 0.0]
+MORE
+[environment]
+radiance = [0.5, 0.5, 0.5]
+[materials.floor]
+checker = { color_a = [0.75, 0.72, 0.68], color_b = [0.16, 0.17, 0.2], squares_per_m = 2.5 }
+[[objects]]
+name = "floor"
+shape = "quad"
+size = [12.0, 12.0]
+material = "floor"
+"""
+
+
+def rig(folder: Path, more: str = "") -> str:
+    path = folder / "rig.toml"
+    path.write_text(RIG.replace("MORE", more))
+    return str(path)
+
+
+def test_extrinsics_lead_from_one_camera_to_the_other(tmp_path: Path) -> None:
+    turned = "rotation_deg = [5.0, -20.0, 3.0]\nresolution = [40, 20]\nfov_deg = 70.0"
+    world = clsim.load_scene(rig(tmp_path, turned))
+    left, right = world.rig
+    cameras = [mount.camera(world.camera) for mount in (left, right)]
+    assert (cameras[0].width, cameras[0].fov_deg) == (32, 50.0) and (cameras[1].width, cameras[1].fov_deg) == (40, 70.0)
+    axes = np.diag((1.0, -1.0, -1.0, 1.0))
+    point = np.array([0.3, -0.2, 0.5, 1.0])
+    for time_s in (0.0, 0.4):
+        seen = [axes @ np.linalg.inv(camera.motion.pose(time_s)) @ point for camera in cameras]
+        assert np.allclose(np.array(extrinsics(left, world.rig)["right"]) @ seen[0], seen[1])
+        assert np.allclose(np.array(extrinsics(right, world.rig)["left"]) @ seen[1], seen[0])
+
+
+def test_what_cannot_be_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.npz: is a file for each of the cameras left, right; expected {camera}"):
+        open_rig(LiveOptions(rig(tmp_path), outputs=("a.npz",)))
+    with pytest.raises(InputError, match="cameras: 'left' is the name of 2 cameras"):
+        clsim.load_scene(rig(tmp_path, '[[cameras]]\nname = "left"'))
+    with pytest.raises(InputError, match=r"cameras\[2\]\.name"):
+        clsim.load_scene(rig(tmp_path, '[[cameras]]\nname = "../up"'))
+
+
+@pytest.mark.slow
+def test_each_camera_is_as_if_it_were_alone(tmp_path: Path) -> None:
+    scene = rig(tmp_path)
+    outputs = (str(tmp_path / "{camera}.h5"),)
+    options = LiveOptions(scene, frame_count=6, quality="draft", truth=("depth",), outputs=outputs)
+    sessions = open_rig(options)
+    run_all(sessions)
+    world = clsim.load_scene(scene)
+    for mount in world.rig:
+        alone = replace(world, camera=mount.camera(world.camera), rig=())
+        with clsim.Simulator(alone, quality="draft", truth=("depth",)) as simulator:
+            expected = simulator.step(sessions[0].schedule.time_us(5))
+            depth = simulator.truth("depth")["depth"]
+        assert len(expected) > 100
+        assert clsim.open(str(tmp_path / f"{mount.name}.h5")).read().tobytes() == expected.tobytes()
+        with h5py.File(tmp_path / f"{mount.name}.h5") as file:
+            assert np.array_equal(file["frames/depth"][5], depth) and file.attrs["camera_name"] == mount.name
+    with h5py.File(tmp_path / "left.h5") as left, h5py.File(tmp_path / "right.h5") as right:
+        near, far = left["frames/depth"][5], right["frames/depth"][5]
+    # What both see lies at the same depth, to the left in the right picture by focal length × baseline ÷ depth.
+    shift = 16 / np.tan(np.radians(25)) * 0.2 / near
+    y, x = np.mgrid[:24, :32]
+    at = np.floor(x - shift).clip(0, 30).astype(int)
+    share = x - shift - at
+    seen = np.isfinite(near) & (share >= 0) & (share < 1) & np.isfinite(far[y, at]) & np.isfinite(far[y, at + 1])
+    assert seen.sum() > 100
+    # On a plane, 1 / depth goes linearly from pixel to pixel.
+    inverse = (1 - share) / far[y, at] + share / far[y, at + 1]
+    assert np.abs(inverse * near - 1)[seen].max() < 1e-5
