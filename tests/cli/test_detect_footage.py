@@ -63,6 +63,7 @@ def test_pictures_with_a_file_of_times(clsim, tmp_path):
     assert about["detector"]["floor"] > 1e-3
 
 
+@pytest.mark.slow
 def test_a_sensor_looks_at_a_video(clsim, clip, tmp_path):
     """The same sensor as in front of a scene: thresholds that differ make other events; its own threshold holds."""
     sensor = tmp_path / "sensor.toml"

@@ -10,7 +10,7 @@ import textwrap
 
 import numpy as np
 import pytest
-from event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, KILL_SAFE, WIDTH, end_of, events, read
+from event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, WIDTH, end_of, events, read
 from event_writer import numbered
 
 from clsim.errors import InputError
@@ -105,7 +105,7 @@ def test_a_pipe_carries_aedat4(tmp_path):
     assert np.array_equal(read(tmp_path / "a.aedat4"), batch)
 
 
-@pytest.mark.parametrize("ending", [*KILL_SAFE, *ALL_OR_NOTHING])
+@pytest.mark.parametrize("ending", ENDINGS)
 def test_a_folder_that_vanishes_is_a_sink_error(tmp_path, ending):
     folder = tmp_path / "folder"
     folder.mkdir()

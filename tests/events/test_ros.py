@@ -6,6 +6,9 @@ import contextlib
 
 import numpy as np
 import pytest
+import test_disk_full as disks
+import test_file_formats as formats
+import test_kill as kills
 from event_data import HEIGHT, WIDTH, events, read, split, write
 from hypothesis import given
 from hypothesis import strategies as st
@@ -199,3 +202,22 @@ def test_an_abandoned_bag_leaves_what_was_there(tmp_path):
     sink.abandon()
     assert path.read_bytes() == b"old"
     assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
+
+
+_SAME_TESTS = (
+    formats.test_a_file_gives_back_its_events_and_its_size,
+    formats.test_no_events_make_a_valid_file,
+    formats.test_bytes_are_the_same_on_every_run_and_for_every_partition,
+    formats.test_a_file_cut_anywhere_gives_its_first_events_or_one_sentence,
+    formats.test_damaged_bytes_never_raise_anything_but_input_errors,
+    disks.test_a_full_disk_is_one_error_and_other_sinks_go_on,
+    disks.test_a_folder_that_vanishes_is_a_sink_error,
+    kills.test_the_next_writer_of_a_name_removes_what_killed_ones_left,
+)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ending", [".db3", ".bag"])
+@pytest.mark.parametrize("test", _SAME_TESTS, ids=lambda test: test.__name__)
+def test_what_holds_of_mcap_holds_of_other_bags(tmp_path, test, ending):
+    test(tmp_path, ending)
