@@ -10,7 +10,8 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
-from clsim.render.steered import GRADES, LEAST_LOOK, Steering
+from clsim.render.first_hits import Looks
+from clsim.render.steered import GRADES, Steering
 
 NEAR = 0.1
 """Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
@@ -20,6 +21,12 @@ TIMELY = 0.25
 """Share of a step to which the time of an event is found, with that safety, where one is sure to fire."""
 STILL = 0.05
 """Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
+_INSIDE = 4
+"""First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at …"""
+_INSIDE_PLAIN = 2
+"""… and where they are."""
+ENOUGH_FOR_EDGES = 8
+"""First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
@@ -56,9 +63,17 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def first_look(first_hit_rays: int) -> int:
-    """Return after how many of so many first-hit rays a pixel may be found to show one thing."""
-    return min(max(LEAST_LOOK, first_hit_rays // 4), first_hit_rays)
+def looks_of(first_hit_rays: int, pixel_angle: float) -> Any:
+    """Return how many first-hit rays a pixel gets by what it shows, and their spacing, at most ``first_hit_rays``."""
+    looks: Any = Looks()
+    looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
+    looks.inside = min(_INSIDE, first_hit_rays)
+    if first_hit_rays >= ENOUGH_FOR_EDGES:
+        looks.inside = max(_INSIDE_PLAIN, first_hit_rays // 6)
+        looks.by_edge = max(_INSIDE_PLAIN, first_hit_rays // 2)
+        looks.steps = (first_hit_rays - 1).bit_length()
+        looks.texels = 4 * first_hit_rays
+    return looks
 
 
 class Steerer:
@@ -70,9 +85,12 @@ class Steerer:
         paths: paths traced so far.
     """
 
-    def __init__(self, width: int, height: int, effort: Effort, board: InterestBoard | None, device: Any) -> None:
-        """Allocate what is kept from frame to frame."""
+    def __init__(
+        self, width: int, height: int, effort: Effort, pixel_angle: float, board: InterestBoard | None, device: Any
+    ) -> None:
+        """Allocate what is kept from frame to frame; a pixel is ``pixel_angle`` wide, seen from the camera [rad]."""
         pixels = width * height
+        self._pixel_angle = pixel_angle
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -107,8 +125,7 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.first_hits = effort.first_hit_rays
-        steering.first_look = first_look(effort.first_hit_rays)
+        steering.looks = looks_of(effort.first_hit_rays, self._pixel_angle)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._number == 0:

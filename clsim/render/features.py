@@ -100,6 +100,11 @@ class Features(SceneFeatures):
     requests: bool
     strategy: Strategy
 
+    @property
+    def sharp(self) -> bool:
+        """Whether a ray sees what lies at its place in the picture, and nothing else: there is no blur of any sort."""
+        return not (self.aperture or self.camera_blur or self.motion_blur)
+
     def describe(self) -> dict[str, list[str]]:
         """Return what is compiled in, under "built in", and what is not, under "left out"."""
         rows = (

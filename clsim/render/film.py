@@ -17,7 +17,8 @@ class Sample:
     """What one camera ray saw; the features are those of the first hit.
 
     ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
-    filled in where first hits are sampled apart, and so is ``position``, where the features are.
+    filled in where first hits are sampled apart, and so is ``position``, where the features are. There ``uv`` and
+    ``front`` tell where on its surface that is, and ``material`` is its number from 1, 0 where a mirror showed it.
     """
 
     radiance: wp.vec3
@@ -27,6 +28,9 @@ class Sample:
     position: wp.vec3
     depth: float
     hit: bool
+    uv: wp.vec2
+    front: bool
+    material: int
 
 
 @wp.struct

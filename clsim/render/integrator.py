@@ -18,6 +18,7 @@ from clsim.render.cached import make_cached
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
+from clsim.render.first_hits import make_look
 from clsim.render.geometry import Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.lights import Lights, make_lights, make_side
@@ -26,6 +27,7 @@ from clsim.render.normal_maps import make_normal_maps
 from clsim.render.retraced import make_retraced
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.steered import make_steered
+from clsim.render.textures import Footprint
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 
@@ -74,7 +76,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, emitted, opacity = make_materials(features)
+    resolve, emitted, opacity, textured, resolve_mean = make_materials(features)
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
@@ -211,6 +213,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if looked_at:
                     sample.position = point.position
                     sample.emission = sample.radiance
+                    sample.uv = point.uv
+                    sample.front = point.front
+                    sample.material = wp.where(depth == 0, point.material + 1, 0)
                 if only_look and not looking:
                     break
             if depth + 1 >= settings.max_depth or bsdf.dark:
@@ -267,16 +272,17 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return sample
 
     @wp.func
-    def shoot(
+    def shoot_at(
         scene: Scene,
         camera: CameraState,
         settings: Settings,
         pixel: int,
+        place: wp.vec2,
         instant: int,
         stream: sampling.Stream,
         only_look: bool,
     ) -> Sample:
-        jitter = uniform2(stream, sampling.CAMERA)
+        """Follow a ray through a place in a pixel, whose corners are at 0 and 1."""
         lens = wp.vec2()
         if wp.static(features.aperture):
             lens = uniform2(stream, sampling.LENS)
@@ -289,11 +295,38 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             time = float(instant)
         x = float(pixel % settings.width)
         y = float(pixel // settings.width)
-        ray = camera_ray(camera, x + jitter[0], y + jitter[1], lens, shutter)
+        ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
         sample = Sample()
         if ray.exists:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, only_look)
         return sample
+
+    @wp.func
+    def shoot(
+        scene: Scene,
+        camera: CameraState,
+        settings: Settings,
+        pixel: int,
+        instant: int,
+        stream: sampling.Stream,
+        only_look: bool,
+    ) -> Sample:
+        place = uniform2(stream, sampling.CAMERA)
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, only_look)
+
+    @wp.func
+    def flat(scene: Scene, sample: Sample) -> bool:
+        """Whether a ray saw a surface whose albedo over a pixel is known from its texture."""
+        return sample.material > 0 and textured(scene.materials, wp.max(sample.material - 1, 0))
+
+    @wp.func
+    def mean_albedo(scene: Scene, like: Sample, footprint: Footprint, places: int) -> wp.vec3:
+        """Return the mean albedo over a pixel of the surface that a ray saw."""
+        point = Surface()
+        point.uv = like.uv
+        point.front = like.front
+        point.material = like.material - 1
+        return albedo_of(resolve_mean(scene.materials, point, footprint, places))
 
     @wp.func
     def gather(scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int) -> Moments:
@@ -322,14 +355,14 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     moments = add(moments, sample)
         return moments
 
+    types = Scene, CameraState, Settings
+    see_corner, look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, *types)
     if features.requests:
-        types = Scene, CameraState, Settings
-        paths, first_hits = make_retraced(features.sobol, shoot, gather, store, *types, kernel_options())
+        paths, first_hits = make_retraced(see_corner, look, gather, store, *types, kernel_options())
         return first_hits if features.first_hits else paths
-    if features.light_cache:
-        return make_cached(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
     if features.first_hits:
-        return make_steered(features.sobol, shoot, Scene, CameraState, Settings, kernel_options())
+        make = make_cached if features.light_cache else make_steered
+        return make(features.sobol, see_corner, look, shoot, *types, kernel_options())
 
     @wp.kernel(
         module="unique",

@@ -1,5 +1,5 @@
 # Warp: a variable that changes must be born by a call.
-# ruff: noqa: UP018, SIM102, RUF046
+# ruff: noqa: UP018, RUF046
 """Light kept on surfaces: what paths found, remembered in the cells of a hashed grid in the world.
 
 Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever ended a first
@@ -19,10 +19,14 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.sampling import luminance
 
-LEVELS = 4
+LEVELS = 5
 _LEVELS = wp.constant(LEVELS)
 _WANTED = wp.constant(64.0)
 """Paths with which a level counts as much as all coarser ones."""
+_SHIFT = wp.constant(0.37)
+"""By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
+_ALIGNED = wp.constant(0.9999)
+"""Where a surface faces along an axis so nearly, it lies within one layer of cells."""
 _ENOUGH = wp.constant(0.02)
 """Share of the coarser levels below which they are not asked."""
 _PROBES = wp.constant(64)
@@ -30,15 +34,30 @@ _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
 """Irradiance counts as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
 
-FIELDS = 8
-"""A cell is one line of a processor's cache: key (0 where free), sums of R, G and B, paths; luminance and paths before
-the last update that added to it; number of that update."""
-_KEY = wp.constant(0)
-_SUM = wp.constant(1)
-_COUNT = wp.constant(4)
-_SUM_BEFORE = wp.constant(5)
-_COUNT_BEFORE = wp.constant(6)
-_UPDATE = wp.constant(7)
+SUMS = 4
+"""Of R, G and B, and the number of paths."""
+_COUNT = wp.constant(3)
+
+
+@wp.struct
+class Cell:
+    """What those who look read of a cell.
+
+    Attributes:
+        key: what tells it from others; 0 where the row is free.
+        light: mean irradiance over π.
+        count: number of paths.
+        update: number of the last update that added to it.
+        before: luminance of the light before that.
+        count_before: number of paths before that.
+    """
+
+    key: wp.int64
+    light: wp.vec3
+    count: float
+    update: int
+    before: float
+    count_before: float
 
 
 @wp.struct
@@ -47,14 +66,14 @@ class Kept:
 
     Attributes:
         light: irradiance over π, as the cells know it.
-        before: its luminance, as they knew it before the last update.
         known: 1 where many paths were near, 0 where none was.
+        before: luminance of the light, as they knew it before the last update.
         known_before: whether any path was near before the last update.
     """
 
     light: wp.vec3
-    before: float
     known: float
+    before: float
     known_before: bool
 
 
@@ -82,6 +101,12 @@ def _grid(side_m: float, face: int) -> wp.uint64:
 
 
 @wp.func
+def _in_cells(position: wp.vec3, side_m: float) -> wp.vec3:
+    """Return a position in units of a cell's side."""
+    return position / side_m + wp.vec3(_SHIFT, _SHIFT, _SHIFT)
+
+
+@wp.func
 def _key_of(grid: wp.uint64, x: float, y: float, z: float) -> wp.int64:
     """Return the key of the cell with these whole coordinates, never 0."""
     mixed = wp.uint64(wp.int64(x)) * wp.uint64(0x9E3779B97F4A7C15) + wp.uint64(wp.int64(y)) * wp.uint64(
@@ -92,13 +117,13 @@ def _key_of(grid: wp.uint64, x: float, y: float, z: float) -> wp.int64:
 
 
 @wp.func
-def _find(cells: wp.array2d(dtype=wp.int64), key: wp.int64) -> int:
+def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
     """Return the row of a cell, -1 where there is none."""
     mask = cells.shape[0] - 1
     row = int(wp.uint64(key) >> wp.uint64(20)) & mask
     found = int(-1)
     for _ in range(_PROBES):
-        there = cells[row, _KEY]
+        there = cells[row].key
         if there == key:
             found = row
         if there == key or there == wp.int64(0):
@@ -108,13 +133,13 @@ def _find(cells: wp.array2d(dtype=wp.int64), key: wp.int64) -> int:
 
 
 @wp.func
-def _find_or_make(cells: wp.array2d(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
+def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
     """Return the row of a cell, a new one if need be; -1 where there is no room."""
-    mask = cells.shape[0] - 1
+    mask = keys.shape[0] - 1
     row = int(wp.uint64(key) >> wp.uint64(20)) & mask
     found = int(-1)
     for _ in range(_PROBES):
-        there = wp.atomic_cas(cells, row, _KEY, wp.int64(0), key)
+        there = wp.atomic_cas(keys, row, wp.int64(0), key)
         if there == wp.int64(0):
             wp.atomic_add(out_used, 0, 1)
         if there == wp.int64(0) or there == key:
@@ -125,15 +150,10 @@ def _find_or_make(cells: wp.array2d(dtype=wp.int64), key: wp.int64, out_used: wp
 
 
 @wp.func
-def _sums(cells: wp.array2d(dtype=wp.int64), row: int) -> wp.vec3:
-    return wp.vec3(float(cells[row, _SUM]), float(cells[row, _SUM + 1]), float(cells[row, _SUM + 2]))
-
-
-@wp.func
 def look_up(
-    cells: wp.array2d(dtype=wp.int64), last_update: int, position: wp.vec3, normal: wp.vec3, footprint_m: float
+    cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, normal: wp.vec3, footprint_m: float
 ) -> Kept:
-    """Return what is known of the light on a surface, from cells as wide as a pixel there and coarser ones.
+    """Return what is known of the light on a surface, from cells as wide as a pixel there, or coarser ones.
 
     What was known before is what it was before ``last_update``.
     """
@@ -143,9 +163,13 @@ def look_up(
     left = float(1.0)
     left_before = float(1.0)
     for _ in range(_LEVELS):
-        at = position / side_m - wp.vec3(0.5, 0.5, 0.5)
+        at = _in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
         corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
         part = at - corner
+        axis = face // 2
+        if wp.abs(normal[axis]) > _ALIGNED:
+            corner[axis] = wp.floor(at[axis] + 0.5)
+            part[axis] = 0.0
         grid = _grid(side_m, face)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
@@ -159,16 +183,15 @@ def look_up(
             if weight > 1.0e-4:
                 row = _find(cells, _key_of(grid, corner[0] + dx, corner[1] + dy, corner[2] + dz))
                 if row >= 0:
-                    sums = _sums(cells, row)
-                    paths = cells[row, _COUNT]
-                    light += sums * (weight / _UNIT)
-                    count += weight * float(paths)
-                    sum_before = luminance(sums)
-                    if cells[row, _UPDATE] == wp.int64(last_update):
-                        sum_before = float(cells[row, _SUM_BEFORE])
-                        paths = cells[row, _COUNT_BEFORE]
-                    before += sum_before * (weight / _UNIT)
-                    count_before += weight * float(paths)
+                    cell = cells[row]
+                    light += cell.light * (weight * cell.count)
+                    count += weight * cell.count
+                    if cell.update == last_update:
+                        before += cell.before * (weight * cell.count_before)
+                        count_before += weight * cell.count_before
+                    else:
+                        before += luminance(cell.light) * (weight * cell.count)
+                        count_before += weight * cell.count
         if count > 0.0:
             share = left * count / (count + _WANTED)
             kept.light += light * (share / count)
@@ -194,7 +217,9 @@ def open_cells(
     positions: wp.array2d(dtype=wp.vec4),
     normals: wp.array2d(dtype=wp.vec3),
     update: int,
-    cells: wp.array2d(dtype=wp.int64),
+    keys: wp.array(dtype=wp.int64),
+    sums: wp.array2d(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
     out_rows: wp.array3d(dtype=int),
     out_used: wp.array(dtype=int),
 ):
@@ -210,15 +235,16 @@ def open_cells(
             face = _face(normals[i, pixel])
             for level in range(_LEVELS):
                 grid = _grid(side_m, face)
-                key = _key_of(grid, wp.floor(p[0] / side_m), wp.floor(p[1] / side_m), wp.floor(p[2] / side_m))
-                row = _find_or_make(cells, key, out_used)
+                at = _in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
+                key = _key_of(grid, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
+                row = _find_or_make(keys, key, out_used)
                 out_rows[i, level, pixel] = row
-                if row >= 0:
-                    if cells[row, _UPDATE] != wp.int64(update):
-                        # Whoever comes first or at the same time writes the same.
-                        cells[row, _SUM_BEFORE] = wp.int64(luminance(_sums(cells, row)))
-                        cells[row, _COUNT_BEFORE] = cells[row, _COUNT]
-                        cells[row, _UPDATE] = wp.int64(update)
+                if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
+                    # Whoever comes first or at the same time writes the same.
+                    cells[row].before = luminance(cells[row].light)
+                    cells[row].count_before = cells[row].count
+                    cells[row].update = update
+                    cells[row].key = key
                 side_m = side_m * 2.0
 
 
@@ -227,7 +253,7 @@ def add_to_cells(
     positions: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
-    cells: wp.array2d(dtype=wp.int64),
+    sums: wp.array2d(dtype=wp.int64),
 ):
     """Add each path's irradiance to its cells; a thread is a pixel."""
     pixel = wp.tid()
@@ -239,21 +265,46 @@ def add_to_cells(
                 if row >= 0:
                     for channel in range(3):
                         value = wp.clamp(light[channel], 0.0, _LARGEST)
-                        wp.atomic_add(cells, row, _SUM + channel, wp.int64(value * _UNIT))
-                    wp.atomic_add(cells, row, _COUNT, wp.int64(1))
+                        wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
+                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
+
+
+@wp.kernel(enable_backward=False)
+def average(
+    positions: wp.array2d(dtype=wp.vec4),
+    rows: wp.array3d(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
+):
+    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
+    pixel = wp.tid()
+    for i in range(positions.shape[0]):
+        if positions[i, pixel][3] > 0.0:
+            for level in range(_LEVELS):
+                row = rows[i, level, pixel]
+                if row >= 0:
+                    count = float(sums[row, _COUNT])
+                    total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
+                    cells[row].light = total / (_UNIT * count)
+                    cells[row].count = count
 
 
 @wp.kernel(enable_backward=False)
 def move_cells(
-    source: wp.array2d(dtype=wp.int64),
+    source_sums: wp.array2d(dtype=wp.int64),
+    source: wp.array(dtype=Cell),
     oldest: int,
-    cells: wp.array2d(dtype=wp.int64),
+    keys: wp.array(dtype=wp.int64),
+    sums: wp.array2d(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
     out_used: wp.array(dtype=int),
 ):
     """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``."""
     row = wp.tid()
-    if source[row, _KEY] != wp.int64(0) and source[row, _UPDATE] >= wp.int64(oldest):
-        to = _find_or_make(cells, source[row, _KEY], out_used)
+    cell = source[row]
+    if cell.key != wp.int64(0) and cell.update >= oldest:
+        to = _find_or_make(keys, cell.key, out_used)
         if to >= 0:
-            for field in range(1, 8):
-                cells[to, field] = source[row, field]
+            cells[to] = cell
+            for field in range(wp.static(SUMS)):
+                sums[to, field] = source_sums[row, field]

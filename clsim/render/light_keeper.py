@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 
 from clsim.render.cached import Gathering
-from clsim.render.effort import Effort, first_look
+from clsim.render.effort import Effort, looks_of
 from clsim.render.launch import record
-from clsim.render.light_cache import FIELDS, LEVELS, add_to_cells, move_cells, open_cells
+from clsim.render.light_cache import LEVELS, SUMS, Cell, add_to_cells, average, move_cells, open_cells
 
 KNOWN = 0.5
 """Where less is known of the light, a pixel traces all its paths."""
@@ -47,7 +47,7 @@ class LightKeeper:
         self._frames = 0
         self._update = 0
         self._used: Any = wp.zeros(1, dtype=wp.int32, device=device)
-        self._cells = self._table(1 << int(np.ceil(np.log2(_CELLS_PER_PIXEL * pixels))))
+        self._keys, self._sums, self._cells = self._table(1 << int(np.ceil(np.log2(_CELLS_PER_PIXEL * pixels))))
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
@@ -73,12 +73,10 @@ class LightKeeper:
         if effort.spp != self._found["out_lights"].shape[0]:
             self._make_room(effort.spp)
         self._gathering: Any = Gathering()
-        self._gathering.first_hits = effort.first_hit_rays
-        self._gathering.first_look = first_look(effort.first_hit_rays)
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle)
         self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
-        self._gathering.pixel_angle = self._pixel_angle
         # The first frame is rendered twice, and what it learns is no gain over a frame before.
         self._gathering.last_update = self._update if self._frames > 1 else -1
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
@@ -100,13 +98,20 @@ class LightKeeper:
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
-        self._add.set_param_by_name("cells", self._cells)
+        self._add.set_param_by_name("sums", self._sums)
         self._add.launch()
+        self._average.set_param_by_name("sums", self._sums)
+        self._average.set_param_by_name("cells", self._cells)
+        self._average.launch()
         self._frames += 1
         return self._frames == 1
 
-    def _table(self, rows: int) -> Any:
-        return wp.zeros((rows, FIELDS), dtype=wp.int64, device=self._device)
+    def _table(self, rows: int) -> tuple[Any, Any, Any]:
+        """Return free rows: their keys, their sums, and what those who look read."""
+        keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
+        sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
+        cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)
+        return keys, sums, cells
 
     def _make_room(self, paths: int) -> None:
         """Allocate what the paths of a frame find, and record the launches that keep it."""
@@ -116,15 +121,18 @@ class LightKeeper:
         lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
         rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
+        found = {"positions": positions, "rows": rows}
+        table = {"sums": self._sums, "cells": self._cells}
         self._open = record(
-            open_cells, shape[1], self._device, positions=positions, normals=normals, update=0, cells=self._cells,
-            out_rows=rows, out_used=self._used,
+            open_cells, shape[1], self._device, positions=positions, normals=normals, update=0, keys=self._keys,
+            **table, out_rows=rows, out_used=self._used,
         )  # fmt: skip
-        self._add = record(
-            add_to_cells, shape[1], self._device, positions=positions, lights=lights, rows=rows, cells=self._cells
-        )
+        self._add = record(add_to_cells, shape[1], self._device, **found, lights=lights, sums=self._sums)
+        self._average = record(average, shape[1], self._device, **found, **table)
 
     def _open_cells(self) -> None:
+        self._open.set_param_by_name("keys", self._keys)
+        self._open.set_param_by_name("sums", self._sums)
         self._open.set_param_by_name("cells", self._cells)
         self._open.launch()
 
@@ -140,8 +148,10 @@ class LightKeeper:
         used = int(self._used.numpy()[0])
         rows = self._cells.shape[0]
         larger: bool = 2 * rows <= _LARGEST_TABLE
-        source, self._cells = self._cells, self._table(2 * rows if larger else rows)
+        sums, source = self._sums, self._cells
+        self._keys, self._sums, self._cells = self._table(2 * rows if larger else rows)
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
-        wp.launch(move_cells, dim=rows, inputs=[source, oldest, self._cells, self._used], device=self._device)
+        to = [self._keys, self._sums, self._cells, self._used]
+        wp.launch(move_cells, dim=rows, inputs=[sums, source, oldest, *to], device=self._device)
         return larger or bool(self._used.numpy()[0] < used)

@@ -1,5 +1,5 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
-# ruff: noqa: SIM102
+# ruff: noqa: SIM102, UP018
 """Materials: what they are at a point of a surface, textures included, as Warp functions."""
 
 from typing import Any
@@ -11,7 +11,7 @@ from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
 from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
-from clsim.render.textures import Textures, make_textures
+from clsim.render.textures import Footprint, Textures, make_textures
 
 _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
@@ -95,9 +95,13 @@ class Bsdf:
     dark: bool
 
 
-def make_materials(features: Features) -> tuple[Any, Any, Any]:
-    """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface)."""
-    lookup = make_textures(features)
+def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
+    """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and two of textures.
+
+    ``textured(materials, material)`` tells whether a texture changes its albedo and nothing else does;
+    ``resolve_mean(materials, surface, footprint, places)`` takes the mean of that texture over a pixel.
+    """
+    lookup, mean = make_textures(features)
     only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
     glossy = features.kinds != ("diffuse",)
 
@@ -181,4 +185,21 @@ def make_materials(features: Features) -> tuple[Any, Any, Any]:
                 share = wp.where(share < row.alpha_cutoff, 0.0, 1.0)
         return share
 
-    return resolve, emitted, opacity
+    @wp.func
+    def textured(materials: Materials, material: int) -> bool:
+        found = bool(False)
+        if wp.static(features.textures):
+            row = materials.rows[material]
+            found = row.texture >= 0 and row.roughness_texture < 0 and row.emission_texture < 0
+        return found
+
+    @wp.func
+    def resolve_mean(materials: Materials, point: Surface, footprint: Footprint, places: int) -> Bsdf:
+        b = resolve(materials, point)
+        if wp.static(features.textures):
+            row = materials.rows[point.material]
+            rgba = mean(materials.textures, row.texture, footprint, places)
+            b.color = wp.cw_mul(row.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
+        return b
+
+    return resolve, emitted, opacity, textured, resolve_mean

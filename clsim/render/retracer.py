@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import first_look
+from clsim.render.effort import looks_of
 from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.motion_field import build_motion_field, pass_over
@@ -68,6 +69,7 @@ class Retracer:
         self._settings.stream = stream_state(options.seed, None)
         if self._first_hits:
             self._settings.samples = self._first_hits
+            self._looks = looks_of(self._first_hits, math.radians(camera.fov_deg) / camera.width)
         size = options.tile_pixels or tile_size(self._settings.samples, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
 
@@ -171,7 +173,7 @@ class Retracer:
             "instants": self._upload(np.zeros(tile)),
             "out_planes": planes,
         }
-        more = {"first_look": first_look(self._first_hits)} if self._first_hits else {"out_bits": bits}
+        more = {"looks": self._looks} if self._first_hits else {"out_bits": bits}
         return record(self._kernel, tile, self._device, **arguments, **more)
 
     def _rests(self, start_s: float, end_s: float) -> bool:

@@ -5,8 +5,7 @@
 A pixel of a frame gets three sorts of samples. *First-hit rays* see what is there, and nothing more: they cost a
 fraction of a path and end early where all look alike. *Probe* paths are traced in every pixel, or in every n-th in
 turn. Where a decision needs more, paths go on to twice, four times … the probe, at most to the full number; the probe's
-are the first of them. How often the probe is doubled is the pixel's *grade*. A path begins with the first-hit ray of
-its number, so that what it hits first need not be looked for again.
+are the first of them. How often the probe is doubled is the pixel's *grade*.
 
 The picture is put together as light seen directly + albedo × irradiance: the first two from the first-hit rays, so that
 neither textures nor edges are noisy, the irradiance as a ratio of what the paths reflect and their own albedo. To what
@@ -20,24 +19,14 @@ from typing import Any
 
 import warp as wp
 
-from clsim.frames import rendered_planes
 from clsim.render import sampling
-from clsim.render.film import Sample, store3
-from clsim.render.sampling import luminance
+from clsim.render.film import Sample
+from clsim.render.first_hits import Looks
 from clsim.render.sobol import reverse_bits
+from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
-LEAST_LOOK = 4
-"""First-hit rays, or a quarter of them all if that is more, after which a pixel may be found to show one thing."""
-_PLANES = rendered_planes(first_hit_rays=True)
-_FIRST = {plane.name: _PLANES.first(plane.name) for plane in _PLANES.planes}
 GRADES = 6
 """Numbers of paths among which a pixel has its choice: the probe, doubled again and again, and the full number."""
-_ALIKE_ALBEDO = wp.constant(0.01)
-_ALIKE_NORMAL = wp.constant(0.05)
-_ALIKE_DEPTH = wp.constant(0.05)
-_ALIKE_EMISSION = wp.constant(0.01)
-_DARK = wp.constant(1e-3)
-"""Albedo is taken for at least so much: even black lacquer reflects."""
 _LEAST = wp.constant(0.2)
 """A difference kept from an earlier frame takes away at most all but this share of the probe's irradiance."""
 
@@ -50,8 +39,7 @@ class Steering:
     have changed since, else 0.
     """
 
-    first_hits: int
-    first_look: int
+    looks: Looks
     probe: int
     before: int
     top: int
@@ -60,56 +48,11 @@ class Steering:
 
 
 @wp.struct
-class FirstHits:
-    """Sums over a pixel's first-hit rays, and how far they are from the first of them; above 1 is not alike."""
-
-    count: float
-    hits: float
-    albedo: wp.vec3
-    normal: wp.vec3
-    depth: float
-    emission: wp.vec3
-    first: Sample
-    spread: float
-
-
-@wp.struct
 class Reflected:
     """Sums over a pixel's paths: what reached the camera by way of a surface, and that surface's albedo."""
 
     radiance: wp.vec3
     albedo: wp.vec3
-
-
-@wp.func
-def lit_albedo(sample: Sample) -> wp.vec3:
-    """Return the albedo by which radiance may be divided."""
-    a = sample.albedo
-    return wp.vec3(wp.max(a[0], _DARK), wp.max(a[1], _DARK), wp.max(a[2], _DARK))
-
-
-@wp.func
-def see(seen: FirstHits, sample: Sample) -> FirstHits:
-    """Add what a first-hit ray saw."""
-    s = seen
-    if s.count == 0.0:
-        s.first = sample
-    s.count = s.count + 1.0
-    s.emission = s.emission + sample.emission
-    shine = luminance(s.first.emission)
-    unlike = wp.abs(luminance(sample.emission) - shine) / (_ALIKE_EMISSION * shine + 1.0e-6)
-    if sample.hit != s.first.hit:
-        unlike = 2.0
-    if sample.hit:
-        s.hits = s.hits + 1.0
-        s.albedo = s.albedo + lit_albedo(sample)
-        s.normal = s.normal + sample.normal
-        s.depth = s.depth + sample.depth
-        unlike = wp.max(unlike, wp.length(sample.albedo - s.first.albedo) / _ALIKE_ALBEDO)
-        unlike = wp.max(unlike, wp.length(sample.normal - s.first.normal) / _ALIKE_NORMAL)
-        unlike = wp.max(unlike, wp.abs(sample.depth - s.first.depth) / (_ALIKE_DEPTH * s.first.depth))
-    s.spread = wp.max(s.spread, unlike)
-    return s
 
 
 @wp.func
@@ -149,37 +92,31 @@ def _paths_of(grade: int, steering: Steering, full: int) -> int:
 
 
 @wp.func
-def store_surfaces(seen: FirstHits, pixel: int, out_planes: wp.array2d(dtype=float)) -> wp.vec3:
-    """Store the planes that are means over hits, and return the mean albedo."""
-    share = 1.0 / wp.max(seen.hits, 1.0)
-    albedo = seen.albedo * share
-    store3(out_planes, wp.static(_FIRST["Albedo"]), pixel, albedo)
-    store3(out_planes, wp.static(_FIRST["Normal"]), pixel, seen.normal * share)
-    out_planes[wp.static(_FIRST["Depth"]), pixel] = seen.depth * share
-    return albedo
+def _lit(things: wp.array(dtype=Thing), number: int, e: wp.vec3) -> wp.vec3:
+    """Return the radiance of what is seen, in light of that irradiance over π."""
+    radiance = wp.vec3()
+    for k in range(number):
+        radiance += (things[k].emission + wp.cw_mul(things[k].albedo, e)) * things[k].share
+    return radiance
 
 
-@wp.func
-def _store(seen: FirstHits, samples: int, e: wp.vec3, pixel: int, out_planes: wp.array2d(dtype=float)):
-    """Planes where the table of planes has them."""
-    coverage = seen.hits / wp.max(seen.count, 1.0)
-    emission = seen.emission / wp.max(seen.count, 1.0)
-    albedo = store_surfaces(seen, pixel, out_planes)
-    store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, emission + wp.cw_mul(albedo, e) * coverage)
-    out_planes[wp.static(_FIRST["Coverage"]), pixel] = coverage
-    out_planes[wp.static(_FIRST["Samples"]), pixel] = float(samples)
-    out_planes[wp.static(_FIRST["Emission"]), pixel] = luminance(emission)
-
-
-def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, settings_type: Any, options: Any) -> Any:
-    """Return the kernel; a thread is a pixel.
+def make_steered(
+    sobol: bool,
+    see_corner: Any,
+    look: Any,
+    shoot: Any,
+    scene_type: Any,
+    view_type: Any,
+    settings_type: Any,
+    options: Any,
+) -> Any:
+    """Return the kernel; a thread is a pixel, or a corner of pixels in the pass that fills ``corners``.
 
     ``grades`` is uint8 ``[H·W]``: 0 where the probe will do and may wait for its turn, else 1 more than how often it is
     doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. Kept from frame to frame:
     ``irradiance``, vec3 ``[H·W]``, of the last frame; ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from
     that of each grade's paths when these were last traced; ``known``, int32 ``[H·W]``: for how many grades, from the
-    lowest, there is a correction. ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays that no path begins with, and
-    paths.
+    lowest, there is a correction. ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays and paths.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -188,6 +125,8 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         camera: view_type,
         settings: settings_type,
         first_pixel: int,
+        corner_pass: bool,
+        corners: wp.array(dtype=Sample),
         steering: Steering,
         grades: wp.array(dtype=wp.uint8),
         irradiance: wp.array(dtype=wp.vec3),
@@ -197,6 +136,9 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         out_spent: wp.array2d(dtype=int),
     ):
         pixel = first_pixel + wp.tid()
+        if corner_pass:
+            corners[pixel] = see_corner(scene, camera, settings, pixel, 0)
+            return
         state = sampling.absorb(settings.stream, pixel)
         grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
         wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
@@ -215,39 +157,33 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
         e = irradiance[pixel]
         traced = int(0)
         next_paths = int(steering.probe)
-        seen = FirstHits()
+        nearest = pixel + pixel // settings.width
+        row = settings.width + 1
+        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corners, nearest, row, things)
         sums = Reflected()
         paths = int(0)
-        looks = int(0)
         stream = sampling.Stream()
-        for i in range(wp.max(steering.first_hits, wanted)):
-            on = i < wanted
-            look = i < steering.first_hits and (i < steering.first_look or seen.spread > 1.0)
-            if on or look:
-                if wp.static(sobol):
-                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
-                    stream.reversed_index = reverse_bits(wp.uint32(i))
-                stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, 0, stream, not on)
-                # A sample that is not finite is dropped whole.
-                sound = sampling.finite(sample.normal)
-                if look and sound and sampling.finite(sample.emission):
-                    seen = see(seen, sample)
-                if on:
-                    if sound and sampling.finite(sample.radiance):
-                        sums = _reflect(sums, sample)
-                    paths = paths + 1
-                    if paths == steering.before:
-                        e = _irradiance(sums, last - kept)
-                    if paths == next_paths and traced <= steering.top:
-                        if traced == base:
-                            e = _irradiance(sums, last - kept)
-                        # Until the picture's irradiance is known, that of the grade.
-                        correction[traced, pixel] = _irradiance(sums, last)
-                        traced = traced + 1
-                        next_paths = _paths_of(traced, steering, settings.samples)
-                else:
-                    looks = looks + 1
+        if wp.static(sobol):
+            stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+        for i in range(wanted):
+            if wp.static(sobol):
+                stream.reversed_index = reverse_bits(wp.uint32(i))
+            stream.key = sampling.stream_key(sampling.absorb(state, i))
+            sample = shoot(scene, camera, settings, pixel, 0, stream, False)
+            # A sample that is not finite is dropped whole.
+            if sampling.finite(sample.normal) and sampling.finite(sample.radiance):
+                sums = _reflect(sums, sample)
+            paths = paths + 1
+            if paths == steering.before:
+                e = _irradiance(sums, last - kept)
+            if paths == next_paths and traced <= steering.top:
+                if traced == base:
+                    e = _irradiance(sums, last - kept)
+                # Until the picture's irradiance is known, that of the grade.
+                correction[traced, pixel] = _irradiance(sums, last)
+                traced = traced + 1
+                next_paths = _paths_of(traced, steering, settings.samples)
 
         if paths > 0:
             e = _beside(e, kept)
@@ -257,8 +193,9 @@ def make_steered(sobol: bool, shoot: Any, scene_type: Any, view_type: Any, setti
                 traced = wp.max(traced, known[pixel])
             known[pixel] = traced
             irradiance[pixel] = e
-        _store(seen, looks + paths, e, pixel, out_planes)
-        out_spent[0, pixel] = looks
+        shown = _lit(things, seen.things, e)
+        store_things(things, seen.things, seen.rays + paths, shown, pixel, out_planes)
+        out_spent[0, pixel] = seen.rays
         out_spent[1, pixel] = paths
 
     return render_steered

@@ -1,5 +1,5 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
-# ruff: noqa: SIM102
+# ruff: noqa: SIM102, UP018
 """Textures: checkerboards and images, filtered by hand, as Warp functions.
 
 All images lie one after the other in one array of texels, RGBA in the bytes of a word from the lowest up; a table says
@@ -15,6 +15,9 @@ from clsim.render.features import Features
 REPEAT = wp.constant(0)
 CLAMP = wp.constant(1)
 MIRROR = wp.constant(2)
+_GOLDEN = wp.constant(0.6180339887)
+_MOST_SQUARES = wp.constant(64)
+"""Squares on a line through a pixel; where there are more, they are so small that both colours cover half."""
 
 mat23 = wp.types.matrix(shape=(2, 3), dtype=wp.float32)
 """An affine map of uv."""
@@ -112,8 +115,87 @@ def image(textures: Textures, row: TextureRow, uv: wp.vec2) -> wp.vec4:
     return value
 
 
-def make_textures(features: Features) -> Any:
-    """Return the Warp function ``lookup(textures, index, uv)``: linear R, G, B and alpha."""
+@wp.struct
+class Footprint:
+    """What a pixel shows of a flat surface: uv over distance, and 1 over distance, at its corners.
+
+    Both are linear in the picture: so perspective is kept. The corners' order is top left, right, and below likewise.
+    """
+
+    top_left: wp.vec3
+    top_right: wp.vec3
+    bottom_left: wp.vec3
+    bottom_right: wp.vec3
+
+
+@wp.func
+def uv_in(footprint: Footprint, x: float, y: float) -> wp.vec2:
+    """Return the uv at a place in the pixel, whose corners are at 0 and 1."""
+    top = footprint.top_left + (footprint.top_right - footprint.top_left) * x
+    bottom = footprint.bottom_left + (footprint.bottom_right - footprint.bottom_left) * x
+    both = top + (bottom - top) * y
+    return wp.vec2(both[0] / both[2], both[1] / both[2])
+
+
+@wp.func
+def _crossing(from_number: wp.vec2, along: wp.vec2, square: float) -> float:
+    """Return where on a line (a number over distance, 1 over distance) the number is that given; 2 where nowhere."""
+    t = float(2.0)
+    slope = square * along[1] - along[0]
+    if wp.abs(slope) > 1.0e-20:
+        t = (from_number[0] - square * from_number[1]) / slope
+    return t
+
+
+@wp.func
+def _share_along(start: wp.vec3, end: wp.vec3, scale: float) -> float:
+    """Return the share of a checkerboard's first colour on a line through a pixel, from edge to edge of its squares."""
+    across = wp.vec2(start[0] * scale, start[2])
+    upward = wp.vec2(start[1] * scale, start[2])
+    by_across = wp.vec2(end[0] * scale, end[2]) - across
+    by_upward = wp.vec2(end[1] * scale, end[2]) - upward
+    i = wp.floor(across[0] / across[1])
+    j = wp.floor(upward[0] / upward[1])
+    right = end[0] * start[2] > start[0] * end[2]
+    up = end[1] * start[2] > start[1] * end[2]
+    share = float(0.0)
+    t = float(0.0)
+    for _ in range(_MOST_SQUARES):
+        to_side = _crossing(across, by_across, i + wp.where(right, 1.0, 0.0))
+        to_top = _crossing(upward, by_upward, j + wp.where(up, 1.0, 0.0))
+        to = wp.clamp(wp.min(to_side, to_top), t, 1.0)
+        if (int(i) + int(j)) & 1 == 0:
+            share += to - t
+        t = to
+        if t >= 1.0:
+            break
+        if to_side <= to_top:
+            i = i + wp.where(right, 1.0, -1.0)
+        else:
+            j = j + wp.where(up, 1.0, -1.0)
+    return share + 0.5 * (1.0 - t)
+
+
+@wp.func
+def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
+    """Return the mean colour of a checkerboard over a pixel, exact along each of so many lines."""
+    share = float(0.0)
+    for line in range(lines):
+        y = (float(line) + 0.5) / float(lines)
+        left = footprint.top_left + (footprint.bottom_left - footprint.top_left) * y
+        right = footprint.top_right + (footprint.bottom_right - footprint.top_right) * y
+        share += _share_along(left, right, row.scale)
+    share = share / float(lines)
+    color = row.color_a * share + row.color_b * (1.0 - share)
+    return wp.vec4(color[0], color[1], color[2], 1.0)
+
+
+def make_textures(features: Features) -> tuple[Any, Any]:
+    """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places)``.
+
+    Both return linear R, G, B and alpha; ``mean`` that over a pixel: of images, from so many places on a Fibonacci
+    lattice, of checkerboards, exact along the rows of as fine a grid.
+    """
 
     @wp.func
     def lookup(textures: Textures, index: int, uv: wp.vec2) -> wp.vec4:
@@ -127,4 +209,21 @@ def make_textures(features: Features) -> Any:
                 value = image(textures, row, uv)
         return value
 
-    return lookup
+    @wp.func
+    def mean(textures: Textures, index: int, footprint: Footprint, places: int) -> wp.vec4:
+        row = textures.rows[index]
+        total = wp.vec4()
+        if wp.static(features.checkers):
+            if row.first < 0:
+                total = checker_mean(row, footprint, int(wp.sqrt(float(places))))
+        if wp.static(features.images):
+            if row.first >= 0:
+                y = float(0.5)
+                for i in range(places):
+                    uv = uv_in(footprint, (float(i) + 0.5) / float(places), y)
+                    total += image(textures, row, uv) / float(places)
+                    y = y + _GOLDEN
+                    y = y - wp.floor(y)
+        return total
+
+    return lookup, mean

@@ -10,8 +10,9 @@ import warp as wp
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import Effort, Steerer
+from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Steerer
 from clsim.render.features import light_stands_still
+from clsim.render.film import Sample
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.light_keeper import LightKeeper
@@ -94,6 +95,7 @@ class View:
         self._device = data.device
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
+        self._sharp = features.sharp
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width)
         if features.motion_blur:
@@ -103,13 +105,14 @@ class View:
         if options.first_hit_rays:
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
+            self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
+            pixel_angle = math.radians(camera.fov_deg) / camera.width
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
-                pixel_angle = math.radians(camera.fov_deg) / camera.width
                 self._steerer = LightKeeper(camera.width, camera.height, effort, pixel_angle, self._device)
             else:
-                self._steerer = Steerer(camera.width, camera.height, effort, board, self._device)
+                self._steerer = Steerer(camera.width, camera.height, effort, pixel_angle, board, self._device)
         self._truth = TruthPass(data, camera, planes) if planes.truth else None
         self._paths = 0
         self._targets: dict[int, tuple[Any, Any]] = {}
@@ -151,13 +154,16 @@ class View:
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         if self._steerer is None:
-            self._render(changed | {"out_bits": bits})
+            self._render(changed | {"out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
         else:
             unfinished = True
             while unfinished:
                 steering, self._settings.samples = self._steerer.prepare(index)
-                self._render(changed | steering)
+                changed |= steering
+                if self._looks_at_corners:
+                    self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
+                self._render(changed | {"corner_pass": False}, self.width * self.height)
                 unfinished = self._steerer.finish()
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
@@ -228,12 +234,16 @@ class View:
         if self._steerer is None:
             arguments["out_bits"] = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
         else:
-            arguments |= self._steerer.arguments
+            arguments |= {"corner_pass": False, "corners": self._corners} | self._steerer.arguments
         return record(self._kernel, tile, self._device, **arguments)
 
-    def _render(self, changed: dict[str, Any]) -> None:
-        """Render all pixels with those arguments of the kernel that have changed."""
-        if not self._tiles.run(self.width * self.height, changed):
+    @property
+    def _looks_at_corners(self) -> bool:
+        return self._sharp and self.effort.first_hit_rays >= ENOUGH_FOR_EDGES
+
+    def _render(self, changed: dict[str, Any], count: int) -> None:
+        """Render so many pixels, or corners of pixels, with those arguments of the kernel that have changed."""
+        if not self._tiles.run(count, changed):
             raise RenderCancelled
 
     def _target(self, out: Frame) -> tuple[Any, Any]:

@@ -51,7 +51,7 @@ _KERNELS = {}
 
 def _kernels(features):
     if features not in _KERNELS:
-        resolve, _, _ = make_materials(features)
+        resolve, *_ = make_materials(features)
         value, sample, _ = make_bsdf(features)
 
         @wp.kernel(module="unique", enable_backward=False)

@@ -1,0 +1,357 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, SIM102, RUF046
+"""What a pixel shows, from rays that look for the first hit alone.
+
+Rays at a pixel's four corners come first. A straight edge of something that is larger than a pixel leaves at least one
+corner on each of its sides; so where all four corners look alike, and a few rays inside do too, the pixel shows one
+thing. Where they show two, the places at which the edge crosses the pixel's border are found by bisection, and the
+share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel, where counting n points
+anywhere in the pixel is right to about n^-¾. Rays inside tell the colours of both sides, and whether the edge is
+straight. Where it is not, or more than two things are seen, shares are counted.
+
+An edge is one between surfaces, or, on one surface, between two colours. Where a pixel shows one flat surface with a
+texture, no rays are needed to know its colour: the places on it follow from those of the corners (perspective is linear
+in the inverse of the distance), and the mean of the texture over many of them is taken.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render import sampling
+from clsim.render.film import Sample
+from clsim.render.sobol import make_sampler, reverse_bits
+from clsim.render.textures import Footprint, uv_in
+from clsim.render.things import (
+    DARK,
+    Thing,
+    add_to_thing,
+    begin_thing,
+    find_thing,
+    finish_things,
+    same_colour,
+    same_surface,
+)
+
+_OFF_LINE_PX = wp.constant(0.05)
+"""Distance from a straight edge within which a ray may see the other side [pixels]."""
+_OFF_UV = wp.constant(0.02)
+"""Share of a pixel's extent on a flat surface by which a ray may end elsewhere than the corners tell."""
+_CORNER = wp.constant(-3)
+"""Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
+
+
+@wp.struct
+class Looks:
+    """How many first-hit rays a pixel gets.
+
+    Attributes:
+        most: largest number.
+        inside: rays inside a pixel that shows one thing.
+        by_edge: rays inside a pixel that a straight edge crosses.
+        steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
+        texels: places on a flat surface at which its texture is looked up.
+        pixel_angle: width of a pixel seen from the camera [rad].
+    """
+
+    most: int
+    inside: int
+    by_edge: int
+    steps: int
+    texels: int
+    pixel_angle: float
+
+
+@wp.struct
+class Seen:
+    """How many things a pixel shows, and how many rays it took."""
+
+    things: int
+    rays: int
+
+
+@wp.func
+def _alike(a: Sample, b: Sample, by_colour: bool, pixel_angle: float) -> bool:
+    same = same_surface(a, b, pixel_angle)
+    if by_colour and same:
+        same = same_colour(a, b)
+    return same
+
+
+@wp.struct
+class _Edge:
+    """What the corners tell.
+
+    ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
+    seen, with an edge in between that looks straight as far as one knows. ``marks`` has a bit for each corner that sees
+    ``second`` and not ``first``. ``area`` is the share of the first; the edge goes through ``place``, ``along`` there.
+    """
+
+    plain: bool
+    straight: bool
+    by_colour: bool
+    flat: bool
+    marks: int
+    rays: int
+    first: Sample
+    second: Sample
+    area: float
+    place: wp.vec2
+    along: wp.vec2
+
+
+@wp.func
+def _sound(sample: Sample) -> bool:
+    """Whether a sample is finite; else it is dropped whole."""
+    return sampling.finite(sample.normal) and sampling.finite(sample.emission)
+
+
+@wp.func
+def _corner(i: int) -> wp.vec2:
+    """Return a corner of a pixel; i and i + 1 are the ends of a side."""
+    k = i & 3
+    return wp.vec2(wp.where(k == 1 or k == 2, 1.0, 0.0), wp.where(k >= 2, 1.0, 0.0))
+
+
+@wp.func
+def _cross(a: wp.vec2, b: wp.vec2) -> float:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+def _off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> bool:
+    """Whether a ray on the first or second side lies on the other side of the edge, by more than a little."""
+    away = _cross(along, place - through) / wp.max(wp.length(along), 1.0e-6)
+    # The first corner, at 0, is on the first side.
+    if (_cross(along, -through) > 0.0) != first:
+        away = -away
+    return away < -_OFF_LINE_PX
+
+
+@wp.func
+def _over_distance(sample: Sample) -> wp.vec3:
+    return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / sample.depth
+
+
+@wp.func
+def _footprint(corners: wp.array(dtype=Sample), nearest: int, row: int) -> Footprint:
+    """Return what the four corners tell of a flat surface; ``row`` is the number of corners in a row."""
+    f = Footprint()
+    f.top_left = _over_distance(corners[nearest])
+    f.top_right = _over_distance(corners[nearest + 1])
+    f.bottom_left = _over_distance(corners[nearest + row])
+    f.bottom_right = _over_distance(corners[nearest + row + 1])
+    return f
+
+
+@wp.func
+def _on_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel_angle: float) -> bool:
+    """Whether a ray saw the flat surface that the corners saw, where it should."""
+    middle = uv_in(footprint, 0.5, 0.5)
+    extent = wp.length(uv_in(footprint, 1.0, 0.5) - middle) + wp.length(uv_in(footprint, 0.5, 1.0) - middle)
+    off = wp.length(sample.uv - uv_in(footprint, place[0], place[1]))
+    near = off < _OFF_UV * extent + 1.0e-6
+    return near and sample.material == first.material and same_surface(sample, first, pixel_angle)
+
+
+def make_look(
+    sobol: bool,
+    edges: bool,
+    shoot_at: Any,
+    flat: Any,
+    mean_albedo: Any,
+    scene_type: Any,
+    view_type: Any,
+    settings_type: Any,
+) -> tuple[Any, Any]:
+    """Return the Warp functions ``see_corner`` and ``look``.
+
+    ``see_corner(scene, camera, settings, corner, instant) -> Sample`` looks through a corner of pixels, of which there
+    is one more in a row than there are pixels. ``look(scene, camera, settings, pixel, instant, state, looks, corners,
+    nearest, row, things) -> Seen`` needs those of the pixel first: the top left one stands in ``corners[nearest]``, and
+    those below ``row`` farther on.
+
+    Args:
+        sobol: whether rays inside a pixel are spread evenly.
+        edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, only_look) -> Sample``.
+        flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
+        mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface.
+        scene_type, view_type, settings_type: structs of the first three.
+    """
+    uniform2 = make_sampler(sobol)
+
+    @wp.func
+    def see_corner(scene: scene_type, camera: view_type, settings: settings_type, corner: int, instant: int) -> Sample:
+        """Look through a corner of pixels, of which there is one more in a row than there are pixels."""
+        stream = sampling.Stream()
+        stream.key = sampling.stream_key(sampling.absorb(sampling.absorb(settings.stream, _CORNER), corner))
+        stream.scrambling = stream.key
+        row = corner // (settings.width + 1)
+        # The pixel of that number is at the corner's place, but for the row's last.
+        pixel = row * settings.width + wp.min(corner % (settings.width + 1), settings.width - 1)
+        place = wp.vec2(float(corner % (settings.width + 1) - pixel % settings.width), 0.0)
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
+
+    @wp.func
+    def judge_corners(
+        scene: scene_type, looks: Looks, corners: wp.array(dtype=Sample), nearest: int, row: int
+    ) -> _Edge:
+        edge = _Edge()
+        edge.rays = 1
+        edge.by_colour = True
+        edge.first = corners[nearest]
+        sound = _sound(edge.first)
+        colours = int(0)
+        third = bool(False)
+        one_material = bool(True)
+        for i in range(1, 4):
+            place = _corner(i)
+            sample = corners[nearest + int(place[0]) + int(place[1]) * row]
+            sound = sound and _sound(sample)
+            one_material = one_material and sample.material == edge.first.material
+            if not same_surface(sample, edge.first, looks.pixel_angle):
+                if edge.by_colour:
+                    # Colours matter on one surface only.
+                    edge.by_colour = False
+                    edge.second = sample
+                    third = False
+                elif not same_surface(sample, edge.second, looks.pixel_angle):
+                    third = True
+                edge.marks = edge.marks | (1 << i)
+            elif edge.by_colour and not same_colour(sample, edge.first):
+                if colours == 0:
+                    edge.second = sample
+                elif not same_colour(sample, edge.second):
+                    third = True
+                colours = colours | (1 << i)
+        if edge.by_colour:
+            edge.marks = colours
+        edge.plain = sound and edge.marks == 0
+        edge.flat = sound and edge.by_colour and one_material and flat(scene, edge.first)
+        # Corners that take turns are no straight edge's.
+        edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
+        return edge
+
+    @wp.func
+    def find_crossings(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        pixel: int,
+        instant: int,
+        stream: sampling.Stream,
+        looks: Looks,
+        corners: _Edge,
+    ) -> _Edge:
+        """Place the edge where it crosses the pixel's border, and compute the area of the first corner's side."""
+        edge = corners
+        last = wp.vec2()
+        crossings = int(0)
+        for i in range(4):
+            marked = (edge.marks >> i) & 1
+            if marked == 0:
+                edge.area = edge.area + 0.5 * _cross(last, _corner(i))
+                last = _corner(i)
+            if marked != ((edge.marks >> ((i + 1) & 3)) & 1):
+                start = _corner(i + marked)
+                side = _corner(i + 1 - marked) - start
+                low = float(0.0)
+                step = float(1.0)
+                for _ in range(looks.steps):
+                    step = 0.5 * step
+                    place = start + side * (low + step)
+                    sample = shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
+                    edge.rays = edge.rays + 1
+                    if _alike(sample, edge.first, edge.by_colour, looks.pixel_angle):
+                        low = low + step
+                    elif not _alike(sample, edge.second, edge.by_colour, looks.pixel_angle):
+                        edge.straight = False
+                place = start + side * (low + 0.5 * step)
+                edge.area = edge.area + 0.5 * _cross(last, place)
+                last = place
+                if crossings == 0:
+                    edge.place = place
+                else:
+                    edge.along = place - edge.place
+                crossings = crossings + 1
+        return edge
+
+    @wp.func
+    def look(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        pixel: int,
+        instant: int,
+        state: wp.uint64,
+        looks: Looks,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        stream = sampling.Stream()
+        number = int(0)
+        footprint = Footprint()
+        edge = _Edge()
+        edge.plain = True
+        edge.by_colour = True
+        if wp.static(edges):
+            if looks.steps > 0:
+                stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
+                stream.scrambling = stream.key
+                edge = judge_corners(scene, looks, corners, nearest, row)
+                if edge.flat:
+                    footprint = _footprint(corners, nearest, row)
+                if edge.straight:
+                    edge = find_crossings(scene, camera, settings, pixel, instant, stream, looks, edge)
+                if edge.plain or edge.straight or edge.flat:
+                    number = begin_thing(things, number, edge.first)
+                if edge.straight:
+                    number = begin_thing(things, number, edge.second)
+        rays = edge.rays
+        if wp.static(sobol):
+            stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+        for i in range(looks.most):
+            wanted = looks.most - edge.rays
+            if edge.plain or edge.flat:
+                wanted = looks.inside
+            if edge.straight:
+                wanted = looks.by_edge
+            if i < wanted:
+                if wp.static(sobol):
+                    stream.reversed_index = reverse_bits(wp.uint32(i))
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                place = uniform2(stream, sampling.CAMERA)
+                sample = shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
+                rays = rays + 1
+                if _sound(sample):
+                    k = int(0)
+                    if edge.flat:
+                        edge.flat = _on_surface(footprint, edge.first, sample, place, looks.pixel_angle)
+                        edge.plain = edge.plain and edge.flat
+                    if not edge.flat:
+                        k = find_thing(things, number, sample, edge.by_colour, looks.pixel_angle)
+                    if k < 0:
+                        edge.plain = edge.plain and number == 0
+                        edge.straight = False
+                        if k == -1:
+                            number = begin_thing(things, number, sample)
+                            k = number - 1
+                        else:
+                            k = -2 - k
+                    if edge.straight:
+                        edge.straight = not _off_line(edge.place, edge.along, place, k == 0)
+                    add_to_thing(things, k, sample)
+        finish_things(things, number, edge.straight, edge.area)
+        if wp.static(edges):
+            if edge.flat:
+                albedo = mean_albedo(scene, edge.first, footprint, looks.texels)
+                things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+        seen = Seen()
+        seen.things = number
+        seen.rays = rays
+        return seen
+
+    return see_corner, look
