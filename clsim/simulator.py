@@ -25,7 +25,6 @@ from clsim.live.stages import plan_stages
 from clsim.live.time_steps import TimeSteps
 from clsim.radiance import RadianceCamera
 from clsim.render import SceneData
-from clsim.render.features import light_stands_still
 from clsim.scene import Camera, World, validate
 from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
@@ -187,13 +186,16 @@ class Simulator:
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
 
+        Where light is kept on surfaces it is found anew then, with other noise. Set one before the first step too, and
+        a named quality keeps none.
+
         Args:
             name: of a light, or of a material that emits.
             radiance: linear Rec. 709 [W·sr⁻¹·m⁻²]; of a point or spot its intensity [W·sr⁻¹], of a directional
                 light its irradiance [W·m⁻²].
 
         Raises:
-            InputError: nothing of that name shines in the scene, the radiance cannot be, or light is kept on surfaces.
+            InputError: nothing of that name shines in the scene, or the radiance cannot be.
         """
         self._check_open()
         red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
@@ -203,11 +205,10 @@ class Simulator:
             raise InputError(
                 "`time` adaptive knows the scene's own light between frames, so no light can be set; use fixed"
             )
-        if self._options.point.sampling == "cached":
-            raise InputError("`sampling` cached keeps the light on surfaces, so no light can be set; use adaptive")
         self._driving.set_light(name, (red, green, blue))
         if self._data is not None:
             self._data.set_light(name, (red, green, blue))
+            self._view.forget_light()
 
     def step(self, until_us: int) -> EventBatch:
         """Render and detect all frames up to ``until_us`` [µs], that time included, and return their events.
@@ -275,7 +276,7 @@ class Simulator:
         self._check_open()
         if seed is not None:
             self._options = replace(self._options, seed=seed)
-            self._stages = plan_stages(self._options, self.world)
+            self._plan()
         if self._data is not None:
             for name in self._driving.light:
                 self._data.set_light(name, self._driving.shining()[name])
@@ -338,13 +339,14 @@ class Simulator:
     def _build(self) -> None:
         """Copy the scene to the device, and build what works on it."""
         self.world = self._driving.seal()
-        if self._options.point.sampling == "cached" and not light_stands_still(self.world):
-            raise InputError("`sampling` cached needs a scene in which nothing but the camera moves; use adaptive")
-        self._stages = replace(self._stages, world=self.world)
+        self._plan()
         self._data = self._stages.scene_data()
         for name, radiance in self._driving.light.items():
             self._data.set_light(name, radiance)
         self._connect()
+
+    def _plan(self) -> None:
+        self._stages = plan_stages(self._options, self.world, lights_set=bool(self._driving.light))
 
     def _connect(self) -> None:
         """Build a camera and a detector without a past."""

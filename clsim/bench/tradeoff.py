@@ -23,7 +23,7 @@ from clsim.detect.config import EventRule
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.opencl.device import Device, choose_device
-from clsim.render import RenderOptions
+from clsim.render import RenderOptions, light_stands_still
 from clsim.render.devices import usable_cores
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
@@ -103,7 +103,9 @@ class Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
-        self.points = list(options.points) or (quick_points(options.seeds[0]) if quick else full_points(options.seeds))
+        still = light_stands_still(self.world)
+        chosen = quick_points(options.seeds[0], still) if quick else full_points(options.seeds, still)
+        self.points = list(options.points) or chosen
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = Rendering(spp, "common", REFERENCE_SEED).options(self.fps, self.frames)
         budget_s = options.reference_budget_s

@@ -119,7 +119,7 @@ def run_point(
 
 def _pass(world: World, options: RenderOptions, detector: Detector, on_frame: Callable[[], None]) -> Run:
     rendering, detecting = Stopwatch(), Stopwatch()
-    board = InterestBoard() if options.probe_spp is not None else None
+    board = InterestBoard() if options.probe_spp is not None and not options.light_cache else None
     tracer = PathTracer(world, options, board)
     frame = _new_frame(tracer)
     batches: list[EventBatch] = []

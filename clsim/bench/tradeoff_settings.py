@@ -30,7 +30,9 @@ class Rendering:
     sampler: quality.Sampler = "pcg"
     sampling: quality.Sampling = "uniform"
     probe_spp: int | None = None
-    """Paths that every pixel gets, if sampling is adaptive, which then are doubled where a decision needs it."""
+    """Paths that every pixel gets, if sampling is adaptive, which then are doubled where a decision needs it.
+
+    If it is cached, those of a pixel whose light is known."""
     first_hit_rays: int = 0
     probe_every: int = 1
     """Frames in which all pixels are probed once, in turn; if sampling is adaptive, some in each."""
@@ -45,6 +47,7 @@ class Rendering:
             probe_spp=self.probe_spp,
             probe_every=self.probe_every,
             first_hit_rays=self.first_hit_rays,
+            light_cache=self.sampling == "cached",
             fps=fps,
             frames=frames,
         )
@@ -57,6 +60,8 @@ class Rendering:
         parts = [f"{spp} spp{turns} {self.noise}"]
         if self.sampler != "pcg":
             parts.append(self.sampler)
+        if self.sampling == "cached":
+            parts.append("kept")
         if self.first_hit_rays:
             parts.append(f"+ {self.first_hit_rays} first hits")
         return " ".join(parts)
@@ -131,9 +136,10 @@ class Point:
         return asdict(self.rendering) | asdict(self.detector)
 
 
-def named_points(seed: int) -> dict[str, Point]:
-    """Return the points that ``clsim live --quality`` names."""
-    return {name: _of_live(point, seed) for name, point in quality.QUALITIES.items()}
+def named_points(seed: int, still: bool = False) -> dict[str, Point]:
+    """Return the points that ``clsim live --quality`` names, in scenes whose light stands ``still``, or in others."""
+    points = quality.QUALITIES | quality.CACHED if still else quality.QUALITIES
+    return {name: _of_live(point, seed) for name, point in points.items()}
 
 
 def _of_live(live: quality.Point, seed: int) -> Point:
@@ -144,7 +150,7 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         seed,
         live.sampler,
         live.sampling,
-        probe_spp=live.probe_spp if live.sampling == "adaptive" else None,
+        probe_spp=live.probe_spp if live.sampling != "uniform" else None,
         first_hit_rays=live.first_hit_rays,
         probe_every=live.probe_every,
     )
@@ -160,12 +166,12 @@ def _of_live(live: quality.Point, seed: int) -> Point:
     return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, **used))
 
 
-def full_points(seeds: tuple[int, ...]) -> list[Point]:
+def full_points(seeds: tuple[int, ...], still: bool = False) -> list[Point]:
     """Return all points of the sweep: plain renderings, first-hit rays with uniform and adaptive sampling, knobs."""
-    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed)))
+    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed, still)))
 
 
-def _points_of_a_seed(seed: int) -> list[Point]:
+def _points_of_a_seed(seed: int, still: bool) -> list[Point]:
     renderings = [Rendering(spp, "common", seed) for spp in (2, 8, 32, 128)]
     renderings += [Rendering(spp, "independent", seed) for spp in (32, 512)]
     renderings += [Rendering(spp, "common", seed, "sobol") for spp in (8, 32)]
@@ -183,15 +189,15 @@ def _points_of_a_seed(seed: int) -> list[Point]:
         *(Point(rendering, detector) for rendering in renderings for detector in (ESIM, BASE)),
         *(Point(rendering, IRRADIANCE) for rendering in looking),
         *(Point(base, detector) for detector in (*turned, DetectorSetting("wlr-esim", window=13, stride=1, history=1))),
-        *named_points(seed).values(),
+        *named_points(seed, still).values(),
     ]
 
 
-def quick_points(seed: int) -> list[Point]:
+def quick_points(seed: int, still: bool = False) -> list[Point]:
     """Return a dozen points: the base with one knob turned at a time, and what it is to be compared with."""
     some, more = Rendering(8, "common", seed), Rendering(32, "common", seed)
     fresh = Rendering(32, "independent", seed)
-    named = named_points(seed)
+    named = named_points(seed, still)
     return [
         Point(some, ESIM),
         Point(some, BASE),

@@ -107,7 +107,7 @@ def render(
         typer.echo(json.dumps({"frames": rendering.frame_count, "out": str(out)} | size))
         return
     console.print(
-        f"{rendering.frame_count} frames of {rendering.width}x{rendering.height} ({options.point.text()}) → {out}",
+        f"{rendering.frame_count} frames of {rendering.width}x{rendering.height} ({rendering.settings}) → {out}",
         highlight=False,
         soft_wrap=True,
     )

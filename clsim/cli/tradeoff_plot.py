@@ -161,7 +161,7 @@ def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
 
 def _quality(row: dict[str, Any]) -> str:
     """Return what ``clsim live --quality`` calls a setting, or nothing."""
-    for name, point in named_points(0).items():
+    for name, point in [*named_points(0, still=False).items(), *named_points(0, still=True).items()]:
         if all(row[key] == value for key, value in point.as_dict().items() if key != "seed"):
             return name
     return ""

@@ -58,7 +58,9 @@ class LiveOptions:
 
     None takes "balanced", or, where a method is given, 8 light paths of plain random numbers a pixel."""
     sampling: Sampling | None = None
-    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires."""
+    """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
+
+    Or, cached, as many as make known the light that is kept on surfaces; None takes that where light stands still."""
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
     probe_every: int | None = None
@@ -171,7 +173,8 @@ class LiveOptions:
     def point(self) -> Point:
         """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
 
-        Where no quality is named, what rules the default's adaptive sampling out makes it uniform.
+        Where no quality is named, what rules the default's adaptive sampling out makes it uniform. Whether a scene's
+        light stands still is not known here: see `settled`.
         """
         basis = self.basis
         named = PLAIN if basis is None else (QUALITIES | CACHED if self.sampling == "cached" else QUALITIES)[basis]
@@ -182,6 +185,17 @@ class LiveOptions:
             # Nothing can be kept from frame to frame.
             point = replace(point, probe_every=1)
         return point
+
+    def settled(self, light_stands_still: bool) -> LiveOptions:
+        """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
+
+        That is so unless a setting is given that goes without it, or the sampling itself.
+        """
+        free = (self.sampling, self.method, self.window, self.probe_spp)
+        fits = self.noise != "independent" and self.first_hit_rays != 0 and self.time == "fixed"
+        if light_stands_still and fits and free == (None,) * len(free) and self.basis in CACHED:
+            return replace(self, sampling="cached")
+        return self
 
     @property
     def basis(self) -> Quality | None:

@@ -106,16 +106,23 @@ CACHED: dict[Quality, Point] = {
         spp=2,
         first_hit_rays=8,
         sampler="sobol",
-        probe_every=4,
+        probe_every=8,
     ),
     "balanced": Point(
-        method="esim", window=None, sampling="cached", probe_spp=1, spp=4, first_hit_rays=24, sampler="sobol"
+        method="esim",
+        window=None,
+        sampling="cached",
+        probe_spp=1,
+        spp=4,
+        first_hit_rays=24,
+        sampler="sobol",
+        probe_every=4,
     ),
     "accurate": Point(
         method="esim", window=None, sampling="cached", probe_spp=2, spp=8, first_hit_rays=64, sampler="sobol"
     ),
 }
-"""What those qualities are with ``sampling`` cached, in scenes where nothing but the camera moves."""
+"""What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

@@ -28,6 +28,7 @@ class Rendering:
         frame_count: how many there are.
         warnings: what is asked for and will not be, one sentence each.
         notes: what was chosen where the scene leaves it open, likewise.
+        settings: how they are rendered, in a few words.
         about: what a sidecar tells of the frames: options, the detector they were made for, camera, poses.
     """
 
@@ -43,8 +44,9 @@ class Rendering:
         self.width, self.height = camera.width, camera.height
         self.frame_count = schedule.total or 0
         self.warnings, self.notes = stages.warnings, world.notes
+        self.settings = stages.options.point.text()
         times_us = [schedule.time_us(index) for index in range(self.frame_count)]
-        self.about: dict[str, Any] = about_run(options.as_dict(), stages.detector, stages.fps) | {
+        self.about: dict[str, Any] = about_run(stages.options.as_dict(), stages.detector, stages.fps) | {
             "detector": asdict(stages.detector),
             "seen_by": asdict(RecordedSensor(options.sensor, options.seed, stages.world.sensor.lux_per_unit)),
             "camera": about_camera(camera),

@@ -183,6 +183,7 @@ def open_live(
 
     started = now()
     stages = plan_stages(options, None if seat is None else seat.world)
+    options = stages.options
     world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(
         world.duration_s,

@@ -35,6 +35,7 @@ class Stages:
     """What is rendered and how, and how events are found in it; nothing is built yet.
 
     Attributes:
+        options: what the user chose, and the sampling that goes with the scene.
         world: the scene.
         fps: frames per simulated second.
         render: options of the renderer.
@@ -45,6 +46,7 @@ class Stages:
         retracing: how pixels are traced between frames; None where they are not.
     """
 
+    options: LiveOptions
     world: World
     fps: float
     render: RenderOptions
@@ -96,8 +98,11 @@ def load_options_world(options: LiveOptions) -> World:
     return world
 
 
-def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
-    """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError."""
+def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set: bool = False) -> Stages:
+    """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError.
+
+    Where ``lights_set`` says that lights change from outside, their light does not stand still.
+    """
     from clsim.render import RenderOptions, check_device, light_stands_still
 
     if world is None:
@@ -107,9 +112,11 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
             alone = f"{world.name} has the cameras {names}, but this sees from where they are mounted; use clsim live"
             world = replace(world, warnings=(*world.warnings, alone))
     fps = options.fps or (world.fps if options.time == "fixed" else min(world.fps, BASE_FPS))
+    still = light_stands_still(world)
+    options = options.settled(still and not lights_set)
     point = options.point
     steered = point.sampling == "adaptive"
-    if point.sampling == "cached" and not light_stands_still(world):
+    if point.sampling == "cached" and not still:
         raise InputError(
             f"`sampling` cached needs a scene in which nothing but the camera moves, but in {world.name} more does; "
             "use adaptive"
@@ -147,7 +154,7 @@ def plan_stages(options: LiveOptions, world: World | None = None) -> Stages:
     make_detector = detector_maker(
         detector, size, planes, options.opencl, specimen, None if retracing is None else retracing.tolerance_us
     )
-    return Stages(world, fps, render, detector, planes, make_detector, steered, retracing)
+    return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing)
 
 
 def detector_maker(

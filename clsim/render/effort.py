@@ -69,8 +69,8 @@ def looks_of(first_hit_rays: int, pixel_angle: float) -> Any:
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(_INSIDE, first_hit_rays)
     if first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = max(_INSIDE_PLAIN, first_hit_rays // 6)
-        looks.by_edge = max(_INSIDE_PLAIN, first_hit_rays // 2)
+        looks.inside = max(_INSIDE_PLAIN, first_hit_rays // 8)
+        looks.by_edge = max(_INSIDE_PLAIN, first_hit_rays // 3)
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays
     return looks

@@ -82,6 +82,12 @@ class LightKeeper:
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
         return changed, effort.spp
 
+    def forget(self) -> None:
+        """Empty all cells: the light is another one."""
+        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt):
+            each.zero_()
+        self._frames = 0
+
     def cancel(self) -> None:
         """Do nothing: nobody is waited for."""
 

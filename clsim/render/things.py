@@ -35,8 +35,8 @@ class Thing:
         first: the first ray's sample of it.
         rays: number of rays that count for its means.
         share: its share of the pixel's area.
-        albedo, emission, position: sums over these rays, and means in the end; albedo is `lit_albedo`, 0 where nothing
-            was hit.
+        albedo, emission, position, normal, depth: sums over these rays, and means in the end; albedo is `lit_albedo`,
+            and all but emission are 0 where nothing was hit.
     """
 
     first: Sample
@@ -45,6 +45,8 @@ class Thing:
     albedo: wp.vec3
     emission: wp.vec3
     position: wp.vec3
+    normal: wp.vec3
+    depth: float
 
 
 @wp.func
@@ -109,6 +111,8 @@ def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample):
     if sample.hit:
         things[k].albedo += lit_albedo(sample)
         things[k].position += sample.position
+        things[k].normal += sample.normal
+        things[k].depth += sample.depth
 
 
 @wp.func
@@ -126,6 +130,8 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             things[k].emission = things[k].emission / mine
             things[k].albedo = things[k].albedo / mine
             things[k].position = things[k].position / mine
+            things[k].normal = things[k].normal / mine
+            things[k].depth = things[k].depth / mine
         else:
             # Of a narrow strip, what the corner saw.
             first = things[k].first
@@ -133,6 +139,8 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             if first.hit:
                 things[k].albedo = lit_albedo(first)
                 things[k].position = first.position
+                things[k].normal = first.normal
+                things[k].depth = first.depth
 
 
 @wp.func
@@ -156,8 +164,8 @@ def store_things(
         if things[k].first.hit:
             covered += share
             albedo += things[k].albedo * share
-            normal += things[k].first.normal * share
-            depth += things[k].first.depth * share
+            normal += things[k].normal * share
+            depth += things[k].depth * share
     each = 1.0 / wp.max(covered, 1.0e-6)
     store3(out_planes, wp.static(_FIRST["Radiance"]), pixel, radiance)
     store3(out_planes, wp.static(_FIRST["Albedo"]), pixel, albedo * each)

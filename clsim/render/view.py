@@ -207,6 +207,11 @@ class View:
         """First-hit rays traced so far."""
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
+    def forget_light(self) -> None:
+        """Find the light anew that is kept on surfaces, if it is: for the next frame, since lights have changed."""
+        if isinstance(self._steerer, LightKeeper):
+            self._steerer.forget()
+
     def cancel(self) -> None:
         """Make a running ``fill``, and every later one, raise RenderCancelled within a tile; safe from any thread.
 

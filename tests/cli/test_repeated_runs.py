@@ -41,9 +41,9 @@ def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: 
     options = about["options"]
     assert set(options) >= set(LiveOptions.__dataclass_fields__)
     assert (options["sampler"], options["fps"], options["resolution"]) == ("pcg", 60.0, [32, 24])
-    assert (options["max_depth"], options["spp"], options["first_hit_rays"]) == (3, 1, 4)
+    assert (options["max_depth"], options["spp"], options["first_hit_rays"]) == (3, 2, 8)
     assert about["fps"] == 60 and about["thresholds"] == {"on": 0.15, "off": 0.25}
-    assert about["detector"]["method"] == "irradiance" and len(about["poses"]) == 7
+    assert about["detector"]["method"] == "esim" and len(about["poses"]) == 7
     assert clsim("render", "--config", tmp_path / "a" / "frames.json", "--out", tmp_path / "b").status == 0
     for file in sorted((tmp_path / "a").glob("*.exr")):
         assert (tmp_path / "b" / file.name).read_bytes() == file.read_bytes()

@@ -15,6 +15,7 @@ from clsim.errors import InputError
 from clsim.events.files import open_source
 from clsim.live.options import LiveOptions
 from clsim.live.session import open_live
+from clsim.live.stages import plan_stages
 from clsim.score import score
 
 SIZE = (48, 36)
@@ -99,16 +100,29 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
     summary = json.loads(stdout)
     assert summary["interrupted"] and summary["events"] == len(np.concatenate(list(open_source(out)))) > 0
     about = json.loads((tmp_path / "events.aedat4.json").read_text())
-    assert about["options"]["quality"] == "balanced" and about["options"]["sampling"] == "adaptive"
+    assert about["options"]["quality"] == "balanced" and about["options"]["sampling"] == "cached"
 
 
 def test_light_is_kept_where_only_the_camera_moves() -> None:
     """Kept light finds the events of a run with far more paths better than paths of each frame do."""
     truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8)
     found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8)
-    others = events_of("two-boxes", sampling=None, quality="balanced", frame_count=8)
+    others = events_of("two-boxes", quality="balanced", frame_count=8)
     kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
     assert kept > fresh + 0.02
+
+
+def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:
+    """With the bits of a run that asks for it, unless a setting goes without it."""
+    asked = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=6)
+    assert len(asked) > 0
+    assert events_of("two-boxes", sampling=None, frame_count=6).tobytes() == asked.tobytes()
+    with clsim.Simulator("two-boxes", resolution=SIZE, fps=60.0) as simulator:
+        assert simulator.step(until_us=83_334).tobytes() == asked.tobytes()
+    others = ({"sampling": "adaptive"}, {"method": "irradiance"}, {"noise": "independent"}, {"quality": "exact"})
+    kept = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
+    assert kept == [True, False, False, False, False]
+    assert not plan_stages(LiveOptions("moving-light")).render.light_cache
 
 
 def test_light_is_not_kept_where_a_lamp_moves() -> None:
