@@ -15,7 +15,7 @@ from clsim.cli.status import status_line
 from clsim.cli.summary import print_losses, print_summary
 from clsim.cli.words import count_text, dropped_text, events_text, percent_text
 from clsim.live.options import LiveOptions
-from clsim.live.quality import CACHED
+from clsim.live.quality import CACHED, QUALITIES
 from clsim.live.session import Session, open_live
 
 SMALL = ("--resolution", "16x12", "--frame-count", "6", "--fps", "20")
