@@ -97,8 +97,7 @@ def _light(cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: i
             else:
                 s.unlit += albedo
             if kept.known_before:
-                # Of a colour as it is now, as bright as it was.
-                s.before += luminance(reflected) * kept.before / wp.max(luminance(kept.light), 1.0e-20)
+                s.before += luminance(wp.cw_mul(albedo, kept.before))
             else:
                 s.unlit_before += albedo
     return s

@@ -17,7 +17,6 @@ Sums are of whole numbers (`_UNIT` parts), so that their order is without effect
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.sampling import luminance
 
 LEVELS = 5
 _LEVELS = wp.constant(LEVELS)
@@ -48,7 +47,7 @@ class Cell:
         light: mean irradiance over π.
         count: number of paths.
         update: number of the last update that added to it.
-        before: luminance of the light before that.
+        before: the light before that.
         count_before: number of paths before that.
     """
 
@@ -56,7 +55,7 @@ class Cell:
     light: wp.vec3
     count: float
     update: int
-    before: float
+    before: wp.vec3
     count_before: float
 
 
@@ -67,13 +66,13 @@ class Kept:
     Attributes:
         light: irradiance over π, as the cells know it.
         known: 1 where many paths were near, 0 where none was.
-        before: luminance of the light, as they knew it before the last update.
+        before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
     """
 
     light: wp.vec3
     known: float
-    before: float
+    before: wp.vec3
     known_before: bool
 
 
@@ -173,7 +172,7 @@ def look_up(
         grid = _grid(side_m, face)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
-        before = float(0.0)
+        before = wp.vec3(0.0, 0.0, 0.0)
         count_before = float(0.0)
         for i in range(8):
             dx = float(i & 1)
@@ -190,7 +189,7 @@ def look_up(
                         before += cell.before * (weight * cell.count_before)
                         count_before += weight * cell.count_before
                     else:
-                        before += luminance(cell.light) * (weight * cell.count)
+                        before += cell.light * (weight * cell.count)
                         count_before += weight * cell.count
         if count > 0.0:
             share = left * count / (count + _WANTED)
@@ -241,7 +240,7 @@ def open_cells(
                 out_rows[i, level, pixel] = row
                 if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
                     # Whoever comes first or at the same time writes the same.
-                    cells[row].before = luminance(cells[row].light)
+                    cells[row].before = cells[row].light
                     cells[row].count_before = cells[row].count
                     cells[row].update = update
                     cells[row].key = key

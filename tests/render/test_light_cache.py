@@ -9,7 +9,7 @@ from test_steered import LUMINANCE, Run, log_brightness, textured_world
 from test_tracer import moving_world
 
 from clsim.errors import InputError
-from clsim.render import PathTracer, RenderOptions, light_keeper, light_stands_still
+from clsim.render import Effort, PathTracer, RenderOptions, light_keeper, light_stands_still
 from clsim.scene.drift import drifting
 
 CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
@@ -41,8 +41,7 @@ def test_learning_fires_no_event():
     first = log_brightness(run.fill(0))
     for index in range(1, 12):
         last = log_brightness(run.fill(index))
-    # Cells remember how bright the light was, not of which colour.
-    np.testing.assert_allclose(last, first, atol=2e-3)
+    np.testing.assert_allclose(last, first, atol=1e-5)
 
 
 def test_paths_are_spent_where_little_is_known():
@@ -94,3 +93,11 @@ def test_light_is_kept_only_where_it_stands_still():
 def test_noise_of_each_frame_is_refused():
     with pytest.raises(InputError, match="`light_cache` needs `noise` common"):
         RenderOptions(first_hit_rays=8, light_cache=True, noise="independent")
+
+
+def test_a_change_of_effort_is_silent():
+    run = Run(textured_world(), **CACHED)
+    first = log_brightness(run.fill(0))
+    for k, (spp, probe, every) in enumerate([(1, 1, 4), (16, 2, 1), (2, 1, 8), (8, 8, 1)], start=1):
+        run.tracer.effort = Effort(spp, probe, 8, every)
+        assert np.abs(log_brightness(run.fill(k)) - first).max() < 1e-4

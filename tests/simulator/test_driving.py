@@ -288,3 +288,14 @@ def test_names_that_several_things_have_name_none(tmp_path: Path) -> None:
     twin = '[[objects]]\nname = "twin"\nshape = "box"\n'
     file.write_text("[camera]\nposition = [0.0, 0.0, 3.0]\n[environment]\nradiance = [1.0, 1.0, 1.0]\n" + twin + twin)
     assert tuple(placed(clsim.load_scene(file))) == ("camera",)
+
+
+def test_light_that_is_kept_is_found_anew_once_a_lamp_is_set() -> None:
+    """Half the light at once: the mean of what paths found before and after would be brighter."""
+    with clsim.Simulator("two-boxes", resolution=(32, 24), fps=200.0) as run:
+        run.step(10_000)
+        before = run.frame().planes[:3].mean()
+        run.set_light("lamp", (0.0, 0.0, 0.0))
+        events = run.step(15_000)
+        assert run.frame().planes[:3].mean() < 0.7 * before
+        assert len(events) > 300 and not events["on"].mean() > 0.1
