@@ -9,6 +9,7 @@ time. Steps in time that follow the brightness are ESIM's idea (Rebecq et al., C
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -24,6 +25,9 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 F32 = npt.NDArray[np.float32]
 I64 = npt.NDArray[np.int64]
+LONGEST_WAY_PX = 12.0
+"""Where things go farther in a step, pictures between its ends are traced, so that ways are no longer."""
+_MOST_PARTS = 32
 _ROUNDS = 10
 """Most times that a step is looked at again: errors fall by more than a half each time."""
 
@@ -72,6 +76,7 @@ class Refiner:
         self._forecast = Forecast(place, self._on, self._off)
         self._levels = traced_levels(config, names, self._shape)
         self.stats = RefineStats()
+        self._between: list[Buffer] = []
         self._frames = 0
 
     def reset(self) -> None:
@@ -90,40 +95,78 @@ class Refiner:
         self._frames += 1
         if self._frames == 1:
             return path
-        ways = self._tracer.motion(path.start_us * 1e-6, path.end_us * 1e-6)
-        if ways is None:
+        starts_s, ends_s = path.start_us * 1e-6, path.end_us * 1e-6
+        # What has turned once by the end has gone far by the middle.
+        halves = self._tracer.motion(starts_s, 0.5 * (starts_s + ends_s))
+        ways = self._tracer.motion(starts_s, ends_s)
+        if ways is None or halves is None:
             return path
+        longest_px = max(_longest(ways), 2.0 * _longest(halves))
         start, end, ref = (self._image(buffer) for buffer in (path.start, path.end, references))
         self._levels.begin(start, end, ways)
-        pixels, moments = self._forecast.marks(path.start, path.end, references, ways)
-        start, end, ref = start.ravel(), end.ravel(), ref.ravel()
-        marked = np.zeros(len(ref), bool)
-        marked[pixels] = True
-        fires = (end - ref >= self._on) | (ref - end >= self._off)
-        known = np.isfinite(start) & np.isfinite(end)
-        active = np.flatnonzero((marked | fires) & known)
+        touched = (np.abs(ways) + np.abs(halves)).max(axis=(0, 1)) > 0
+        times, levels = self._pictures(path, longest_px, touched, start.ravel(), end.ravel())
+        ref = ref.ravel()
+        with np.errstate(invalid="ignore"):
+            reached = (levels[1:] - ref >= self._on) | (ref - levels[1:] >= self._off)
+        may = np.asarray(reached.any(axis=0), np.bool_)
+        marked, marks = self._marks(path, references, times, levels, ways)
+        may[marked] = True
+        active = np.flatnonzero(may & np.isfinite(levels[0]) & np.isfinite(levels[-1]) & np.isfinite(ref))
         if not len(active):
             return path
-        inside = known[pixels]
-        rows = np.searchsorted(active, pixels[inside])
-        knots = self._first_knots(path, active, rows, moments[inside], start[active], end[active])
+        place = np.full(len(ref), -1, np.int64)
+        place[active] = np.arange(len(active))
+        inside = place[marked] >= 0
+        knots = self._first_knots(path, active, (place[marked[inside]], marks[inside]), times, levels[:, active])
         knots = self._sharpen(path, active, knots, ref[active].astype(np.float64))
         return self._with_knots(path, knots, active)
 
-    def _first_knots(self, path: BrightnessPath, active: I64, rows: I64, moments: I64, start: F32, end: F32) -> Knots:
-        """Trace the ``moments`` of the pixels ``active[rows]``; ``start`` and ``end`` are levels of all active ones."""
-        begins, ends = ticks(path.start_us), ticks(path.end_us)
-        grid = 2 ** max(0, ((ends - begins) // MOMENTS).bit_length() - 1)
-        times = np.round((begins + moments * ((ends - begins) / MOMENTS)) / grid).astype(np.int64) * grid
-        inside = (times > begins) & (times < ends)
-        rows, times = rows[inside], times[inside]
+    def _pictures(
+        self, path: BrightnessPath, longest_px: float, touched: npt.NDArray[np.bool_], start: F32, end: F32
+    ) -> tuple[I64, F32]:
+        """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between where ways are long.
+
+        They are traced for pixels that are ``touched`` by what moves; others' levels are straight in time.
+        """
+        parts = min(_MOST_PARTS, 2 ** max(0, int(np.ceil(np.log2(max(longest_px, 1e-6) / LONGEST_WAY_PX)))))
+        times = np.linspace(ticks(path.start_us), ticks(path.end_us), parts + 1).round().astype(np.int64)
+        levels = np.linspace(start, end, parts + 1, dtype=np.float32)
+        levels[-1] = end
+        pixels = np.flatnonzero(touched.ravel())
+        if parts > 1 and len(pixels):
+            found = self._trace(path, np.tile(pixels, parts - 1), np.repeat(times[1:-1], len(pixels)))
+            levels[1:-1, pixels] = found.reshape(parts - 1, -1)
+        return times, levels
+
+    def _marks(self, path: BrightnessPath, references: Buffer, times: I64, levels: F32, ways: F32) -> tuple[I64, I64]:
+        """Return pixels, and ticks at which their brightness should be known, by forecasts between pictures."""
+        pixels, marks = [], []
+        ends = path.start, path.end
+        for k, (begins, closes) in enumerate(pairwise(times.tolist())):
+            if len(times) > 2:
+                moved = self._tracer.motion(begins / TICKS_PER_S, closes / TICKS_PER_S)
+                if moved is None:
+                    continue
+                ways = moved
+                ends = self._uploaded(0, levels[k]), self._uploaded(1, levels[k + 1])
+            found, moments = self._forecast.marks(*ends, references, ways)
+            grid = 2 ** max(0, ((closes - begins) // MOMENTS).bit_length() - 1)
+            at = np.round((begins + moments * ((closes - begins) / MOMENTS)) / grid).astype(np.int64) * grid
+            inside = (at > begins) & (at < closes)
+            pixels.append(found[inside])
+            marks.append(at[inside])
+        return np.concatenate([*pixels, np.zeros(0, np.int64)]), np.concatenate([*marks, np.zeros(0, np.int64)])
+
+    def _first_knots(self, path: BrightnessPath, active: I64, marks: tuple[I64, I64], times: I64, levels: F32) -> Knots:
+        """Trace ``marks``, rows of ``active`` and ticks; ``levels`` ``[P, active]`` are known at ``times``."""
+        rows, asked = marks
         every = np.arange(len(active))
-        pixels = np.concatenate([every, rows, every])
-        times = np.concatenate([np.full(len(active), begins), times, np.full(len(active), ends)])
-        traced = self._trace(path, active[rows], times[len(active) : -len(active)])
-        levels = np.concatenate([start.astype(np.float64), traced, end.astype(np.float64)])
-        order = np.lexsort((times, pixels))
-        knots = Knots(pixels[order], times[order], levels[order], np.full(len(pixels), np.inf))
+        pixels = np.concatenate([np.tile(every, len(times)), rows])
+        all_times = np.concatenate([np.repeat(times, len(active)), asked])
+        found = np.concatenate([levels.ravel().astype(np.float64), self._trace(path, active[rows], asked)])
+        order = np.lexsort((all_times, pixels))
+        knots = Knots(pixels[order], all_times[order], found[order], np.full(len(pixels), np.inf))
         knots.guess_bulges()
         return knots
 
@@ -180,5 +223,20 @@ class Refiner:
         self._place.write(buffer, values)
         return buffer
 
+    def _uploaded(self, number: int, levels: F32) -> Buffer:
+        """Return an image on the device that holds levels ``[H·W]``."""
+        height, width = self._shape
+        if len(self._between) <= number:
+            self._between.append(self._place.allocate(self._place.layout.image_shape))
+        image = np.zeros(self._place.layout.image_shape, self._place.real)
+        image[:, :width] = levels.reshape(height, width)
+        self._place.write(self._between[number], image)
+        return self._between[number]
+
     def _image(self, buffer: Buffer) -> npt.NDArray[np.float32]:
         return np.ascontiguousarray(self._place.read(buffer)[:, : self._shape[1]], np.float32)
+
+
+def _longest(ways: F32) -> float:
+    """Return the longest of ways ``[3, 2, H, W]`` [pixels]."""
+    return float(np.sqrt(np.square(ways).sum(axis=1).max(initial=0.0)))

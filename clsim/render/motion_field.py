@@ -1,6 +1,6 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""Where on the image things go in a step of time, as Warp kernels, by one ray through each pixel's middle.
+"""Where on the image things go in a step of time, as Warp kernels, by single rays.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there by Newton's method on
 the camera's rays, so that every lens has its projection. Where something deforms, the camera's motion alone is known.
@@ -27,10 +27,10 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @cache
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, first, start, out_ways)``; a thread is a pixel.
+    """Return the kernel ``follow(scene, camera, settings, first, start, at, out_ways)``; a thread is a pixel.
 
-    It sees at instant ``start``, 0 or 1, and tells in ``out_ways``, vec2 ``[H·W]``, how far what it sees has gone on
-    the image by the other one [pixels].
+    It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each. ``out_ways``, vec2
+    ``[H·W]``, tells how far what it sees has gone on the image by the other instant [pixels].
     """
     closest, *_ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -61,22 +61,23 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         settings: Settings,
         first: int,
         start: int,
+        at: wp.vec2,
         out_ways: wp.array(dtype=wp.vec2),
     ):
         pixel = first + wp.tid()
-        x = float(pixel % settings.width) + 0.5
-        y = float(pixel // settings.width) + 0.5
+        x = float(pixel % settings.width) + at[0]
+        y = float(pixel // settings.width) + at[1]
         ray = camera_ray(camera, x, y, wp.vec2(), float(start))
         moved = wp.vec2()
         if ray.exists:
             place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
             for _ in range(_ITERATIONS):
-                at = camera_ray(camera, x + moved[0], y + moved[1], wp.vec2(), float(1 - start))
+                here = camera_ray(camera, x + moved[0], y + moved[1], wp.vec2(), float(1 - start))
                 right = camera_ray(camera, x + moved[0] + 0.5, y + moved[1], wp.vec2(), float(1 - start))
                 below = camera_ray(camera, x + moved[0], y + moved[1] + 0.5, wp.vec2(), float(1 - start))
-                along = (right.direction - at.direction) * 2.0
-                down = (below.direction - at.direction) * 2.0
-                miss = wp.normalize(place - at.origin) - at.direction
+                along = (right.direction - here.direction) * 2.0
+                down = (below.direction - here.direction) * 2.0
+                miss = wp.normalize(place - here.origin) - here.direction
                 xx = wp.dot(along, along)
                 xy = wp.dot(along, down)
                 yy = wp.dot(down, down)
@@ -101,7 +102,7 @@ def pass_over(
 ):
     """Tell each pixel of the longest way over it: its length in `FRACTIONS`, then the row and the pixel it is of.
 
-    A thread is a row of ``ways`` ``[2, H·W]`` and a pixel; bits of ``out_longest`` ``[H·W]`` from 32 on hold the
+    A thread is a row of ``ways`` ``[R, H·W]`` and a pixel; bits of ``out_longest`` ``[H·W]`` from 32 on hold the
     length, the others row · H·W + pixel.
     """
     row, pixel = wp.tid()

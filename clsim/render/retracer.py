@@ -23,6 +23,8 @@ from clsim.render.view import RenderCancelled, settings_of
 
 _MOST_INSTANTS = 64
 """Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
+_MIDDLE = ((0.5, 0.5),)
+_FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
 
@@ -110,21 +112,24 @@ class Retracer:
             self._follow = self._record_motion()
         launch, spread, ways, longest = self._follow
         alike = self._data.still or self._data.features.instants
+        launch.set_param_by_name("camera", self._camera.at_instants(instants_s, self._data.poses))
         for k in (0, 1):
             self._data.move_to(instants_s if alike else instants_s[k : k + 1])
-            for name, value in (("scene", self._data.scene), ("start", k), ("out_ways", ways[k])):
-                launch.set_param_by_name(name, value)
-            launch.set_param_by_name("camera", self._camera.at_instants(instants_s, self._data.poses))
-            launch.launch()
+            launch.set_param_by_name("scene", self._data.scene)
+            launch.set_param_by_name("start", k)
+            for row, place in enumerate(self._places):
+                launch.set_param_by_name("at", wp.vec2(*place))
+                launch.set_param_by_name("out_ways", ways[2 * row + k])
+                launch.launch()
         longest.zero_()
         spread.launch()
         height, width = self._shape
         found = ways.numpy()
-        found[1] *= -1.0
-        keys = _largest_around(longest.numpy().reshape(height, width))
-        over = found.reshape(-1, 2)[(keys & 0xFFFFFFFF).ravel()]
-        over[keys.ravel() < 1 << 32] = 0.0
-        result = np.concatenate([found, over[None]]).transpose(0, 2, 1)
+        found[1::2] *= -1.0
+        keys = _largest_around(longest.numpy().reshape(height, width)).ravel()
+        over = found.reshape(-1, 2)[keys & 0xFFFFFFFF]
+        over[keys < 1 << 32] = 0.0
+        result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1)
         return np.ascontiguousarray(result).reshape(3, 2, height, width)
 
     def cancel(self) -> None:
@@ -176,6 +181,11 @@ class Retracer:
         more = {"looks": self._looks} if self._first_hits else {"out_bits": bits}
         return record(self._kernel, tile, self._device, **arguments, **more)
 
+    @property
+    def _places(self) -> tuple[tuple[float, float], ...]:
+        """Where rays pass through a pixel: its middle, and where objects move, so that no thin one is missed."""
+        return _MIDDLE + _FINE if self._data.features.instants else _MIDDLE
+
     def _rests(self, start_s: float, end_s: float) -> bool:
         """Whether all is where it was, at the middle and the end of a step."""
         world = self._data.world
@@ -188,15 +198,15 @@ class Retracer:
     def _record_motion(self) -> tuple[Any, Any, Any, Any]:
         height, width = self._shape
         kernel = build_motion_field(self._features, self._data.tree)
-        ways: Any = wp.zeros((2, height * width), dtype=wp.vec2, device=self._device)
+        ways: Any = wp.zeros((2 * len(self._places), height * width), dtype=wp.vec2, device=self._device)
         longest: Any = wp.zeros(height * width, dtype=wp.int64, device=self._device)
         launch = record(
             kernel, height * width, self._device, scene=self._data.scene,
-            camera=self._camera.at_instants(np.zeros(2), self._data.poses), settings=self._settings, first=0, start=0,
-            out_ways=ways[0],
+            camera=self._camera.at_instants(np.zeros(2), self._data.poses), settings=self._settings, first=0,
+            start=0, at=wp.vec2(), out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
-            pass_over, dim=(2, height * width), inputs=[ways, width, height, longest], device=self._device,
+            pass_over, dim=ways.shape, inputs=[ways, width, height, longest], device=self._device,
             record_cmd=True,
         )  # fmt: skip
         return launch, spread, ways, longest
