@@ -14,7 +14,11 @@ EVENT_DTYPE = np.dtype([("t", "<i8"), ("x", "<u2"), ("y", "<u2"), ("on", "?")])
 """t [µs], x to the right and y down from the top-left pixel, on = brightness rose."""
 
 CAUSES = ("signal", "shot", "leak", "hot")
-"""What causes events, by number: brightness, noise, a reference that leaks, a pixel that is hot."""
+"""What causes events, by number: brightness, noise, a reference that leaks, a pixel that is hot.
+
+It is what the largest part of the change since the pixel's last event is of: one that has leaked almost a threshold and
+then sees a little light has a leak event.
+"""
 Causes: TypeAlias = npt.NDArray[np.uint8]
 """Of each event of a batch, its cause: an index of CAUSES."""
 
