@@ -1,4 +1,7 @@
-"""What a sensor is, in curves as data sheets have them: measured of its pixels, in a lab of even light."""
+"""What a sensor is, in curves as data sheets have them: measured of its pixels, in a lab of even light.
+
+A bus is left out: where all pixels fire at once, it alone would show.
+"""
 
 from __future__ import annotations
 
@@ -79,7 +82,7 @@ def noise_rates(settings: SensorSettings, lux: FloatArray, seed: int = 0) -> Noi
     if settings.noise.shot > 0:
         node_s = settings.front_end.follower_s / 4
         seconds = min(seconds, _MOST_NODES * node_s / (PIXELS * len(lux)))
-    lab = Lab(without(settings, "defects"), PIXELS, len(lux), seed=seed, lux=_LUX)
+    lab = Lab(without(settings, "defects", "readout"), PIXELS, len(lux), seed=seed, lux=_LUX)
     levels = np.log(lux / _LUX)[:, None]
     counts = np.zeros((2, len(lux)))
     # What fires in the first step belongs to the start.
@@ -97,7 +100,7 @@ def step_latencies(settings: SensorSettings, lux: FloatArray, seed: int = 0) -> 
     before = np.log(lux / _LUX)[:, None]
     percentiles = []
     for moved in (math.log(2), -math.log(2)):
-        lab = Lab(without(settings, "leak", "noise", "defects"), PIXELS, len(lux), seed=seed, lux=_LUX)
+        lab = Lab(without(settings, "leak", "noise", "defects", "readout"), PIXELS, len(lux), seed=seed, lux=_LUX)
         lab.to(0, before)
         first = np.full((len(lux), PIXELS), math.inf)
         for end_us in (_STEP_US, _LONGEST_LATENCY_US):
@@ -113,7 +116,7 @@ def thresholds(settings: SensorSettings, pixels: int = 4000, seed: int = 0) -> t
     nominal = thresholds_of(settings)
     found = []
     for end in (3 * nominal.on, -3 * nominal.off):
-        lab = Lab(without(settings, "leak", "noise", "defects", "delay"), pixels, seed=seed, lux=BRIGHT_LUX)
+        lab = Lab(without(settings, "leak", "noise", "defects", "delay", "readout"), pixels, seed=seed, lux=BRIGHT_LUX)
         lab.to(0, 0.0)
         events = lab.to(_RAMP_US, end).events
         _, first = np.unique(events["x"], return_index=True)
@@ -127,7 +130,7 @@ def step_responses(settings: SensorSettings, seed: int = 0) -> Responses:
     steps = np.linspace(0, 2 * max(nominal.on, nominal.off), 41)
     shares = []
     for sign in (1, -1):
-        lab = Lab(without(settings, "leak", "defects"), PIXELS, len(steps), seed=seed, lux=BRIGHT_LUX)
+        lab = Lab(without(settings, "leak", "defects", "readout"), PIXELS, len(steps), seed=seed, lux=BRIGHT_LUX)
         lab.to(0, 0.0)
         fired = np.zeros((len(steps), PIXELS), bool)
         for end_us in (_STEP_US, _WAIT_US):

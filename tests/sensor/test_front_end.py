@@ -1,6 +1,7 @@
 """Receptor, source follower and dark floor against closed forms. 0 is the level of 100 lux."""
 
 import math
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -114,3 +115,11 @@ def test_a_filtered_pixel_fires_at_the_same_times_whatever_the_frame_rate():
     for events in found[1:]:
         assert len(events) == len(found[0]) > 80
         assert abs(events["t"] - found[0]["t"]).max() <= 60
+
+
+def test_light_that_hardly_changes_costs_no_more_than_light_that_does_not():
+    bench = Benchtop(front(receptor_hz_per_lux=1.0, follower_hz=1000.0), 16)
+    bench.along([0, 1000], [0.0, 0.1])
+    began = time.process_time()
+    events = bench.along([10_000_000, 20_000_000], [0.1 + 1e-16, 0.1 - 1e-16])
+    assert len(events) == 0 and time.process_time() - began < 1.0

@@ -1,0 +1,100 @@
+"""The pictures of docs/sensor.md: what each stage does to the same moving disc, and a scene seen by two sensors.
+
+python tools/sensor_pictures.py stages docs/images/sensor-stages.png
+python tools/sensor_pictures.py scene docs/images/sensor-two-boxes.png
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw, ImageFont
+
+import clsim
+from clsim.sensor import SensorSettings, load_sensor
+from clsim.sensor.lab import Lab
+from clsim.sensor.settings import Defects, Delay, FrontEnd, Leak, Noise, Optics, Readout, Refractory, Threshold
+
+SIZE = (160, 120)
+STEP_US, SHOWN_US, END_US = 1000, 15_000, 120_000
+ON, OFF = (30, 90, 200), (200, 50, 40)
+STAGES = {
+    "ideal": SensorSettings(),
+    "threshold: mismatch of 0.06": SensorSettings(threshold=Threshold(mismatch=0.06)),
+    "front_end: 0.3 lux, 300 Hz per lux": SensorSettings(front_end=FrontEnd(0.0, 300.0, 3000.0)),
+    "front_end: dark_lux as bright as the scene": SensorSettings(front_end=FrontEnd(100.0)),
+    "noise: 2 events/s of either polarity": SensorSettings(noise=Noise((2.0,), (2.0,))),
+    "noise: shot, 0.08": SensorSettings(front_end=FrontEnd(0.0, None, 300.0), noise=Noise(shot=0.08)),
+    "leak: 3 events/s": SensorSettings(leak=Leak(3.0, 0.25)),
+    "defects: 1 % hot, 5 % dead": SensorSettings(defects=Defects(0.01, 200.0, 0.3, 0.05)),
+    "refractory: 20 ms": SensorSettings(refractory=Refractory(20_000.0)),
+    "delay: 10 ms, jitter 3 ms": SensorSettings(delay=Delay(10_000.0, 3000.0)),
+    "readout: a bus of 0.1 million events/s": SensorSettings(readout=Readout(event_us=10.0, most_wait_us=2000.0)),
+    "davis346": load_sensor("davis346"),
+}
+DIM = {"front_end: 0.3 lux, 300 Hz per lux": 0.3}
+
+
+def disc(time_us: int) -> npt.NDArray[np.float64]:
+    """Return the log brightness of a disc that moves over a background with a gradient, ``[H, W]``."""
+    y, x = np.mgrid[0 : SIZE[1], 0 : SIZE[0]] + 0.5
+    centre = 30 + 0.8e-3 * time_us
+    inside = 1 / (1 + np.exp(np.hypot(x - centre, y - 60) - 28))
+    return np.asarray(0.6 * x / SIZE[0] + inside * (1.0 + 0.25 * np.sin(0.5 * (x - centre))))
+
+
+def picture(events: npt.NDArray[Any], size: tuple[int, int]) -> npt.NDArray[np.uint8]:
+    """Return ON events in blue and OFF events in red on white, ``[H, W, 3]``."""
+    out = np.full((size[1], size[0], 3), 255, np.uint8)
+    out[events["y"], events["x"]] = np.where(events["on"][:, None], ON, OFF)
+    return out
+
+
+def titled(image: npt.NDArray[np.uint8], title: str, scale: int) -> Image.Image:
+    """Return an image with a line of text above it."""
+    large = Image.fromarray(image).resize((image.shape[1] * scale, image.shape[0] * scale), Image.Resampling.NEAREST)
+    out = Image.new("RGB", (large.width + 10, large.height + 28), "white")
+    out.paste(large, (5, 24))
+    draw = ImageDraw.Draw(out)
+    draw.rectangle((4, 23, 5 + large.width, 24 + large.height), outline=(190, 190, 190))
+    draw.text((6, 5), title, "black", ImageFont.load_default(13))
+    return out
+
+
+def sheet(images: list[Image.Image], columns: int) -> Image.Image:
+    """Return images in rows."""
+    width, height = images[0].size
+    out = Image.new("RGB", (columns * width, -(-len(images) // columns) * height), "white")
+    for k, image in enumerate(images):
+        out.paste(image, (k % columns * width, k // columns * height))
+    return out
+
+
+def stages() -> Image.Image:
+    """Return the disc's events of the last milliseconds, as each stage alone leaves them."""
+    shown = []
+    for title, settings in STAGES.items():
+        lab = Lab(settings, *SIZE, lux=DIM.get(title, 100.0))
+        batches = [lab.to(t, disc(t)).events for t in range(0, END_US + 1, STEP_US)]
+        events = np.concatenate(batches)
+        shown.append(titled(picture(events[events["t"] > END_US - SHOWN_US], SIZE), title, 2))
+    return sheet(shown, 3)
+
+
+def scene() -> Image.Image:
+    """Return 10 ms of a bundled scene, seen by the ideal sensor and by a camera's, through the same lens."""
+    davis = load_sensor("davis346")
+    size = (davis.optics.width or 0, davis.optics.height or 0)
+    shown = []
+    for settings in (SensorSettings(optics=Optics(*size, None, davis.optics.fov_deg)), davis):
+        with clsim.stream("two-boxes", duration_s=0.2, sensor=settings) as run:
+            events = np.concatenate(list(run))
+        shown.append(titled(picture(events[events["t"] > 190_000], size), settings.name, 2))
+    return sheet(shown, 2)
+
+
+if __name__ == "__main__":
+    {"stages": stages, "scene": scene}[sys.argv[1]]().save(sys.argv[2], optimize=True)
