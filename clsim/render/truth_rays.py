@@ -72,7 +72,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     first = {plane.name: planes.first(plane.name) for plane in planes.truth}
     closest, _, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, _, opacity = make_materials(features)
+    resolve, _, opacity, _, _ = make_materials(features)
     _, _, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pierce, _ = make_alpha(features, closest, surface_of, opacity, _even_odds)
