@@ -184,7 +184,7 @@ def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) ->
     import clsim
 
     live = clsim.stream("two-boxes", quality=quality, resolution=(16, 12), duration_s=0.15, fps=20.0)
-    results = run_tradeoff(options(tmp_path, points=[named_points(0)[quality]]), ignore)
+    results = run_tradeoff(options(tmp_path, points=[named_points(0, still=True)[quality]]), ignore)
     assert results["points"][0]["events"] == sum(len(batch) for batch in live) > 0
 
 
