@@ -10,7 +10,7 @@ COMMON = {"clsim.errors", "clsim.values", "clsim.version", "clsim.frames", "clsi
 ALLOWED = {
     "frames": {"clsim.errors", "clsim.version", "clsim.frames"},
     "opencl": {"clsim.errors", "clsim.opencl"},
-    "sensor": COMMON | {"clsim.opencl", "clsim.sensor"},
+    "sensor": COMMON | {"clsim.opencl", "clsim.scene", "clsim.sensor"},
     "detect": COMMON | {"clsim.opencl", "clsim.detect"},
 }
 PLAIN_DATA = {"clsim.detect.config", "clsim.detect.stats"}
