@@ -106,6 +106,7 @@ def test_a_kill_leaves_what_was_flushed(tmp_path: Path) -> None:
         assert np.array_equal(file["events/t"][:], expected.events["t"])
 
 
+@pytest.mark.slow
 def test_every_prefix_of_the_writes_can_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever write is the last before a kill, each frame whose time is there is whole."""
     path, copy = tmp_path / "run.h5", tmp_path / "copy.h5"
