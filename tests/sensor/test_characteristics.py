@@ -67,6 +67,7 @@ def test_pixels_without_faults_are_ideal():
     assert all(found == pytest.approx(np.full(50, 0.2)) for found in characteristics.thresholds(ideal, 50))
 
 
+@pytest.mark.slow
 def test_a_plot_is_a_picture(tmp_path):
     matplotlib = pytest.importorskip("matplotlib.image")
     sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")

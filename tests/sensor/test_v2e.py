@@ -66,6 +66,7 @@ def test_noise_and_leak_fire_at_their_rates_with_their_intervals():
     assert stats.wasserstein_distance(intervals_us(here), intervals_us(theirs)) < 1e6 * step_s
 
 
+@pytest.mark.slow
 def test_noise_of_v2e_hangs_on_its_frames_and_ours_does_not():
     found = []
     for step_s in (1e-3, 1 / 30):
