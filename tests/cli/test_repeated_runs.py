@@ -9,6 +9,7 @@ import pytest
 from clsim import scenes
 from clsim.cli.config import live_options
 from clsim.errors import InputError
+from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions
 
 SMALL = ("two-boxes", "--resolution", "32x24", "--fps", "60", "--frame-count", "7", "--threshold", "0.15,0.25")
@@ -131,11 +132,7 @@ def test_options_given_win_over_the_file(tmp_path: Path) -> None:
 
 def test_how_files_are_written_is_repeated_where_it_suits(tmp_path: Path) -> None:
     file = config(tmp_path, scene="still", files={"format": "evt2", "text_time": "s", "frames": True})
-    assert vars(live_options({"config": file, "outputs": ("a.txt",)}).files) == {
-        "format": None,
-        "text_time": "s",
-        "frames": False,
-    }
+    assert live_options({"config": file, "outputs": ("a.txt",)}).files == FileOptions(text_time="s")
     assert live_options({"config": file, "outputs": ("a.aedat4",)}).files.frames
     assert not live_options({"config": file, "outputs": ("a.aedat4",), "frames": False}).files.frames
 

@@ -36,10 +36,12 @@ def test_all_options_of_a_live_run_are_keywords_with_the_same_defaults() -> None
 
 def test_the_simulators_keywords_are_those_of_a_stream() -> None:
     stream, simulator = (inspect.signature(each).parameters for each in (clsim.stream, clsim.Simulator))
-    assert set(simulator) < set(stream)
-    assert all(simulator[name].default == stream[name].default for name in simulator)
+    shared = set(simulator) - {"clock"}
+    assert shared < set(stream)
+    assert all(simulator[name].default == stream[name].default for name in shared)
     of_runs = {"duration_s", "frame_count", "loop", "outputs", "files", "pace", "governor", "ring"}
-    assert set(stream) - set(simulator) == of_runs
+    of_files = {"frame_rate", "pose_rate", "imu_rate", "imu_noise"}
+    assert set(stream) - shared == of_runs | of_files
 
 
 def test_everything_is_checked_when_it_is_called(tmp_path: Path) -> None:
@@ -56,7 +58,7 @@ def test_a_run_tells_its_size_its_poses_and_what_it_did(tmp_path: Path) -> None:
     out = tmp_path / "a.npz"
     with clsim.stream("two-boxes", **SMALL, frame_count=4, history=2, outputs=(str(out),)) as run:
         assert (run.width, run.height, run.fps) == (32, 24, 60.0)
-        assert run.warnings == ("`method` irradiance has no use for `history`",)
+        assert run.warnings == ("`method` esim has no use for `history`",)
         assert isinstance(run.summary, Summary) and run.summary.frames == 0
         assert not threads(), "it begins with the first frame asked for"
         next(run)
