@@ -44,6 +44,7 @@ from clsim.errors import InputError
 
 if TYPE_CHECKING:
     from clsim.live.sensors import RecordedSensor
+    from clsim.live.session import Session
 
 
 def detect(
@@ -96,6 +97,20 @@ def detect(
     given = dict(locals())
     from clsim.cli.status import run_session
     from clsim.events.address import is_standard_output
+
+    if as_json and any(map(is_standard_output, out)):
+        raise InputError("--json and --out - would both write to standard output; give --out a file instead")
+    return run_session(_open(given), as_json=as_json)
+
+
+_FOR_THE_SENSOR = ("sensor", "seed", "lux_per_unit")
+_FOR_PICTURES = ("times", "time_unit", "transfer", "like")
+_FOR_FILES = ("out", "format", "text_time", "ros_events", "labels", "as_json")
+_NOT_FOR_THE_DETECTOR = ("frames", "fps", "threshold", "opencl", *_FOR_THE_SENSOR, *_FOR_PICTURES, *_FOR_FILES)
+
+
+def _open(given: Mapping[str, Any]) -> Session:
+    """Return the session of what was ``given`` to `detect`."""
     from clsim.events.outputs import FileOptions
     from clsim.footage.open import is_footage
     from clsim.live.footage import FootageOptions, open_footage_session
@@ -103,44 +118,26 @@ def detect(
     from clsim.live.sensors import RecordedSensor
     from clsim.live.session import open_recording
 
-    if as_json and any(map(is_standard_output, out)):
-        raise InputError("--json and --out - would both write to standard output; give --out a file instead")
-    elsewhere = [
-        "frames",
-        "out",
-        "fps",
-        "threshold",
-        "sensor",
-        "seed",
-        "lux_per_unit",
-        "transfer",
-        "times",
-        "time_unit",
-        "like",
-        "as_json",
-        "opencl",
-        "format",
-        "text_time",
-        "ros_events",
-        "labels",
-    ]
-    chosen = {name: value for name, value in given.items() if name not in elsewhere} | {"features": _features(features)}
-    if threshold is not None:
-        chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(threshold)
-    files = FileOptions(format, text_time, ros_events, labels=bool(labels))
-    eye = _given({"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})
+    frames, fps, opencl, out = given["frames"], given["fps"], given["opencl"], tuple(given["out"])
+    chosen = {name: value for name, value in given.items() if name not in _NOT_FOR_THE_DETECTOR}
+    chosen["features"] = _features(given["features"])
+    if given["threshold"] is not None:
+        chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(given["threshold"])
+    files = FileOptions(given["format"], given["text_time"], given["ros_events"], labels=bool(given["labels"]))
+    eye = _given({name: given[name] for name in _FOR_THE_SENSOR})
+    pictures = {name: given[name] for name in _FOR_PICTURES}
     if is_footage(frames):
-        seen_by = RecordedSensor(**eye)
-        footage = FootageOptions(frames, fps, times, time_unit, transfer, like, opencl, tuple(out), files, seen_by)
-        return run_session(open_footage_session(footage, _given(chosen)), as_json=as_json)
-    for option, value in (("--transfer", transfer), ("--times", times), ("--like", like)):
-        if value is not None:
-            raise InputError(f"{option} is for video and pictures; EXR frames hold linear light")
+        footage = FootageOptions(
+            frames, fps, **pictures, opencl=opencl, outputs=out, files=files, seen_by=RecordedSensor(**eye)
+        )
+        return open_footage_session(footage, _given(chosen))
+    for name in ("transfer", "times", "like"):
+        if pictures[name] is not None:
+            raise InputError(f"--{name} is for video and pictures; EXR frames hold linear light")
     told = _told_by(frames)
     seen_by = _seen_by(frames, told, eye)
     config = detector_config(frames, told, chosen, seen_by)
-    options = RecordingOptions(frames, config, fps, opencl, tuple(out), files, _fps_told(told), seen_by)
-    return run_session(open_recording(options), as_json=as_json)
+    return open_recording(RecordingOptions(frames, config, fps, opencl, out, files, _fps_told(told), seen_by))
 
 
 def detector_config(

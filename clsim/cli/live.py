@@ -137,11 +137,10 @@ def live(
     if governor and options.pace != "real":
         raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
     check(view, as_json=as_json)
-    sessions = _open_rig(options, view) if any("{camera}" in name for name in outputs) else []
-    if sessions:
+    if any("{camera}" in name for name in outputs):
         from clsim.cli.rig import run_rig
 
-        return run_rig(sessions, as_json=as_json)
+        return run_rig(_open_rig(options, view), as_json=as_json)
     session, listener = _open(options, view, port)
     if config is not None and not outputs:
         typer.echo("clsim: no events are written: --config repeats a run, but not its outputs; give --out", err=True)

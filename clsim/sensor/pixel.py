@@ -13,7 +13,8 @@ from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 from clsim.sensor.ideal import Fired
 from clsim.sensor.readout import Bus, Pool, Requests
-from clsim.sensor.settings import Context, SensorSettings
+from clsim.sensor.settings import SensorSettings
+from clsim.sensor.stage import Context
 
 _CHUNK = 64
 """Pixels that one work-item runs."""

@@ -3,55 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 from clsim.errors import InputError
+from clsim.sensor.stage import Constants, Context, Stage, check_not_negative, check_positive
 from clsim.values import read_fields, read_value
 
-Constants: TypeAlias = "dict[str, float | tuple[float, ...]]"
-"""Numbers that kernels read as c[C_NAME], or N_NAME of them from there on: in s, ns and natural-log units."""
 _DECADE = math.log(10.0)
 _NODES_APART = 0.25
 """Of noise, in time constants: what happens between nodes is known well enough then (see sensor_noise.clh)."""
-
-
-@dataclass(frozen=True)
-class Context:
-    """What stages must know beyond their own numbers.
-
-    Attributes:
-        threshold_on, threshold_off: contrast thresholds [natural-log units].
-        lux: illuminance of the sensor where the level is 0 [lux].
-        follower_s: time constant of the source follower [s]; 0 without one.
-    """
-
-    threshold_on: float
-    threshold_off: float
-    lux: float
-    follower_s: float = 0.0
-
-
-class Stage:
-    """A stage: its settings, and what its functions in the kernels need.
-
-    Attributes:
-        macros: what is defined for the kernels where the stage is on, see `active`.
-        own: planes of what each pixel keeps for ever, made once; P_NAME in kernels.
-        state: planes of what each pixel carries from step to step; S_NAME in kernels.
-    """
-
-    def macros(self) -> tuple[str, ...]:
-        """Return the macros with which kernels are built; none where the stage is off."""
-        raise NotImplementedError
-
-    def constants(self, context: Context) -> Constants:
-        """Return the constants of a stage that is on."""
-        raise NotImplementedError
-
-    own: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    state: ClassVar[Mapping[str, tuple[str, ...]]] = {}
 
 
 @dataclass(frozen=True)
@@ -74,8 +36,8 @@ class Threshold(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _positive(self, "on", "off")
-        _not_negative(self, "mismatch")
+        check_positive(self, "on", "off")
+        check_not_negative(self, "mismatch")
 
     def macros(self) -> tuple[str, ...]:
         """Pixels always have thresholds."""
@@ -106,8 +68,8 @@ class FrontEnd(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "dark_lux")
-        _positive(self, "receptor_hz_per_lux", "follower_hz")
+        check_not_negative(self, "dark_lux")
+        check_positive(self, "receptor_hz_per_lux", "follower_hz")
 
     def macros(self) -> tuple[str, ...]:
         """Each part for itself."""
@@ -158,8 +120,8 @@ class Noise(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "on_hz", "off_hz", "spread_decades", "shot")
-        _positive(self, "lux")
+        check_not_negative(self, "on_hz", "off_hz", "spread_decades", "shot")
+        check_positive(self, "lux")
         wanted = max(1, len(self.lux))
         for name in ("on_hz", "off_hz"):
             count = len(getattr(self, name))
@@ -212,7 +174,7 @@ class Leak(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "hz", "spread_decades", "parasitic_hz_per_lux")
+        check_not_negative(self, "hz", "spread_decades", "parasitic_hz_per_lux")
 
     def macros(self) -> tuple[str, ...]:
         """Light's share for itself."""
@@ -250,7 +212,7 @@ class Defects(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "hot_share", "hot_hz", "hot_spread_decades", "dead_share")
+        check_not_negative(self, "hot_share", "hot_hz", "hot_spread_decades", "dead_share")
         for name in ("hot_share", "dead_share"):
             if getattr(self, name) > 1:
                 raise InputError(f"`{name}` must be a share from 0 to 1, got {getattr(self, name):g}")
@@ -283,7 +245,7 @@ class Refractory(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "us")
+        check_not_negative(self, "us")
 
     def macros(self) -> tuple[str, ...]:
         """One."""
@@ -309,7 +271,7 @@ class Delay(Stage):
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "latency_us", "jitter_us")
+        check_not_negative(self, "latency_us", "jitter_us")
 
     def macros(self) -> tuple[str, ...]:
         """One."""
@@ -346,8 +308,8 @@ class Readout:
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _not_negative(self, "scan_us", "event_us", "row_us", "most_wait_us")
-        _positive(self, "control_period_us", "most_in_period", "stamp_us")
+        check_not_negative(self, "scan_us", "event_us", "row_us", "most_wait_us")
+        check_positive(self, "control_period_us", "most_in_period", "stamp_us")
         for name in ("scan_us", "control_period_us"):
             if 0 < getattr(self, name) < 1:
                 raise InputError(f"`{name}` must be at least 1 µs, got {getattr(self, name):g}")
@@ -381,7 +343,7 @@ class Optics:
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        _positive(self, "width", "height", "pitch_um", "fov_deg")
+        check_positive(self, "width", "height", "pitch_um", "fov_deg")
         if (self.width is None) != (self.height is None):
             raise InputError("`width` and `height` belong together; give both")
         if self.fov_deg is not None and self.fov_deg >= 180:
@@ -409,26 +371,6 @@ def _stage(name: str, value: Any) -> Any:
         return read_value(name, value, _KINDS[name])
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
-
-
-def _numbers(group: Any, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    for name in names:
-        value = getattr(group, name)
-        for number in value if isinstance(value, tuple) else (value,):
-            if number is not None:
-                yield name, number
-
-
-def _positive(group: Any, *names: str) -> None:
-    for name, number in _numbers(group, names):
-        if number <= 0:
-            raise InputError(f"`{name}` must be positive, got {number:g}")
-
-
-def _not_negative(group: Any, *names: str) -> None:
-    for name, number in _numbers(group, names):
-        if number < 0:
-            raise InputError(f"`{name}` must not be negative, got {number:g}")
 
 
 @dataclass(frozen=True)

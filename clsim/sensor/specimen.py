@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor.ideal import IdealPixels, Thresholds
 from clsim.sensor.pixel import RealPixels
-from clsim.sensor.settings import Context, SensorSettings
+from clsim.sensor.settings import SensorSettings
+from clsim.sensor.stage import Context
 
 
 @dataclass(frozen=True)

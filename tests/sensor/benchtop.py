@@ -8,7 +8,8 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.path import BrightnessPath, Knots
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import RealPixels, SensorSettings
-from clsim.sensor.settings import Context, Defects, Noise, Threshold
+from clsim.sensor.settings import Defects, Noise, Threshold
+from clsim.sensor.stage import Context
 
 NEXT_TO_NOTHING = SensorSettings(
     threshold=Threshold(mismatch=1e-12), noise=Noise(1e-12, 1e-12), defects=Defects(dead_share=1e-12)
