@@ -90,6 +90,9 @@ def test_commands_name_options_that_exist(page: Path) -> None:
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
     for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.DOTALL):
         for line in re.findall(r"^clsim (\w+)(.*)$", block, re.MULTILINE):
-            known = {name for each in commands[line[0]].params for name in (*each.opts, *each.secondary_opts)}
+            command = commands[line[0]]
+            if hasattr(command, "commands"):
+                command = command.commands[line[1].split()[0]]
+            known = {name for each in command.params for name in (*each.opts, *each.secondary_opts)}
             used = {word for word in line[1].partition("#")[0].split() if word.startswith("--")}
             assert used <= known, (line, used - known)
