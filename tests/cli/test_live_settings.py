@@ -48,7 +48,9 @@ def test_a_governor_without_a_clock_is_refused(clsim: Callable[..., object]) -> 
     assert clsim("live", "still", *SMALL, "--no-governor", "--view", "none").status == 0
 
 
-@pytest.mark.parametrize("cause", ["--noise independent", "--first-hit-rays 0", "--quality exact"])
+@pytest.mark.parametrize(
+    "cause", ["--noise independent", pytest.param("--first-hit-rays 0", marks=pytest.mark.slow), "--quality exact"]
+)
 def test_a_run_that_no_governor_can_help_names_the_cause(clsim: Callable[..., object], cause: str) -> None:
     outcome = clsim("live", "still", *SMALL, "--pace", "real", *cause.split(), "--view", "none")
     assert f"no governor, because of {cause}: frames may be late" in words(outcome.stderr)

@@ -37,8 +37,12 @@ BOUNDS = {
 there directions of feature space are so nearly dependent that the ridge alone, or with small ones rounding, sets α."""
 
 
+SHAPED = ("9 pixels", "21×21", "frame of", "response", "luminance 1e-30", "7 of 9", "30 %", "the same in half")
+"""Rows for which kernels of their own are compiled, which takes longer than the rest together."""
+
+
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name.startswith(("λ", "21×21")) else name for name in ROWS]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name.startswith(("λ", *SHAPED)) else name for name in ROWS]
 )
 def test_errors_flips_and_bad_values(name):
     row = bench.measure(ROWS[name], choose_device())

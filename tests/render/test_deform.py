@@ -71,7 +71,7 @@ def same(a, b):
         assert abs(x.mean() - y.mean()) < 0.01 * (np.abs(y).mean() + 1e-3), name
 
 
-@pytest.mark.parametrize("tree", ["bvh8", "warp"])
+@pytest.mark.parametrize("tree", ["bvh8", pytest.param("warp", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("options", [{}, {"moving": True}, {"smooth": False}])
 def test_a_frame_shows_the_shape_of_its_time(tree, options):
     for index in (0, 3, 5):
@@ -146,6 +146,7 @@ def test_what_deforms_blurs_as_what_moves(tree):
     assert np.abs(still - moved)[ramp].max() > 0.4
 
 
+@pytest.mark.slow
 def test_a_blurred_lamp_that_deforms_is_found_both_ways():
     """What a deforming lamp gives to a wall does not depend on how it is found."""
     lamp = hw.quad((-0.5, 1.0, -0.5), (0, 0, 1), (1, 0, 0), material=1)
@@ -174,6 +175,7 @@ def test_what_deforms_is_in_the_middle_of_its_way_on_average():
     assert abs(centres[0] - 23.5) < 0.1 and abs(centres[1] - 23.5) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not FOX.exists(), reason="the folder of shared scenes is not there")
 def test_the_fox_walks():
     """Its legs are at other places, and each frame shows the mesh of its time."""

@@ -21,7 +21,15 @@ POINTS = tuple(Point(Rendering(2, "common", seed), ESIM) for seed in (0, 1))
 
 def run(cache: Path, *peers: str) -> dict[str, Any]:
     options = TradeoffOptions(
-        "cornell", cache, points=POINTS, seeds=(0, 1), reference_spp=64, resolution=(16, 12), frames=4, fps=20.0
+        "cornell",
+        cache,
+        points=POINTS,
+        seeds=(0, 1),
+        reference_spp=64,
+        reference_budget_s=0.0,
+        resolution=(16, 12),
+        frames=4,
+        fps=20.0,
     )
     return run_peers(options, peers, lambda what, done, total: None)
 
