@@ -18,6 +18,7 @@ from clsim.render import PathTracer, RenderCancelled, RenderOptions, check_devic
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.features import Features
 from clsim.render.integrator import build_kernel
+from clsim.render.scene_data import scene_features
 from clsim.scene import (
     CheckerTexture,
     EnvironmentMap,
@@ -29,6 +30,7 @@ from clsim.scene import (
     PunctualLight,
     SphereLight,
     Static,
+    load_world,
 )
 
 pytestmark = pytest.mark.usefixtures("any_lights")
@@ -351,17 +353,31 @@ def test_starting_is_silent():
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("first_hits", "light_cache"), [(False, False), (True, False), (True, True)])
-def test_the_kernel_compiles_for_cuda_without_a_gpu(first_hits, light_cache, tmp_path):
-    """Every feature at once, to PTX: what a CPU-only machine can check of the other backend."""
+def compiles_for_cuda(features, folder):
+    """Compile a kernel to PTX: what a CPU-only machine can check of the other backend."""
     check_device("cpu")
     archs = wp.get_cuda_supported_archs()
     if not archs:
         pytest.skip("this build of Warp has no CUDA compiler")
-    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
-    odd |= {"first_hits": first_hits, "still_lamps": first_hits, "light_cache": light_cache}
-    kernel = build_kernel(Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}))
+    kernel = build_kernel(features)
     arch = 80 if 80 in archs else archs[0]
-    wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=tmp_path, use_ptx=True)
-    assert list(tmp_path.glob("*.ptx"))
+    wp.compile_aot_module(kernel.module, device=None, arch=arch, module_dir=folder, use_ptx=True)
+    return list(folder.glob("*.ptx"))
+
+
+@pytest.mark.slow
+def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(tmp_path):
+    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
+    odd |= dict.fromkeys(("first_hits", "still_lamps", "light_cache", "requests"), False)
+    assert compiles_for_cuda(
+        Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}), tmp_path
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("light_cache", [False, True])
+def test_the_kernels_of_first_hits_compile_for_cuda(light_cache, tmp_path):
+    """For one scene: with every feature at once the compiler takes more than five minutes."""
+    world = load_world("two-boxes")
+    options = RenderOptions(spp=4, probe_spp=1, first_hit_rays=16, light_cache=light_cache)
+    assert compiles_for_cuda(options.features(scene_features(world, 0.0), world.camera), tmp_path)
