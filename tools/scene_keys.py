@@ -129,6 +129,48 @@ included, or by a whole path. What a glTF or OBJ names must lie in that file's o
 from strangers; links there are followed. To let them name files elsewhere, list the folders in the environment variable
 `CLSIM_ASSET_FOLDERS`, separated as in `PATH`. Addresses are never followed.
 
+## Light that changes
+
+Event cameras see what people do not: lamps on the mains flicker at 100 or 120 Hz, dimmed LEDs are switched thousands of
+times a second, markers blink. A `modulation` says how the light of a lamp, of a material that emits, or of
+`[environment]` changes. It multiplies the radiance.
+
+```toml
+[[sphere_lights]]
+name = "ceiling"
+radius_m = 0.2
+position = [0.0, 2.5, 0.0]
+radiance = [40.0, 40.0, 36.0]
+modulation = { kind = "sine", frequency_hz = 100, depth = 0.3 }
+
+[materials.marker]
+emission = [20.0, 0.0, 0.0]
+modulation = { kind = "pwm", frequency_hz = 500, duty = 0.25 }
+
+[environment]
+map = "sky.exr"
+map_turn_deg_per_s = 10.0
+modulation = { kind = "keyframes", keyframes = [{ time_s = 0.0, factor = 0.0 }, { time_s = 1.0, factor = 1.0 }] }
+```
+
+- `sine`: 1 + depth·sin(2π·frequency·t). Light on 50 Hz mains flickers at 100 Hz. `depth` is what lamp makers call
+  percent flicker.
+- `pwm`: on for the share `duty` of each period, from its start on, then `low`.
+- `keyframes`: factors at times, joined by lines or, with `interpolation = "step"`, held. A factor may be one number, or
+  three for red, green and blue. With `repeat = true` all starts anew at the last time.
+
+A camera that exposes for a while sees the mean over its exposure, in closed form. Where objects move within the same
+exposure, each of their places gets that mean: there is no stroboscope within a frame.
+
+**Frames must be fast enough.** A lamp at 120 Hz looks constant at 120 frames per second. A warning then says which
+`--fps` will do: ten frames a period of a sine, two for the shorter of on and off, two from keyframe to keyframe. A sine
+of depth .6 then has as many events as its closed form, each within 1.5 % of a period, and with four times as many
+frames within .1 %. An edge of PWM is timed to the frame.
+
+In such a scene no light is kept on surfaces, and a pixel gets all its paths in every frame whose light is another. The
+gate `delta-r`, and so `--quality published`, does not see light that changes; a warning says so. `--time adaptive`
+refuses such scenes.
+
 ## What glass does to light
 
 Point, spot and directional lights do not shine through glass, neither panes nor solid glass (Mitsuba and pbrt agree):

@@ -331,5 +331,6 @@ def _output_summary(output: Output) -> dict[str, Any]:
 
 
 def _is_periodic(world: World) -> bool:
-    meshes_still = all(mesh.deformation is None for mesh in world.meshes)
-    return meshes_still and all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in world.motions())
+    if any(mesh.deformation is not None for mesh in world.meshes) or not world.light_repeats(world.duration_s):
+        return False
+    return all(np.allclose(m.pose(0.0), m.pose(world.duration_s), atol=1e-6) for m in world.motions())

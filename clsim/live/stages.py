@@ -14,6 +14,7 @@ from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import specimen_of
 from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
 from clsim.scene import World, load_world
+from clsim.scene.modulation import missed
 from clsim.truth.names import plane_names
 
 if TYPE_CHECKING:
@@ -59,7 +60,14 @@ class Stages:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is asked for and will not be: by the scene, of what clsim lacks, and by options without use."""
-        return (*self.world.warnings, *unused_options(self.detector))
+        return (*self.world.warnings, *unused_options(self.detector), *self._light_missed())
+
+    def _light_missed(self) -> list[str]:
+        """Return sentences about light that changes and will not be seen as it is."""
+        found = [missed(self.world.modulations(), self.fps)]
+        if self.world.light_changes() and self.detector.method == "esim-ad" and self.detector.gate == "delta-r":
+            found.append("`gate` delta-r sees what moves, but no light that changes: expected radiance")
+        return [sentence for sentence in found if sentence is not None]
 
     def board(self, missing: Literal["refuse", "wait", "newest"]) -> InterestBoard | None:
         """Return a board for the maps of interest if anything asks for them; see InterestBoard for ``missing``."""
@@ -118,8 +126,8 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
     steered = point.sampling == "adaptive"
     if point.sampling == "cached" and not still:
         raise InputError(
-            f"`sampling` cached needs a scene in which nothing but the camera moves, but in {world.name} more does; "
-            "use adaptive"
+            f"`sampling` cached needs a scene in which nothing but the camera moves and no light changes, but in "
+            f"{world.name} more does; use adaptive"
         )
     render = RenderOptions(
         spp=point.spp,
@@ -149,6 +157,11 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
             raise InputError(
                 f"`time` adaptive finds brightness at instants, but the camera of {world.name} exposes for "
                 f"{world.camera.shutter_s:g} s; expected 0"
+            )
+        if world.light_changes():
+            raise InputError(
+                f"`time` adaptive follows motion alone between frames, but in {world.name} light changes by itself; "
+                "use fixed, with enough frames per second"
             )
         retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, render)
     make_detector = detector_maker(

@@ -97,6 +97,7 @@ class Steerer:
         self._board = board
         self._number = 0
         self._index = -1
+        self._anew = True
         self._before = effort
         self._grades = np.zeros((height, width), dtype=np.uint8)
         self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
@@ -128,7 +129,7 @@ class Steerer:
         steering.looks = looks_of(effort.first_hit_rays, self._pixel_angle)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
-        if index <= self._index or self._number == 0:
+        if index <= self._index or self._anew:
             # Nothing that was kept tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
@@ -146,9 +147,14 @@ class Steerer:
         before = self._before
         if (before.probe_spp, before.spp) != (effort.probe_spp, effort.spp):
             steering.before = before.probe_spp
-        self._before, self._index = effort, index
+        self._before, self._index, self._anew = effort, index, False
         self._number += 1
         return {"steering": steering}, effort.spp
+
+    def forget(self) -> None:
+        """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
+        self._anew = True
+        self._irradiance.zero_()
 
     def cancel(self) -> None:
         """Let `prepare` wait for no map any longer; safe from any thread."""

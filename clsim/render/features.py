@@ -208,8 +208,9 @@ def objects_move(world: World) -> bool:
 
 
 def light_stands_still(world: World) -> bool:
-    """Whether nothing but the camera moves, so that the light on a surface stays as it is."""
-    return not objects_move(world) and not any(deforms(mesh) for mesh in _used_meshes(world))
+    """Whether nothing but the camera moves, and no light changes, so that the light on a surface stays as it is."""
+    deforming = any(deforms(mesh) for mesh in _used_meshes(world))
+    return not (deforming or objects_move(world) or world.light_changes())
 
 
 def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:

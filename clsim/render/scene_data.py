@@ -16,10 +16,11 @@ from clsim.render.geometry import Tree
 from clsim.render.integrator import Scene
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
+from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
-from clsim.render.upload_materials import emit, upload_materials
+from clsim.render.upload_materials import upload_materials
 from clsim.scene import Motion, World
 from clsim.scene.validate import validate
 from clsim.scene.world import Vec3
@@ -89,6 +90,7 @@ class SceneData:
         self.scene.geometry = self._geometry.geometry
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
+        self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""
@@ -105,15 +107,24 @@ class SceneData:
     def set_light(self, name: str, radiance: Vec3) -> None:
         """Let all lights and emitting materials of a name shine so from now on.
 
-        They are drawn as often as before, by the power that they have in ``world``.
+        How it changes with time goes on. They are drawn as often as before, by the power that they have in ``world``.
 
         Args:
             name: of sphere lights, lights without size, and materials.
             radiance: of spheres and materials [W·sr⁻¹·m⁻²]; of a point or spot the intensity [W·sr⁻¹], of a directional
                 light the irradiance [W·m⁻²].
         """
-        self._lights.shine(self.world, name, radiance)
-        emit(self.scene.materials, self.world, name, radiance)
+        self._shining.set(name, radiance)
+
+    def shine(self, start_s: float, end_s: float) -> npt.NDArray[np.float64]:
+        """Let all light be its mean over an exposure [s]; where both times are one, what it is then.
+
+        Return all that changes of it: another array where the light is another.
+        """
+        if self.world.light_changes():
+            self._shining.shine(start_s, end_s)
+            self.scene.lights = self._lights.lights
+        return self._shining.state
 
     def move_to(self, times_s: npt.NDArray[np.float64]) -> None:
         """Put everything where it is at each of those times [s], for rays that tell which of them is theirs.

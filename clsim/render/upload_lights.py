@@ -18,13 +18,13 @@ from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
 from clsim.render.upload_arrays import array, write
 from clsim.scene import Mesh, Motion, World
-from clsim.scene.world import Vec3
+from clsim.scene.modulation import Modulation
 
 _F64 = npt.NDArray[np.float64]
 
 
 class LightData:
-    """The lights of a world on a device; each has its share of the power at time 0.
+    """The lights of a world on a device; each has its share of the power at time 0, with the most light it ever has.
 
     Attributes:
         lights: what the kernel takes.
@@ -47,7 +47,8 @@ class LightData:
         self._origin_m = placement.origin_m
         emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
         sides = np.array([2.0 if material.emits_behind else 1.0 for material in world.materials])
-        power_of = emission @ LUMINANCE * sides * math.pi
+        brightest = np.array([_largest(material.modulation) for material in world.materials])
+        power_of = emission @ LUMINANCE * sides * math.pi * brightest
         ranks, emitting = [], []
         for mesh in placement.meshes:
             emits = power_of[mesh.material_ids] > 0 if len(power_of) else np.zeros(len(mesh.triangles), bool)
@@ -67,12 +68,13 @@ class LightData:
         far = [np.zeros(instance_first[-1], bool)]
         for light in world.sphere_lights:
             surface_m2 = 4 * math.pi * light.radius_m**2
-            power_w = surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE))
+            power_w = surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE)) * _largest(light.modulation)
             share = arriving(self._distance(light.motion, middle_m), radius_m)
             powers.append(np.array([power_w * share]))
             far.append(np.array([share < 1.0]))
         for punctual in world.punctual_lights:
-            powers.append(np.array([lights_punctual.power(punctual, radius_m) @ LUMINANCE]))
+            power_w = lights_punctual.power(punctual, radius_m) @ LUMINANCE * _largest(punctual.modulation)
+            powers.append(np.array([power_w]))
             far.append(np.array([punctual.kind == "directional"]))
         sizeless = len(world.sphere_lights) + len(world.punctual_lights)
         power = fair(np.concatenate(powers), np.concatenate(far), sizeless)
@@ -119,16 +121,6 @@ class LightData:
             ):
                 write(out, rows)
 
-    def shine(self, world: World, name: str, radiance: Vec3) -> None:
-        """Give the spheres and the lights without size of a name another radiance or intensity."""
-        for lights, table in (
-            (world.sphere_lights, self.lights.sphere_radiance),
-            (world.punctual_lights, self._punctual.intensity),
-        ):
-            for i, light in enumerate(lights):
-                if light.name == name:
-                    table[i : i + 1].assign(np.array([radiance], np.float32))
-
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
         """Return the table of emitting triangles, all of them in the mesh of what never moves."""
         corners = mesh.vertices[mesh.triangles[triangles]].astype(np.float64)
@@ -165,3 +157,8 @@ class LightData:
         image.columns = array(tables.columns.ravel(), wp.float32, self._device)
         image.to_world = wp.mat33(*np.asarray(to_world, np.float64).ravel())
         return image
+
+
+def _largest(modulation: Modulation | None) -> float:
+    """Return how bright a light may become, as a multiple of its own radiance."""
+    return 1.0 if modulation is None else modulation.largest

@@ -15,7 +15,6 @@ from clsim.render.plastic_tables import coat, coats
 from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
 from clsim.render.upload_arrays import array
 from clsim.scene import CheckerTexture, Material, World
-from clsim.scene.world import Vec3
 
 _WRAPS = {"repeat": REPEAT, "clamp": CLAMP, "mirror": MIRROR}
 _ALPHA_MODES = {"opaque": OPAQUE, "mask": MASK, "blend": BLEND}
@@ -30,13 +29,6 @@ def upload_materials(world: World, device: Any) -> Any:
     materials.transmittance = array(np.concatenate(tables) if tables else [], wp.float32, device)
     materials.textures = _textures(world, device)
     return materials
-
-
-def emit(materials: Any, world: World, name: str, radiance: Vec3) -> None:
-    """Let the materials of a name emit another radiance [W·sr⁻¹·m⁻²]."""
-    rows = materials.rows.numpy()
-    rows["emission"][[material.name == name for material in world.materials]] = radiance
-    materials.rows.assign(rows)
 
 
 def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:

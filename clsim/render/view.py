@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 from clsim.errors import Error, InputError
@@ -83,6 +84,7 @@ class View:
                 f"{data.interval_s:g} s"
             )
         self.width, self.height = camera.width, camera.height
+        self._shutter_s, self._light = camera.shutter_s, np.zeros(0)
         planes = rendered_planes(
             first_hit_rays=options.first_hit_rays > 0, variances=options.variances, truth=options.truth
         )
@@ -153,6 +155,7 @@ class View:
         )
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
+        changed |= self._shine(time_s)
         if self._steerer is None:
             self._render(changed | {"out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
@@ -208,8 +211,8 @@ class View:
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     def forget_light(self) -> None:
-        """Find the light anew that is kept on surfaces, if it is: for the next frame, since lights have changed."""
-        if isinstance(self._steerer, LightKeeper):
+        """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""
+        if self._steerer is not None:
             self._steerer.forget()
 
     def cancel(self) -> None:
@@ -226,6 +229,20 @@ class View:
         self.cancel()
         self._tiles.close()
         self._targets.clear()
+
+    def _shine(self, time_s: float) -> dict[str, Any]:
+        """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.
+
+        What is kept from frame to frame tells nothing of another light.
+        """
+        if not self._data.world.light_changes():
+            return {}
+        half_s = 0.5 * self._shutter_s
+        light = self._data.shine(time_s - half_s, time_s + half_s)
+        if not np.array_equal(light, self._light):
+            self.forget_light()
+        self._light = light
+        return {"scene": self._data.scene}
 
     def _record(self, tile: int) -> Any:
         planes = wp.zeros((len(self.names), tile), dtype=wp.float32, device=self._device)

@@ -48,8 +48,8 @@ class Drift:
 
 
 def drifting(world: World) -> World:
-    """Return the world with its camera on a small closed path, unless something moves in it already."""
-    if world.moving_s() > 0:
+    """Return the world with its camera on a small closed path, unless something moves or changes in it already."""
+    if world.moving_s() > 0 or world.light_changes():
         return world
     pose = world.camera.motion.pose(0.0)
     distance_m = _distance_ahead(world, pose[:3, 3], -pose[:3, 2])

@@ -132,12 +132,53 @@ class MountTable(Table):
     shutter_s: NonNegative | None = None
 
 
+class SineTable(Table):
+    """A sine about the light's own radiance, as of lamps on the mains: 100 or 120 Hz."""
+
+    kind: Literal["sine"]
+    frequency_hz: Positive = Field(description="of the light, twice that of the mains")
+    depth: Share = Field(1.0, description="(largest − smallest) / (largest + smallest)")
+    phase_deg: Number = 0.0
+
+
+class PwmTable(Table):
+    """A lamp that is switched on and off, as dimmed LEDs and markers are."""
+
+    kind: Literal["pwm"]
+    frequency_hz: Positive
+    duty: Share = Field(0.5, description="share of each period, from its start on, in which it is on")
+    low: Share = Field(0.0, description="what is left while it is off")
+    phase_deg: Number = 0.0
+
+
+class FactorTable(Table):
+    """How bright a light is at a time, as a multiple of its own radiance."""
+
+    time_s: NonNegative
+    factor: NonNegative | NonNegatives = Field(description="a number, or one each for red, green and blue")
+
+
+class LightKeyframesTable(Table):
+    """Factors at times."""
+
+    kind: Literal["keyframes"]
+    keyframes: Annotated[tuple[FactorTable, ...], Field(min_length=1)]
+    interpolation: Literal["linear", "step"] = Field("linear", description="step holds each factor until the next")
+    repeat: Flag = Field(False, description="begin anew at the time of the last")
+
+
+MODULATIONS = ("sine", "pwm", "keyframes")
+AnyModulation = Annotated[SineTable | PwmTable | LightKeyframesTable, Field(discriminator="kind")]
+Modulation = Annotated[AnyModulation | None, Field(description="how its light changes with time")]
+
+
 class SphereLightTable(Placed):
     """A glowing sphere."""
 
     name: str = ""
     radius_m: Positive
     radiance: Radiance
+    modulation: Modulation = None
 
 
 class LightTable(Placed):
@@ -150,6 +191,7 @@ class LightTable(Placed):
     rotation_deg: Vector | None = Field(None, description="instead of look_at")
     inner_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = Field(0.0, description="half angle of a spot's core")
     outer_deg: Annotated[float, Strict(), Field(gt=0, le=90)] = Field(45.0, description="half angle of its cone")
+    modulation: Modulation = None
 
 
 class ObjectTable(Placed):
@@ -237,6 +279,7 @@ class MaterialTable(Table):
     checker: CheckerTable | None = None
     emission: Radiance = Field((0.0, 0.0, 0.0), description="radiance; anything above 0 makes an area light")
     emission_texture: ImageTable | None = None
+    modulation: Modulation = None
     emits_behind: Flag = Field(True, description="whether the back emits as the front does")
     back: Literal["same", "black", "culled"] = Field(
         "same", description="what the back scatters: as the front, nothing, or it is not there for the camera"
@@ -269,6 +312,8 @@ class EnvironmentTable(Table):
     map: str | None = Field(default=None, description="latitude-longitude image: OpenEXR, HDR, PNG or JPEG")
     map_scale: NonNegative = 1.0
     map_rotation_deg: Number = Field(default=0.0, description="turns the map about +y")
+    map_turn_deg_per_s: Number = Field(default=0.0, description="how fast it turns about +y")
+    modulation: Modulation = None
 
 
 class SensorTable(Table):
@@ -317,6 +362,10 @@ def key_table() -> str:
         ('[[objects]] file = "…"', FileTable),
         ("[[sphere_lights]]", SphereLightTable),
         ("[[lights]]", LightTable),
+        ('modulation = { kind = "sine", … }', SineTable),
+        ('modulation = { kind = "pwm", … }', PwmTable),
+        ('modulation = { kind = "keyframes", … }', LightKeyframesTable),
+        ("keyframes = [{…}, …] in modulation", FactorTable),
         ("keyframes = [{…}, …]", KeyframeTable),
         ("orbit = {…}", OrbitTable),
     ]

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
-from clsim.scene.schema import OBJECTS, ObjectTable, SceneTable, Table
+from clsim.scene.schema import MODULATIONS, OBJECTS, ObjectTable, SceneTable, Table
 from clsim.scene.wording import plainly
 
 _COUNTS = {2: "two", 3: "three", 4: "four"}
@@ -47,6 +47,9 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
                 yield f"materials.{name}: has {first} and {second}, expected one of them"
         if isinstance(materials[name], dict) and ("eta" in materials[name]) != ("k" in materials[name]):
             yield f"materials.{name}: has one of eta and k, expected both or none"
+    for name in names:
+        yield from _modulation_conflicts(f"materials.{name}", materials[name])
+    yield from _modulation_conflicts("environment", data.get("environment"))
     mounts = data.get("cameras")
     called = [table.get("name") for table in mounts if isinstance(table, dict)] if isinstance(mounts, list) else []
     for name in sorted({name for name in called if isinstance(name, str) and called.count(name) > 1}):
@@ -75,6 +78,7 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
         if "rotation_deg" in table and "keyframes" in table:
             yield f"{path}.rotation_deg: expected it in each of the keyframes instead"
         yield from _keyframe_conflicts(path, table)
+        yield from _modulation_conflicts(path, table)
 
 
 def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:
@@ -89,9 +93,22 @@ def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:
     looking = sum("look_at" in key for key in keys)
     if 0 < looking < len(keys) and "look_at" not in table:
         yield f"{path}.keyframes: some have look_at and some do not, expected all or none"
+    yield from _times_that_do_not_increase(path, keys)
+
+
+def _times_that_do_not_increase(path: str, keys: list[dict[str, Any]]) -> Iterator[str]:
     times = [time for key in keys if isinstance(time := key.get("time_s"), int | float)]
     if any(not a < b for a, b in pairwise(times)):
         yield f"{path}.keyframes: times must increase, got {', '.join(str(time) for time in times)}"
+
+
+def _modulation_conflicts(path: str, table: Any) -> Iterator[str]:
+    """Yield what is wrong with the times at which the light of a table changes."""
+    modulation = table.get("modulation") if isinstance(table, dict) else None
+    keyframes = modulation.get("keyframes") if isinstance(modulation, dict) else None
+    if isinstance(keyframes, list):
+        keys = [key for key in keyframes if isinstance(key, dict)]
+        yield from _times_that_do_not_increase(f"{path}.modulation", keys)
 
 
 def _has(table: Any, *keys: str) -> bool:
@@ -132,6 +149,8 @@ def _sentence(error: ErrorDetails) -> str:
         close = difflib.get_close_matches(key, known, 1)
         hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(sorted(known))}"
         return f"unknown key, {hint}"
+    if kind in ("union_tag_not_found", "union_tag_invalid") and "modulation" in error["loc"]:
+        return f"expected a kind out of {', '.join(map(repr, MODULATIONS))}, got {_short(got)}"
     if kind in ("union_tag_not_found", "union_tag_invalid"):
         shapes = ", ".join(repr(shape) for shape in OBJECTS if shape != "file")
         return f"expected either a file or a shape out of {shapes}" + (

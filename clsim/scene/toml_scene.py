@@ -33,6 +33,7 @@ from clsim.scene.motion import (
 from clsim.scene.parts import Parts, with_textures_from
 from clsim.scene.paths import read_path
 from clsim.scene.spectra import METALS
+from clsim.scene.toml_light import read_modulation
 from clsim.scene.trajectory import CubicKeyframes, Interpolation, through
 from clsim.scene.wandering import Shake, Wander
 from clsim.scene.world import (
@@ -98,7 +99,8 @@ def load_toml(path: Path) -> World:
     lights: list[SphereLight] = []
     for i, light in enumerate(scene.sphere_lights):
         with _collecting(problems, f"{path}: sphere_lights[{i}]"):
-            lights.append(SphereLight(light.radius_m, light.radiance, _motion(light), light.name))
+            motion, modulation = _motion(light), read_modulation(light.modulation)
+            lights.append(SphereLight(light.radius_m, light.radiance, motion, light.name, modulation))
     for i, punctual in enumerate(scene.lights):
         with _collecting(problems, f"{path}: lights[{i}]"):
             builder.add_light(punctual)
@@ -121,6 +123,7 @@ def load_toml(path: Path) -> World:
         punctual_lights=tuple(builder.punctual_lights),
         environment=scene.environment.radiance,
         environment_map=environment_map,
+        environment_modulation=read_modulation(scene.environment.modulation),
         sensor=Sensor(**scene.sensor.model_dump()),
         fps=scene.fps,
         warnings=tuple(builder.warnings),
@@ -171,6 +174,7 @@ class _Builder:
             texture=texture,
             emission=table.emission,
             emission_texture=self._image(table.emission_texture, srgb=True),
+            modulation=read_modulation(table.modulation),
             emits_behind=table.emits_behind,
             back=table.back,
             alpha=table.roughness**2,
@@ -204,15 +208,19 @@ class _Builder:
     def add_light(self, table: schema.LightTable) -> None:
         motion = _motion(table, table.rotation_deg, table.look_at)
         inner = min(table.inner_deg, table.outer_deg)
-        light = PunctualLight(table.kind, table.intensity, motion, inner, table.outer_deg, name=table.name)
-        self.punctual_lights.append(light)
+        modulation = read_modulation(table.modulation)
+        self.punctual_lights.append(
+            PunctualLight(
+                table.kind, table.intensity, motion, inner, table.outer_deg, name=table.name, modulation=modulation
+            )
+        )
 
     def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
         if table.map is None:
             return None
         pixels = read_linear(named_file(table.map, self.folder), self.budget)
         turn = rotation_matrix(euler_quaternion((0.0, table.map_rotation_deg, 0.0)))
-        return EnvironmentMap(pixels * np.float32(table.map_scale), turn)
+        return EnvironmentMap(pixels * np.float32(table.map_scale), turn, table.map_turn_deg_per_s)
 
     def add_object(self, index: int, table: schema.ObjectTable) -> None:
         from clsim.scene import schema

@@ -10,6 +10,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
+from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Motion
 from clsim.scene.world import AlphaMode, Camera, CheckerTexture, Kind, Material, Mesh, Texture, World, Wrap
 
@@ -68,6 +69,8 @@ def _problems(world: World) -> Iterator[str]:
             yield f"environment map: has shape {radiance.shape}, expected height, width and 3"
         elif not np.isfinite(radiance).all() or radiance.min() < 0:
             yield "environment map: has a radiance that is negative or not finite"
+    for name, modulation in world.modulations():
+        yield from _modulation_problems(name, modulation)
     if not _within(world.environment):
         yield f"environment: radiance is {world.environment}, expected finite numbers from 0"
     sensor = world.sensor
@@ -79,6 +82,15 @@ def _problems(world: World) -> Iterator[str]:
     for key in ("fps", "duration_s"):
         if not 0 < getattr(world, key) < math.inf:
             yield f"{key} is {getattr(world, key)}, expected a positive number"
+
+
+def _modulation_problems(name: str, modulation: Modulation) -> Iterator[str]:
+    """What would make light negative or no number, at the start and the end of the change."""
+    if not _within((modulation.largest, modulation.least_fps, modulation.duration_s)):
+        yield f"the light of {name}: changes by factors up to {modulation.largest}, expected finite numbers from 0"
+        return
+    if any(not _within(modulation.mean(time_s, time_s)) for time_s in (0.0, modulation.duration_s)):
+        yield f"the light of {name}: changes by a factor that is negative or not finite"
 
 
 def _material_problems(name: str, material: Material, textures: int) -> Iterator[str]:

@@ -11,6 +11,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Attached, Matrix, Motion, Static
 
 Vec3 = tuple[float, float, float]
@@ -108,6 +109,7 @@ class Material:
         color: diffuse reflectance or base colour, Schlick's F0 of a metal, what glass lets pass (multiplied by the
             texture where there is one).
         emission: radiance that the surface emits; a triangle that emits is an area light.
+        modulation: how the emission changes with time.
         emits_behind: whether the back emits as the front does.
         back: what else the back does: ``same`` scatters as the front; ``black`` scatters nothing (Mitsuba's surfaces
             that are not ``twosided``); ``culled`` is invisible to the camera, but scatters and blocks light as the
@@ -126,6 +128,7 @@ class Material:
     texture: int = -1
     emission: Vec3 = (0.0, 0.0, 0.0)
     emission_texture: int = -1
+    modulation: Modulation | None = None
     emits_behind: bool = True
     back: Back = "same"
     alpha: float = 0.0
@@ -150,12 +153,13 @@ class Material:
 
 @dataclass(frozen=True)
 class SphereLight:
-    """An analytic spherical emitter; its pose's translation is its centre."""
+    """An analytic spherical emitter; its pose's translation is its centre, ``modulation`` how its light changes."""
 
     radius_m: float
     radiance: Vec3
     motion: Motion
     name: str = ""
+    modulation: Modulation | None = None
 
 
 @dataclass(frozen=True)
@@ -168,6 +172,7 @@ class PunctualLight:
         inner_deg, outer_deg: half angles of a spot's cone: full inside, none outside.
         falloff: how a spot fades between them: the ``squared`` ramp of the cosine (glTF), ``linear`` in the angle
             (Mitsuba), or the ``smooth`` step of the cosine, 3x² − 2x³ (pbrt).
+        modulation: how its light changes with time.
     """
 
     kind: Literal["point", "spot", "directional"]
@@ -177,6 +182,7 @@ class PunctualLight:
     outer_deg: float = 45.0
     falloff: Falloff = "squared"
     name: str = ""
+    modulation: Modulation | None = None
 
 
 @dataclass(frozen=True)
@@ -185,11 +191,13 @@ class EnvironmentMap:
 
     Attributes:
         radiance: float32 ``[h, w, 3]``; row 0 is +y, column 0…w runs from −z over +x, +z, −x back to −z.
-        to_world: 3×3 rotation from the image's frame to the world.
+        to_world: 3×3 rotation from the image's frame to the world, at time 0.
+        turn_deg_per_s: how fast it turns about the world's +y, counter-clockwise seen from above.
     """
 
     radiance: F32
     to_world: Matrix
+    turn_deg_per_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -272,6 +280,7 @@ class World:
     Attributes:
         rig: the cameras that sit on the world's camera, where there are several.
         environment: radiance of the constant environment; all 0 is no environment.
+        environment_modulation: how the light of the environment changes with time, its map's too.
         duration_s: length of the motion; 1 s where nothing moves.
         warnings: what the file asked for and clsim lacks, one sentence each.
         notes: what was decided where the file leaves a choice, one sentence each.
@@ -287,6 +296,7 @@ class World:
     punctual_lights: tuple[PunctualLight, ...] = ()
     environment: Vec3 = (0.0, 0.0, 0.0)
     environment_map: EnvironmentMap | None = None
+    environment_modulation: Modulation | None = None
     sensor: Sensor = field(default_factory=Sensor)
     fps: float = 120.0
     duration_s: float = 1.0
@@ -300,10 +310,32 @@ class World:
         placed = (self.camera, *self.instances, *self.sphere_lights, *self.punctual_lights)
         return [each.motion for each in placed]
 
+    def modulations(self) -> list[tuple[str, Modulation]]:
+        """Return what of the light changes with time, by name, and how; of materials those that emit."""
+        shining: tuple[SphereLight | PunctualLight | Material, ...]
+        shining = (*self.sphere_lights, *self.punctual_lights, *(m for m in self.materials if any(m.emission)))
+        found = [(each.name or "a lamp", each.modulation) for each in shining if each.modulation is not None]
+        if self.environment_modulation is not None:
+            found.append(("the environment", self.environment_modulation))
+        return found
+
+    def light_changes(self) -> bool:
+        """Tell whether light changes by itself, whether or not something moves."""
+        turns = self.environment_map is not None and self.environment_map.turn_deg_per_s != 0
+        return turns or bool(self.modulations())
+
+    def light_repeats(self, period_s: float) -> bool:
+        """Tell whether light is the same again after that time, as it is at the start."""
+        environment = self.environment_map
+        turned = 0.0 if environment is None else environment.turn_deg_per_s * period_s / 360.0
+        ends = [(change.mean(0.0, 0.0), change.mean(period_s, period_s)) for _, change in self.modulations()]
+        return abs(turned - round(turned)) < 1e-6 and all(np.allclose(*both, atol=1e-6) for both in ends)
+
     def moving_s(self) -> float:
-        """Return the length of the longest motion or deformation [s]; 0 where nothing moves."""
-        deformations = [mesh.deformation.duration_s for mesh in self.meshes if mesh.deformation is not None]
-        return max(*(motion.duration_s for motion in self.motions()), *deformations, 0.0)
+        """Return the length of the longest motion, deformation or change of light [s]; 0 where there is none."""
+        lengths_s = [mesh.deformation.duration_s for mesh in self.meshes if mesh.deformation is not None]
+        lengths_s += [modulation.duration_s for _, modulation in self.modulations()]
+        return max(*(motion.duration_s for motion in self.motions()), *lengths_s, 0.0)
 
 
 IDENTITY = Static(np.eye(4))

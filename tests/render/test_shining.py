@@ -1,0 +1,105 @@
+"""Light that changes, in the arrays that kernels read; no kernel runs here but that of a picture."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.errors import InputError
+from clsim.render import RenderOptions, SceneData, light_stands_still
+from clsim.render.effort import GRADES, Effort, Steerer
+from clsim.render.view import View
+from clsim.scene import EnvironmentMap, World
+from clsim.scene.modulation import Keyframed, Pwm, Sine
+from clsim.scene.motion import euler_quaternion, rotation_matrix
+from tests.scene.test_modulation import SCENE
+
+HALF = Keyframed((0.0, 1.0), ((1.0, 1.0, 1.0), (0.0, 0.5, 1.0)))
+
+
+def lit_by_everything(folder: Path) -> World:
+    file = folder / "flicker.toml"
+    file.write_text(SCENE)
+    return clsim.load_scene(file)
+
+
+def test_all_light_is_its_mean_over_the_exposure(tmp_path: Path) -> None:
+    world = lit_by_everything(tmp_path)
+    data = SceneData(world)
+    data.shine(0.4, 0.6)
+    led, point, marker, sky = (change.mean(0.4, 0.6) for _, change in world.modulations())
+    assert led[0] != point[0] != marker[0] and marker == pytest.approx((0.5, 0.75, 0.625))
+    lights = data.scene.lights
+    np.testing.assert_allclose(lights.sphere_radiance.numpy(), [5.0 * led], rtol=1e-6)
+    np.testing.assert_allclose(lights.punctual.intensity.numpy(), [point], rtol=1e-6)
+    np.testing.assert_allclose(list(lights.environment), sky, rtol=1e-6)
+    emission = data.scene.materials.rows.numpy()["emission"]
+    np.testing.assert_allclose(emission[:, 0], [0.0, 3.0 * marker[0]], rtol=1e-6)
+    assert (emission[:, 1:] == 0).all()
+
+
+def test_what_is_set_goes_on_changing_and_the_state_tells_of_it(tmp_path: Path) -> None:
+    data = SceneData(lit_by_everything(tmp_path))
+    off_s, on_s = 0.0019, 0.0001
+    seen = [data.shine(t, t).copy() for t in (off_s, on_s, off_s)]
+    assert (seen[0] == seen[2]).all() and not np.array_equal(seen[0], seen[1])
+    data.set_light("led", (100.0, 0.0, 50.0))
+    np.testing.assert_allclose(data.scene.lights.sphere_radiance.numpy(), [[1.0, 0.0, 0.5]], rtol=1e-6)
+    data.shine(on_s, on_s)
+    np.testing.assert_allclose(data.scene.lights.sphere_radiance.numpy(), [[100.0, 0.0, 50.0]], rtol=1e-6)
+
+
+def test_a_sky_turns_and_fades() -> None:
+    pixels, to_world = np.random.default_rng(1).random((4, 8, 3)), rotation_matrix(euler_quaternion((20.0, 0.0, 0.0)))
+    sky = EnvironmentMap(pixels.astype(np.float32), to_world, turn_deg_per_s=90.0)
+    world = replace(clsim.load_scene("still"), environment_map=sky, environment_modulation=HALF)
+    data = SceneData(world)
+    assert data.scene.lights.environment_image.radiance.numpy() == pytest.approx(pixels + 0.25)
+    data.shine(0.4, 0.6)
+    image = data.scene.lights.environment_image
+    assert image.radiance.numpy() == pytest.approx((pixels + 0.25) * (0.5, 0.75, 1.0), rel=1e-6)
+    # Half of a quarter turn: what came from +z comes from +x + z.
+    turned = np.array(image.to_world, np.float64).reshape(3, 3) @ to_world.T
+    np.testing.assert_allclose(turned @ (0.0, 0.0, 1.0), (0.5**0.5, 0.0, 0.5**0.5), atol=1e-6)
+    assert (
+        world.light_changes() and not replace(world, environment_map=None, environment_modulation=None).light_changes()
+    )
+
+
+def test_a_lamp_that_is_dark_at_first_is_drawn_as_often_as_when_it_is_brightest() -> None:
+    dark_first = Keyframed((0.0, 1.0), ((0.0, 0.0, 0.0), (3.0, 3.0, 3.0)))
+    world = clsim.load_scene("still")
+    (lamp,) = world.sphere_lights
+    for modulation, power in ((dark_first, 3.0), (Sine(100.0, 0.5), 1.5), (Pwm(100.0, 0.001), 1.0)):
+        changing = replace(world, sphere_lights=(lamp, replace(lamp, modulation=modulation)), environment=(0.0,) * 3)
+        shares = SceneData(changing).scene.lights.probability.numpy()
+        assert shares[1] / shares[0] == pytest.approx(power, rel=1e-5)
+
+
+def test_where_light_changes_none_is_kept() -> None:
+    world = clsim.load_scene("still")
+    assert light_stands_still(world)
+    flickering = replace(world, environment_modulation=HALF)
+    assert not light_stands_still(flickering)
+    options = RenderOptions(first_hit_rays=8, probe_spp=1, spp=4, sampler="sobol", light_cache=True)
+    with pytest.raises(InputError, match="light is kept on surfaces only where nothing but the camera moves"):
+        View(SceneData(flickering), options)
+
+
+def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left() -> None:
+    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), 0.01, None, "cpu")
+
+    def wanted(index: int) -> set[int]:
+        steerer.arguments["correction"].fill_(7.0)
+        steerer.arguments["known"].fill_(2)
+        steerer.prepare(index)
+        return set(steerer.arguments["grades"].numpy().tolist())
+
+    assert wanted(0) == {GRADES + 1} and wanted(1) == {0}
+    assert (steerer.arguments["known"].numpy() == 2).all()
+    steerer.forget()
+    assert wanted(2) == {GRADES + 1}
+    assert (steerer.arguments["known"].numpy() == 0).all() and (steerer.arguments["correction"].numpy() == 0).all()
+    assert wanted(3) == {0}
