@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from clsim.datasets.job import Done, read_done, run_job, sequence_folder
-from clsim.datasets.kernels import KernelCaches, keep_warm, take_warm
+from clsim.datasets.kernels import KernelCaches
 from clsim.datasets.manifest import write_manifest
 from clsim.datasets.spec import Spec
 from clsim.errors import Error, InputError
@@ -23,7 +23,6 @@ _ROUNDS = 3
 """How often what is missing is tried, after tasks that ended badly."""
 _AHEAD = 4
 """Tasks for each worker that wait at the scheduler."""
-_KERNELS = ".kernels"
 
 
 @dataclass
@@ -75,14 +74,13 @@ def make(
     missing = _missing(spec, out, verify, progress)
     tell(progress)
     if missing:
-        with _client(out, workers, scheduler) as (client, threads):
-            _warm(client, spec, out, missing[0], threads)
+        with _client(spec, workers, scheduler) as (client, threads):
+            _compile(client, spec, missing[0], threads)
             for _ in range(_ROUNDS):
                 _round(client, spec, out, missing, threads, progress, tell)
                 missing = [index for index in missing if index in progress.failures]
                 if not missing:
                     break
-        shutil.rmtree(out / _KERNELS, ignore_errors=True)
     write_manifest(out)
     return progress
 
@@ -135,7 +133,7 @@ def _missing(spec: Spec, out: Path, verify: bool, progress: Progress) -> list[in
 
 
 @contextlib.contextmanager
-def _client(out: Path, workers: int | None, scheduler: str | None) -> Iterator[tuple[Any, int]]:
+def _client(spec: Spec, workers: int | None, scheduler: str | None) -> Iterator[tuple[Any, int]]:
     """Yield a client, and the threads that each sequence may use."""
     import dask
     from distributed import Client, LocalCluster
@@ -152,11 +150,10 @@ def _client(out: Path, workers: int | None, scheduler: str | None) -> Iterator[t
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
         if scheduler is None:
-            spill = stack.enter_context(tempfile.TemporaryDirectory(prefix="clsim-dataset-"))
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
-                    local_directory=spill, silence_logs=50,
+                    silence_logs=50,
                 )
             )  # fmt: skip
             client = stack.enter_context(Client(cluster))
@@ -166,40 +163,43 @@ def _client(out: Path, workers: int | None, scheduler: str | None) -> Iterator[t
             except (OSError, ValueError, TimeoutError) as error:
                 raise InputError(f"{scheduler}: no scheduler of Dask answers ({error})") from None
             threads = 1
-        client.register_plugin(_plugin(out, threads))
+        client.register_plugin(_plugin(spec.name, threads))
         yield client, threads
 
 
-def _plugin(out: Path, threads: int) -> Any:
+def _plugin(specification: str, threads: int) -> Any:
     from distributed.diagnostics.plugin import WorkerPlugin
 
     class Plugin(KernelCaches, WorkerPlugin):
         pass
 
-    return Plugin(str(out / _KERNELS), threads)
+    return Plugin(specification, threads)
 
 
-def _warm(client: Any, spec: Spec, out: Path, index: int, threads: int) -> None:
-    """Compile kernels once, and give them to all workers."""
-    if (out / _KERNELS / "warm").is_dir():
-        return
+def _compile(client: Any, spec: Spec, index: int, threads: int) -> None:
+    """Let one worker compile what the first sequence needs, so that the others find it."""
     first = next(iter(client.scheduler_info(n_workers=-1)["workers"]), None)
-    future = client.submit(
-        compile_kernels, spec, index, str(out), threads, workers=[first], allow_other_workers=True, pure=False
-    )
+    future = client.submit(run_briefly, spec, index, threads, workers=[first], allow_other_workers=True, pure=False)
     try:
         future.result()
     except Error as error:
         raise InputError(f"sequence {index}: {error}") from None
-    client.run(take_warm, str(out / _KERNELS))
 
 
-def compile_kernels(spec: Spec, index: int, out: str, threads: int) -> None:
-    """Run two frames of a sequence in a folder of no importance, and keep the kernels."""
+def run_briefly(spec: Spec, index: int, threads: int) -> None:
+    """Run two frames of a sequence on a worker, in a folder of no importance."""
     short = replace(spec, run=spec.run | {"frame_count": 2, "duration_s": None}, reject=type(spec.reject)(attempts=1))
     with tempfile.TemporaryDirectory(prefix="clsim-warm-") as folder:
-        run_job(short, index, folder, threads)
-    keep_warm(str(Path(out) / _KERNELS))
+        run_task(short, index, folder, threads)
+
+
+def run_task(spec: Spec, index: int, out: str, threads: int) -> Done:
+    """Make a sequence on a worker of Dask, with kernels that all workers share."""
+    from distributed import get_worker
+
+    caches: Any = get_worker().plugins[KernelCaches.name]
+    with caches.shared():
+        return run_job(spec, index, out, threads)
 
 
 def _round(
@@ -215,7 +215,7 @@ def _round(
 
     def submit(index: int) -> Any:
         future = client.submit(
-            run_job,
+            run_task,
             spec,
             index,
             str(out),

@@ -1,12 +1,10 @@
 """Reading a data set: sequences, slices of them, and iterators for training.
 
-Nothing here needs PyTorch. `Slices` is an iterable that a `torch.utils.data.DataLoader` takes as it is where PyTorch is
-installed, for `iterable_dataset` makes it one of PyTorch's own.
+Nothing here needs PyTorch; ``pytorch.py`` makes an `IterableDataset` of `Slices`.
 """
 
 from __future__ import annotations
 
-import json
 import tarfile
 import tempfile
 from collections.abc import Iterator
@@ -220,26 +218,3 @@ def _of_torch(worker: int, workers: int) -> tuple[int, int]:
     data = sys.modules.get("torch.utils.data")
     info = data.get_worker_info() if data is not None else None
     return (worker, workers) if info is None else (worker * info.num_workers + info.id, workers * info.num_workers)
-
-
-def iterable_dataset(slices: Slices) -> Any:
-    """Return ``slices`` as an `IterableDataset` of PyTorch; raises InputError where that is not installed."""
-    try:
-        from torch.utils.data import IterableDataset
-    except ImportError:
-        raise InputError("an IterableDataset needs PyTorch; install it with: pip install torch") from None
-
-    class OfSlices(IterableDataset):  # type: ignore[misc]
-        def __iter__(self) -> Iterator[dict[str, Any]]:
-            return iter(slices)
-
-    return OfSlices()
-
-
-def read_about(folder: str | Path) -> dict[str, Any]:
-    """Return what ``dataset.json`` tells of a data set; raises InputError where there is none."""
-    try:
-        told: dict[str, Any] = json.loads((Path(folder) / "dataset.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        raise InputError(f"{folder}: holds no data set, for dataset.json is missing or damaged") from None
-    return told

@@ -99,7 +99,27 @@ def test_readers_share_sequences_and_orders_are_repeatable(folder):
     assert order(shuffle_seed=4) == order(shuffle_seed=4)
 
 
-def test_workers_of_pytorch_share_too(folder, monkeypatch):
+def test_pytorchs_loader_makes_batches_of_the_same_slices(folder):
+    data = pytest.importorskip("torch.utils.data", reason="needs PyTorch")
+    from clsim.datasets.pytorch import TorchSlices
+
+    slices = Slices(folder, truth=("depth",), bins=2)
+    plain = {(each["sequence"], each["start_us"]): each["voxels"] for each in slices}
+    for workers in (0, 1, 2):
+        found = []
+        for batch in data.DataLoader(TorchSlices(slices), batch_size=3, num_workers=workers):
+            assert batch["depth"].shape[1:] == (_H, _W)
+            found += zip(batch["sequence"].tolist(), batch["start_us"].tolist(), batch["voxels"].numpy(), strict=True)
+        assert len(found) == len(plain)
+        for sequence, start_us, voxels in found:
+            np.testing.assert_array_equal(voxels, plain[sequence, start_us])
+    lists = TorchSlices(Slices(folder, by="count", step=500))
+    (first, *_) = data.DataLoader(lists, batch_size=None)
+    np.testing.assert_array_equal(first["events"]["t"], make_events(0)["t"])
+
+
+def test_readers_in_workers_of_pytorch_share_sequences(folder, monkeypatch):
+    """A stand-in tells what PyTorch tells its workers, so that this is tested without it."""
     import sys
     from types import SimpleNamespace
 

@@ -1,0 +1,23 @@
+"""Caches of kernels that workers share."""
+
+from __future__ import annotations
+
+from clsim.datasets.kernels import copy_missing
+
+
+def test_kernels_that_lack_are_copied_and_others_are_left_alone(tmp_path):
+    one, other = tmp_path / "one", tmp_path / "other"
+    for place, names in ((one, ("warp/1/a/k.o", "warp/1/b/k.o", "pocl/kcache/AB/k.so")), (other, ("warp/1/a/k.o",))):
+        for name in names:
+            (place / name).parent.mkdir(parents=True)
+            (place / name).write_text(f"{place.name} {name}")
+    for left in ("pocl/kcache/tempfile_x", "warp/1/b/.part-7-k.o", "history.sqlite"):
+        (one / left).write_text("of no use to others")
+    assert copy_missing(one, other) == 2
+    assert sorted(str(each.relative_to(other)) for each in other.rglob("*") if each.is_file()) == [
+        "pocl/kcache/AB/k.so", "warp/1/a/k.o", "warp/1/b/k.o",
+    ]  # fmt: skip
+    assert (other / "warp/1/a/k.o").read_text() == "other warp/1/a/k.o"
+    assert (other / "warp/1/b/k.o").read_text() == "one warp/1/b/k.o"
+    assert copy_missing(one, other) == 0
+    assert copy_missing(tmp_path / "none", other) == 0
