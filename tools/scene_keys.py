@@ -159,6 +159,9 @@ modulation = { kind = "keyframes", keyframes = [{ time_s = 0.0, factor = 0.0 }, 
 - `keyframes`: factors at times, joined by lines or, with `interpolation = "step"`, held. A factor may be one number, or
   three for red, green and blue. With `repeat = true` all starts anew at the last time.
 
+In glTF, animations may change what lamps and materials emit (KHR_animation_pointer on a lamp's `color` and `intensity`,
+`emissiveFactor` and `emissiveStrength`); what else they point at is named in a warning.
+
 A camera that exposes for a while sees the mean over its exposure, in closed form. Where objects move within the same
 exposure, each of their places gets that mean: there is no stroboscope within a frame.
 

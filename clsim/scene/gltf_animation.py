@@ -17,15 +17,24 @@ from clsim.scene.rigid import without_scale
 from clsim.scene.world import F32, I32
 
 F64 = npt.NDArray[np.float64]
-Path = Literal["translation", "rotation", "scale", "weights"]
+Property = Literal[
+    "translation",
+    "rotation",
+    "scale",
+    "weights",
+    "lamp color",
+    "lamp intensity",
+    "emissive factor",
+    "emissive strength",
+]
 
 
 @dataclass(frozen=True)
 class Channel:
-    """Keyframes of one property of one node.
+    """Keyframes of one property of one node, lamp or material.
 
     Attributes:
-        node: whose property it is.
+        node: the number of that whose property it is.
         path: which property.
         times_s: float64 ``[k]``, increasing [s].
         values: float64 ``[k, n]``; for CUBICSPLINE ``[k, 3, n]``: in-tangent, value, out-tangent.
@@ -33,7 +42,7 @@ class Channel:
     """
 
     node: int
-    path: Path
+    path: Property
     times_s: F64
     values: F64
     interpolation: Literal["LINEAR", "STEP", "CUBICSPLINE"]
@@ -89,7 +98,7 @@ class NodeTree:
         """
         self.duration_s = max((float(c.times_s[-1]) for c in channels), default=0.0)
         self._repeat = repeat
-        self._channels = [c for c in channels if c.path != "weights"]
+        self._channels = [c for c in channels if c.path in ("translation", "rotation", "scale")]
         self._weights = {c.node: c for c in channels if c.path == "weights"}
         self._trs = trs
         n = len(parents)

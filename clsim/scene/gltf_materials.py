@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene import gltf_schema as schema
+from clsim.scene import gltf_material_schema as schema
 from clsim.scene.geometry import flipped_v
 from clsim.scene.gltf_accessors import EXTENSIONS, GltfFile
+from clsim.scene.gltf_light import LightTracks
 from clsim.scene.images import U8, PixelBudget, decode_rgba
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
 
@@ -28,11 +29,11 @@ class MaterialReader:
         textures: likewise.
     """
 
-    def __init__(self, file: GltfFile, warn: Callable[[str], None]) -> None:
-        """Read from a file; ``warn`` takes what World cannot hold."""
+    def __init__(self, file: GltfFile, light: LightTracks, warn: Callable[[str], None]) -> None:
+        """Read from a file; ``light`` knows what changes, and ``warn`` takes what World cannot hold."""
         self.materials: list[Material] = []
         self.textures: list[Texture] = []
-        self._file, self._warn = file, warn
+        self._file, self._light, self._warn = file, light, warn
         self._indices: dict[tuple[int | None, Vec3], int] = {}
         self._texture_indices: dict[tuple[object, ...], int] = {}
         self._images: dict[int, U8] = {}
@@ -43,7 +44,7 @@ class MaterialReader:
         key = (material, tint)
         if key not in self._indices:
             self._indices[key] = len(self.materials)
-            read = self._read(self._source(material))
+            read = self._read(material, self._source(material))
             r, g, b = (x * y for x, y in zip(read.color, tint, strict=True))
             self.materials.append(replace(read, color=(r, g, b)))
         return self._indices[key]
@@ -57,7 +58,7 @@ class MaterialReader:
     def _source(self, material: int | None) -> schema.Material:
         return DEFAULT if material is None else self._file.item("materials", self._file.json.materials, material)
 
-    def _read(self, source: schema.Material) -> Material:
+    def _read(self, index: int | None, source: schema.Material) -> Material:
         extra, core = source.extensions, source.pbrMetallicRoughness
         name = source.name or "a material"
         for extension in sorted(set(extra.model_extra or {}) - set(EXTENSIONS)):
@@ -85,10 +86,11 @@ class MaterialReader:
         blends = source.alphaMode != "OPAQUE"
         emissive = self._texture(source.emissiveTexture, srgb=True)
         strength = extra.KHR_materials_emissive_strength.emissiveStrength
-        emission = _scaled(source.emissiveFactor, strength)
+        emission, modulation = self._light.surface(-1 if index is None else index, source.emissiveFactor, strength)
         color: Vec3 = base_factor[:3]
         if extra.KHR_materials_unlit is not None:  # its colour is what is seen, whatever the light
             emission, emissive, color, base_texture = color, base, (0.0, 0.0, 0.0), -1
+            modulation = None
             metallic, roughness = 0.0, 1.0
         else:
             base_texture = base
@@ -96,19 +98,20 @@ class MaterialReader:
         lobe = _scaled(specular.specularColorFactor, specular.specularFactor)
         if extra.KHR_materials_unlit is not None:
             lobe = (0.0, 0.0, 0.0)
-        index = extra.KHR_materials_ior.ior
+        ior = extra.KHR_materials_ior.ior
         return Material(
             kind="principled",
             color=color,
             texture=base_texture,
             emission=emission,
             emission_texture=emissive,
+            modulation=modulation,
             emits_behind=source.doubleSided,
             back="same" if source.doubleSided else "culled",
             alpha=roughness**2,
             roughness_texture=self._texture(core.metallicRoughnessTexture, srgb=False),
             metallic=metallic,
-            ior=index if index >= 1.0 else 1.5,
+            ior=ior if ior >= 1.0 else 1.5,
             specular_color=lobe,
             transmission=extra.KHR_materials_transmission.transmissionFactor,
             clearcoat=coat.clearcoatFactor,

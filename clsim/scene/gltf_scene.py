@@ -20,6 +20,8 @@ from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_l
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
+from clsim.scene.gltf_channels import read_channels
+from clsim.scene.gltf_light import LightTracks
 from clsim.scene.gltf_materials import MaterialReader
 from clsim.scene.gltf_meshes import Geometry, read_geometry
 from clsim.scene.motion import Matrix, Motion, Static
@@ -116,10 +118,12 @@ class _Reader:
         self.instances: list[Instance] = []
         self.lights: list[PunctualLight] = []
         self.cameras: list[Camera] = []
-        self.materials = MaterialReader(file, self._warn)
+        channels = read_channels(file, animation, self._warn, self.notes)
+        self.tree = self._tree(channels, repeat)
+        self.light = LightTracks(channels, self.tree.duration_s, repeat=repeat)
+        self.materials = MaterialReader(file, self.light, self._warn)
         self.geometries: dict[int, Geometry | None] = {}
         self.plain: dict[int, int] = {}
-        self.tree = self._tree(self._channels(animation), repeat)
 
     def read(self) -> Parts:
         """Visit the nodes of the scene and return what stands there."""
@@ -199,67 +203,6 @@ class _Reader:
             np.array([node.scale or (1.0, 1.0, 1.0) for node in nodes]).reshape(-1, 3),
         )
         return NodeTree(parents, trs, fixed, channels, repeat=repeat)
-
-    def _channels(self, choice: str | None) -> list[Channel]:
-        """Return the channels that play."""
-        animations = self.file.json.animations
-        if choice is not None:
-            chosen = [_chosen(self.path, animations, choice)]
-        else:
-            chosen, others = [], []
-            taken: set[tuple[int | None, str]] = set()
-            for i, animation in enumerate(animations):
-                moved = {(channel.target.node, channel.target.path) for channel in animation.channels}
-                if moved & taken:
-                    others.append(animation.name or str(i))
-                    continue
-                taken |= moved
-                chosen.append(i)
-            if others:
-                first = animations[chosen[0]].name or "0"
-                self.notes.append(
-                    f"{self.path.name}: plays its animation {first}; it also has {', '.join(others)}, "
-                    f"which {self.path.name}#{others[0]} would play"
-                )
-        return [channel for i in chosen for channel in self._animation(i)]
-
-    def _animation(self, index: int) -> list[Channel]:
-        animation, found = self.file.json.animations[index], []
-        for k, channel in enumerate(animation.channels):
-            place = f"{self.path}: animations[{index}].channels[{k}]"
-            if channel.target.node is None:
-                continue
-            if channel.target.path not in ("translation", "rotation", "scale", "weights"):
-                self._warn(f"animations of {channel.target.path} are not played")
-                continue
-            node = self.file.item("nodes", self.file.json.nodes, channel.target.node)
-            if node.matrix is not None and channel.target.path != "weights":
-                raise InputError(f"{place} moves nodes[{channel.target.node}], whose place is a matrix")
-            sampler = self.file.item(f"animations[{index}].samplers", animation.samplers, channel.sampler)
-            found.append(self._channel(place, channel.target, sampler, node))
-        return found
-
-    def _channel(
-        self, place: str, target: schema.Target, sampler: schema.AnimationSampler, node: schema.Node
-    ) -> Channel:
-        times = self.file.accessor(sampler.input, "animation times", "SCALAR")[:, 0].astype(np.float64)
-        values = self.file.accessor(sampler.output, "animation values", "SCALAR", "VEC3", "VEC4").astype(np.float64)
-        if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
-            raise InputError(f"{place} has times that do not increase from 0 or later")
-        per_key = 3 if sampler.interpolation == "CUBICSPLINE" else 1
-        width = {"translation": 3, "rotation": 4, "scale": 3}.get(target.path, 0)
-        if target.path == "weights":
-            mesh = None if node.mesh is None else self.file.item("meshes", self.file.json.meshes, node.mesh)
-            width = 0 if mesh is None else len(mesh.primitives[0].targets)
-        if not width or values.size != len(times) * per_key * width:
-            raise InputError(
-                f"{place} has {values.size} numbers, expected {len(times)} keyframes of {per_key} × {width}"
-            )
-        keyed = values.reshape(len(times), per_key, width)
-        if target.path == "rotation" and (np.linalg.norm(keyed[:, per_key // 2], axis=1) < 1e-9).any():
-            raise InputError(f"{place} has a quaternion of length 0, expected rotations")
-        keyed = keyed if per_key == 3 else keyed[:, 0]
-        return Channel(target.node or 0, target.path, times, keyed, sampler.interpolation)  # type: ignore[arg-type]
 
     def _geometry(self, index: int) -> Geometry | None:
         if index not in self.geometries:
@@ -397,8 +340,8 @@ class _Reader:
 
     def _add_light(self, index: int, light_index: int) -> None:
         light = self.file.item("lights", self.file.json.extensions.KHR_lights_punctual.lights, light_index)
-        factor = light.intensity / LUMENS_PER_WATT
-        intensity: Vec3 = (light.color[0] * factor, light.color[1] * factor, light.color[2] * factor)
+        (r, g, b), modulation = self.light.lamp(light_index, light.color, light.intensity)
+        intensity: Vec3 = (r / LUMENS_PER_WATT, g / LUMENS_PER_WATT, b / LUMENS_PER_WATT)
         motion: Motion = NodeMotion(self.tree, index, np.eye(4), rigid=True)
         if not self.tree.moving[index]:
             motion = Static(without_scale(self.tree.matrices(0.0)[index]))
@@ -411,18 +354,9 @@ class _Reader:
                 inner_deg=math.degrees(min(cone.innerConeAngle, cone.outerConeAngle)),
                 outer_deg=math.degrees(cone.outerConeAngle),
                 name=self.file.json.nodes[index].name or light.name or f"nodes[{index}]",
+                modulation=modulation,
             )
         )
-
-
-def _chosen(path: Path, animations: list[schema.Animation], choice: str) -> int:
-    names = [animation.name for animation in animations]
-    if choice in names:
-        return names.index(choice)
-    if choice.isdecimal() and int(choice) < len(animations):
-        return int(choice)
-    known = ", ".join(name or str(i) for i, name in enumerate(names)) or "(it has none)"
-    raise InputError(f"{path}: has no animation {choice!r}, expected one of {known}")
 
 
 def _mesh(geometry: Geometry) -> Mesh:

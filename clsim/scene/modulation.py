@@ -138,12 +138,14 @@ class Keyframed:
         factors: of R, G and B at these times; the first and the last are held before and after.
         step: whether each is held until the next, instead of lines.
         repeat: whether all starts anew at the last time.
+        finest_s: the shortest time in which something happens, where lines stand for a curve; 0: from key to key.
     """
 
     times_s: tuple[float, ...]
     factors: tuple[Vec3, ...]
     step: bool = False
     repeat: bool = False
+    finest_s: float = 0.0
 
     @property
     def duration_s(self) -> float:
@@ -153,8 +155,8 @@ class Keyframed:
     @property
     def least_fps(self) -> float:
         """Two frames from key to key."""
-        gaps = np.diff(self.times_s)
-        return 2.0 / float(gaps.min()) if len(gaps) else 0.0
+        gaps_s = np.diff(self.times_s)
+        return 2.0 / (self.finest_s or float(gaps_s.min())) if len(gaps_s) else 0.0
 
     @property
     def largest(self) -> float:
