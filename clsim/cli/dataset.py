@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -49,7 +50,7 @@ def dataset(
     from rich.console import Console
 
     from clsim.cli.status import say_about_scene
-    from clsim.datasets.engine import check_engine, make
+    from clsim.datasets.engine import SchedulerLostError, check_engine, make
     from clsim.datasets.shards import check_shards, write_shards
     from clsim.datasets.spec import load_spec
 
@@ -73,6 +74,9 @@ def dataset(
     except KeyboardInterrupt:
         console.print(f"clsim: interrupted; the same command goes on with {out}", highlight=False)
         return INTERRUPTED
+    except SchedulerLostError as error:
+        print(f"clsim: {scheduler or 'dask.distributed'}: {error}", file=sys.stderr)
+        return OUTPUT_FAILED
     kept = done.whole - done.rejected
     sentences = [f"{kept:,} of {done.total:,} sequences are in {out}, {done.whole - done.found:,} of them new"]
     if done.rejected:

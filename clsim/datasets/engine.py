@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import itertools
 import json
+import logging
 import os
 import shutil
 import tempfile
+import uuid
 from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +27,11 @@ _ROUNDS = 3
 """How often what is missing is tried, after tasks that ended badly."""
 _AHEAD = 4
 """Tasks for each worker that wait at the scheduler."""
+_LOST = "the scheduler has gone; what is whole is kept, and the same command with a new one goes on"
+
+
+class SchedulerLostError(Error):
+    """The scheduler ended before all sequences were made; those that are whole are kept."""
 
 
 @dataclass
@@ -67,6 +76,7 @@ def make(
 
     Raises:
         InputError: dask.distributed is missing, the scheduler cannot be reached, or the folder is of another kind.
+        SchedulerLostError: it ended on the way.
     """
     check_engine()
     prepare(spec, out)
@@ -77,10 +87,7 @@ def make(
         with _client(spec, workers, scheduler) as (client, threads):
             _compile(client, spec, missing[0], threads)
             for _ in range(_ROUNDS):
-                _round(client, spec, out, missing, threads, progress, tell)
-                missing = [index for index in missing if index in progress.failures]
-                if not missing:
-                    break
+                missing = _round(client, spec, out, missing, threads, progress, tell)
     write_manifest(out)
     return progress
 
@@ -137,6 +144,7 @@ def _client(spec: Spec, workers: int | None, scheduler: str | None) -> Iterator[
     """Yield a client, and the threads that each sequence may use."""
     import dask
     from distributed import Client, LocalCluster
+    from distributed.utils import silence_logging_cmgr
 
     cores = os.cpu_count() or 1
     count = workers or max(1, cores // 2)
@@ -149,11 +157,12 @@ def _client(spec: Spec, workers: int | None, scheduler: str | None) -> Iterator[
     }
     with contextlib.ExitStack() as stack:
         stack.enter_context(dask.config.set(settings))
+        stack.enter_context(silence_logging_cmgr(logging.CRITICAL))  # a lost connection is told in one sentence
         if scheduler is None:
             cluster = stack.enter_context(
                 LocalCluster(
                     n_workers=count, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1",
-                    silence_logs=50,
+                    silence_logs=logging.CRITICAL,
                 )
             )  # fmt: skip
             client = stack.enter_context(Client(cluster))
@@ -177,13 +186,13 @@ def _plugin(specification: str, threads: int) -> Any:
 
 
 def _compile(client: Any, spec: Spec, index: int, threads: int) -> None:
-    """Let one worker compile what the first sequence needs, so that the others find it."""
-    first = next(iter(client.scheduler_info(n_workers=-1)["workers"]), None)
-    future = client.submit(run_briefly, spec, index, threads, workers=[first], allow_other_workers=True, pure=False)
+    """Let one worker, as soon as there is one, compile what the first sequence needs; the others then find it."""
     try:
-        future.result()
-    except Error as error:
+        client.submit(run_briefly, spec, index, threads, pure=False).result()
+    except InputError as error:
         raise InputError(f"sequence {index}: {error}") from None
+    except CancelledError:
+        raise SchedulerLostError(_LOST) from None
 
 
 def run_briefly(spec: Spec, index: int, threads: int) -> None:
@@ -205,41 +214,40 @@ def run_task(spec: Spec, index: int, out: str, threads: int) -> Done:
 def _round(
     client: Any, spec: Spec, out: Path, missing: list[int], threads: int, progress: Progress,
     tell: Callable[[Progress], None],
-) -> None:  # fmt: skip
-    """Make the missing ones, a few ahead of the workers."""
+) -> list[int]:  # fmt: skip
+    """Make the missing ones, a few ahead of the workers that there are by then; returns those to try again."""
     from distributed import as_completed
 
-    progress.failures.clear()
     waiting = iter(missing)
     of: dict[Any, int] = {}
+    again: list[int] = []
+    running = as_completed()
 
-    def submit(index: int) -> Any:
-        future = client.submit(
-            run_task,
-            spec,
-            index,
-            str(out),
-            threads,
-            key=f"clsim-{spec.job_hash(index)}-{os.getpid()}-{len(of)}",
-            retries=1,
-        )
-        of[future] = index
-        return future
+    def submit() -> None:
+        ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"])) - len(of)
+        for index in itertools.islice(waiting, max(0, ahead)):
+            key = f"clsim-{spec.job_hash(index)}-{uuid.uuid4()}"  # tasks of one key are made once
+            future = client.submit(run_task, spec, index, str(out), threads, key=key)
+            of[future] = index
+            running.add(future)
 
-    ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
-    running = as_completed([submit(index) for _, index in zip(range(ahead), waiting, strict=False)])
+    submit()
     for future in running:
-        index = of[future]
+        index = of.pop(future)
         try:
             done: Done = future.result()
+        except CancelledError:
+            raise SchedulerLostError(_LOST) from None
         except Exception as error:  # of ours, of Dask's (a worker died too often), or a defect: all are told
             progress.failures[index] = f"{type(error).__name__}: {error}"
+            if not isinstance(error, InputError):  # which would come again
+                again.append(index)
         else:
+            progress.failures.pop(index, None)
             progress.whole += 1
             progress.rejected += not done.kept
             progress.cpu_s += done.cost["cpu_s"]
         tell(progress)
         future.release()
-        following = next(waiting, None)
-        if following is not None:
-            running.add(submit(following))
+        submit()
+    return again

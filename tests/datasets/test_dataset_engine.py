@@ -15,7 +15,7 @@ from clsim.datasets.load import Slices
 from clsim.datasets.manifest import read_manifest
 from clsim.datasets.spec import Limits, load_spec
 from clsim.errors import InputError
-from tools.dataset_kills import contents, kill_often
+from tools.dataset_kills import Making, contents, kill_often
 
 pytestmark = pytest.mark.slow
 _TINY = str(Path(__file__).with_name("tiny.toml"))
@@ -30,9 +30,11 @@ def undisturbed(tmp_path_factory):
 
 
 @pytest.mark.timeout(900)
-def test_kills_lose_nothing_and_double_nothing(undisturbed, tmp_path):
-    killed = kill_often(_TINY, tmp_path / "set", kills=3, workers=2, seed=1, longest_s=12.0)
-    assert len(killed) >= 3
+@pytest.mark.parametrize("apart", [False, True], ids=["one client", "scheduler and nannies apart"])
+def test_kills_lose_nothing_and_double_nothing(undisturbed, tmp_path, apart):
+    making = Making(_TINY, tmp_path / "set", workers=2, apart=apart)
+    killed = kill_often(making, kills=3, seed=1, longest_s=6.0)
+    assert len(killed) == 3
     assert contents(tmp_path / "set") == contents(undisturbed)
     assert [row["index"] for row in read_manifest(tmp_path / "set")] == [0, 1, 2, 3]
 
