@@ -20,8 +20,8 @@ from clsim.render import sampling
 
 LEVELS = 5
 _LEVELS = wp.constant(LEVELS)
-_WANTED = wp.constant(64.0)
-"""Paths with which a level counts as much as all coarser ones."""
+_WANTED = wp.constant(512.0)
+"""Paths with which a level counts as much as all coarser ones: coarse cells blur light, fine ones are noisy."""
 _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
 _ALIGNED = wp.constant(0.9999)

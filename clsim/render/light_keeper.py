@@ -12,7 +12,7 @@ from clsim.render.effort import Effort, looks_of
 from clsim.render.launch import record
 from clsim.render.light_cache import LEVELS, SUMS, Cell, add_to_cells, average, move_cells, open_cells
 
-KNOWN = 0.5
+KNOWN = 0.2
 """Where less is known of the light, a pixel traces all its paths."""
 _CELLS_PER_PIXEL = 8
 _LARGEST_TABLE = 1 << 22
