@@ -1,7 +1,7 @@
 // A pixel with faults: brightness becomes events. A pixel is run from the start of a step to its end, piece after piece;
 // in a piece what it compares is linear in time, so that crossings are solved and not stepped.
 //
-// Each stage is a macro (see clsim/sensor/settings.py, where c[C_…], its constants, come from) and a function or two; a
+// Each stage is a macro (see clsim/sensor/pixel_stages.py, where c[C_…], its constants, come from) and a function or two; a
 // stage that is off is not compiled. Times are absolute [ns]. What does not change with light is computed from times and
 // values that no frame and no launch sets, so that their boundaries leave every bit as it is.
 //
@@ -9,6 +9,7 @@
 // P_… (planes of what a pixel keeps for ever), S_… (planes of its state), and those of the stages.
 
 #include "types.clh"
+#include "sensor_math.clh"
 #include "sensor_random.clh"
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
@@ -40,7 +41,10 @@ typedef struct { long at; double level, slope; } Line;
 static inline double level_at(Line line, long t) { return line.level + line.slope * SECONDS(t - line.at); }
 
 // How far a time [s] lies ahead, in ns, rounded up.
-static inline long ahead(double seconds) { return seconds < 4e9 ? (long)ceil(seconds * 1e9) : NEVER / 2; }
+static inline long ahead(double seconds) {
+    const double ns = seconds * 1e9;
+    return seconds < 4e9 ? (long)ns + ((long)ns < ns) : NEVER / 2;
+}
 
 #ifdef LEAK
 #define LEAK_OF(p) ((p)->leak)
@@ -54,7 +58,7 @@ static inline long ahead(double seconds) { return seconds < 4e9 ? (long)ceil(sec
 #ifdef PARASITIC
 // Light adds to the leak.
 static inline void change_leak(Pixel *p, long t, double level) {
-    const double leak = p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * exp(level);
+    const double leak = p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
     if (leak == p->leak) return;
     if (p->since <= t) {
         p->leaked += p->leak * SECONDS(t - p->since);
@@ -95,7 +99,7 @@ static inline void emit(Pixel *p, Outbox *out, long t, int rising, int cause) {
 #ifdef DELAY
     double delay = p->c[C_LATENCY_NS];
     delay += p->c[C_JITTER_NS] * normal_of(drawn(p->key, t, DRAW_JITTER));
-    const long stamp = t + (long)fmax(delay, 0.0);
+    const long stamp = t + (long)MAX(delay, 0.0);
 #else
     const long stamp = t;
 #endif
@@ -168,7 +172,7 @@ static inline long next_crossing(const Pixel *p, Line line, long t, int *rising)
 // Too many events in a launch: the others are counted, and the reference moves as if they had been fired.
 static inline void cap(Pixel *p, Line line, long t) {
     const double moved = level_at(line, t) - p->ref + LEAK_OF(p) * SECONDS(t - p->since);
-    const double size = moved > 0 ? p->on : p->off, crossings = floor(fabs(moved) / size);
+    const double size = moved > 0 ? p->on : p->off, crossings = floor(ABS(moved) / size);
     p->capped += crossings > 1e9 ? 1000000000L : (long)crossings;
     if (crossings >= 1) take_reference(p, line, t);
 }
@@ -213,33 +217,41 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
     }
 }
 
-// From t0 to t1, between which the level goes from l0 to l1.
-static inline void run_segment(Pixel *p, Outbox *out, long t0, double l0, long t1, double l1) {
-    const double slope = t1 > t0 ? (l1 - l0) / SECONDS(t1 - t0) : 0;
-    long t = t0;
+// A knot of a brightness path, with the light there.
+typedef struct { long t; double level; Light light; } Knot;
+
+static inline Knot knot_at(const Pixel *p, long t, double level) {
+    const Knot knot = {t, level, light_of(p->c, level)};
+    return knot;
+}
+
+// From a knot to the next one.
+static inline void run_segment(Pixel *p, Outbox *out, Knot from, Knot to) {
+    const double slope = to.t > from.t ? (to.level - from.level) / SECONDS(to.t - from.t) : 0;
+    long t = from.t;
 #ifdef FRONT
-    Light light = light_of(p, l0);
+    Light light = from.light;
 #endif
-    while (t < t1) {
-        long end = t1;
-        const double level = l0 + slope * SECONDS(t - t0);
+    while (t < to.t) {
+        long end = to.t;
 #ifdef FRONT
         end = MIN(end, t + front_reach(p, light, slope));
 #endif
-        const double after = end == t1 ? l1 : l0 + slope * SECONDS(end - t0);
+        const double level = from.level + slope * SECONDS(t - from.t);
+        const double after = end == to.t ? to.level : from.level + slope * SECONDS(end - from.t);
 #ifdef FRONT
-        const Light next_light = after == level ? light : light_of(p, after);
+        const Light next_light = end == to.t ? to.light : light_of(p->c, after);
         const Line line = advance_front(p, t, light, end, next_light);
         light = next_light;
 #else
-        const Line line = {t0, l0, slope};
+        const Line line = {from.t, from.level, slope};
 #endif
 #ifdef PARASITIC
         change_leak(p, t, 0.5 * (level + after));
 #endif
 #ifdef SHOT_NOISE
         while (t < end) {
-            const long node = MIN(end, advance_noise(p, t, l0 + slope * SECONDS(t - t0)));
+            const long node = MIN(end, advance_noise(p, t, from.level + slope * SECONDS(t - from.t)));
             run_piece(p, out, line, t, node);
             t = node;
         }
@@ -268,13 +280,13 @@ static inline void begin(Pixel *p, long t, double level) {
 #ifdef SHOT_NOISE
     // As many thresholds away as noise is: with references at random, or at the mean, all would fire in a burst.
     const double size = p->noise > 0 ? p->on : p->off;
-    p->noise_at_ref = copysign(size < INFINITY ? floor(fabs(p->noise) / size) * size : 0.0, p->noise);
+    p->noise_at_ref = copysign(size < INFINITY ? floor(ABS(p->noise) / size) * size : 0.0, p->noise);
     p->ref += p->noise_at_ref;
 #endif
 #ifdef LEAK
     // Leaks have no common beginning. A dead pixel's threshold is no number to take a share of.
     if (p->leak > 0 && p->on < INFINITY) {
-        const double leaked = p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE)), ago = fmin(leaked / p->leak, 1e9);
+        const double leaked = p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE)), ago = MIN(leaked / p->leak, 1e9);
         p->since -= (long)(ago * 1e9);
         p->ref -= leaked - ago * p->leak;
     }
@@ -290,7 +302,7 @@ static inline double reference_for(const Pixel *p, long t, double level) {
 #elif defined(RECEPTOR)
     seen = p->receptor;
 #elif defined(DARK)
-    seen = light_of(p, level).level;
+    seen = light_of(p->c, level).level;
 #endif
 #ifdef SHOT_NOISE
     ref -= p->noise_at_ref;
@@ -326,6 +338,10 @@ __kernel void run_pixels(
     const size_t room = (size_t)item * capacity;
     Outbox out = {out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, capacity, 0};
     long many = 0, capped = 0, most = 0;
+    // Apart, so that a compiler takes several at a time.
+    Light lights[2][CHUNK];
+    for (int i = first; i < last; i++) lights[0][i - first] = light_of(c, start[i]);
+    for (int i = first; i < last; i++) lights[1][i - first] = light_of(c, end[i]);
     for (int i = first; i < last; i++) {
         Pixel p = loaded(c, seed, own, state, pixels, i, i % span, i / span);
         const double before = start[i], now = end[i];
@@ -333,17 +349,17 @@ __kernel void run_pixels(
             if (p.ref != p.ref && p.since <= t0) {
                 begin(&p, t1, now);
             } else {
-                long t = t0;
-                double level = before;
+                Knot from = {t0, before, lights[0][i - first]};
+                const Knot to = {t1, now, lights[1][i - first]};
 #ifdef KNOTS
                 if (rows[i] >= 0)
                     for (int k = offsets[rows[i]]; k < offsets[rows[i] + 1]; k++) {
-                        run_segment(&p, &out, t, level, t0 + times[k], levels[k]);
-                        t = t0 + times[k];
-                        level = levels[k];
+                        const Knot knot = knot_at(&p, t0 + times[k], levels[k]);
+                        run_segment(&p, &out, from, knot);
+                        from = knot;
                     }
 #endif
-                run_segment(&p, &out, t, level, t1, now);
+                run_segment(&p, &out, from, to);
             }
             out_references[i] = reference_for(&p, t1, now);
         }

@@ -16,7 +16,8 @@ from PIL import Image, ImageDraw, ImageFont
 import clsim
 from clsim.sensor import SensorSettings, load_sensor
 from clsim.sensor.lab import Lab
-from clsim.sensor.settings import Defects, Delay, FrontEnd, Leak, Noise, Optics, Readout, Refractory, Threshold
+from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
+from clsim.sensor.settings import Optics, Readout
 
 SIZE = (160, 120)
 STEP_US, SHOWN_US, END_US = 1000, 15_000, 120_000

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.sensor.lab import Lab, thresholds_of, without
-from clsim.sensor.settings import FrontEnd, SensorSettings
+from clsim.sensor.pixel_stages import FrontEnd
+from clsim.sensor.settings import SensorSettings
 
 FloatArray = npt.NDArray[np.float64]
 PIXELS = 400

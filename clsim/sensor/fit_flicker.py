@@ -25,7 +25,7 @@ _OUTLIER = 0.02
 
 @dataclass(frozen=True)
 class FlickerFit:
-    """Numbers of a sensor, each with its standard error; see `clsim.sensor.settings` for what they are.
+    """Numbers of a sensor, each with its standard error; see `clsim.sensor.pixel_stages` for what they are.
 
     Attributes:
         on, off: contrast thresholds [natural-log units].

@@ -78,7 +78,7 @@ def pixel_numbers(batch: EventBatch, width: int, height: int) -> npt.NDArray[np.
 
 @dataclass(frozen=True)
 class StillFit:
-    """Numbers of a sensor, each with its standard error; see `clsim.sensor.settings` for what they are.
+    """Numbers of a sensor, each with its standard error; see `clsim.sensor.pixel_stages` for what they are.
 
     Attributes:
         noise_hz: rate of noise events of each polarity, of a median pixel [1/s].

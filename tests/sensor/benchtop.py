@@ -8,7 +8,7 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.path import BrightnessPath, Knots
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import RealPixels, SensorSettings
-from clsim.sensor.settings import Defects, Noise, Threshold
+from clsim.sensor.pixel_stages import Defects, Noise, Threshold
 from clsim.sensor.stage import Context
 
 NEXT_TO_NOTHING = SensorSettings(

@@ -8,7 +8,7 @@ from scipy import stats
 
 from clsim.errors import InputError
 from clsim.sensor import SensorSettings, characteristics, load_sensor
-from clsim.sensor.settings import FrontEnd, Leak, Noise, Threshold
+from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Threshold
 
 LUX = np.array([0.1, 10.0, 1000.0])
 

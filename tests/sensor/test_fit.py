@@ -17,7 +17,7 @@ from clsim.sensor.fit_flicker import fit_flicker
 from clsim.sensor.fit_still import Counts, fit_still
 from clsim.sensor.fitted import fitted_rows, sensor_file
 from clsim.sensor.lab import Lab
-from clsim.sensor.settings import Defects, Leak, Noise, Refractory, Threshold
+from clsim.sensor.pixel_stages import Defects, Leak, Noise, Refractory, Threshold
 
 WIDTH, HEIGHT = 80, 60
 CONTRAST, LAMP_HZ = 0.6, 5.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clsim.sensor import SensorSettings
-from clsim.sensor.settings import FrontEnd, Refractory
+from clsim.sensor.pixel_stages import FrontEnd, Refractory
 from tests.sensor.benchtop import Benchtop, intervals_us
 
 # Both poles and a floor, of which the tests make what they do not ask for as good as absent.

@@ -12,8 +12,8 @@ from scipy import stats
 
 from clsim.events import CAUSES
 from clsim.sensor import IdealPixels, SensorSettings, Thresholds
+from clsim.sensor.pixel_stages import Delay, Refractory
 from clsim.sensor.reference.pixel import fire
-from clsim.sensor.settings import Delay, Refractory
 from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages
 
 ON, OFF = 0.2, 0.25

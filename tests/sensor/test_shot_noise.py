@@ -8,7 +8,7 @@ import pytest
 
 from clsim.events import CAUSES
 from clsim.sensor import SensorSettings
-from clsim.sensor.settings import FrontEnd, Leak, Noise, Refractory, Threshold
+from clsim.sensor.pixel_stages import NODES_APART, FrontEnd, Leak, Noise, Refractory, Threshold
 from tests.sensor.benchtop import SPLITS, Benchtop
 
 FOLLOWER_HZ = 100.0
@@ -138,10 +138,10 @@ def test_a_step_amid_noise_is_late_by_a_jitter_that_theory_gives():
 
 
 def test_noise_has_its_variance_and_forgets_at_its_pace():
-    # Seen in the pixels' state: no event can be told from it. Nodes are a quarter of a time constant apart.
+    # Seen in the pixels' state: no event can be told from it.
     ratio, pixels = 20.0, 4000
     bench = Benchtop(noisy(ratio), pixels, on=THETA, off=THETA)
-    slot_us = round(0.25 * TAU_S * 1e9) / 1e3
+    slot_us = round(NODES_APART * TAU_S * 1e9) / 1e3
     plane = bench.pixels._macros["S_NOISE"]
 
     def noise_at(slot):
@@ -152,10 +152,10 @@ def test_noise_has_its_variance_and_forgets_at_its_pace():
     first = noise_at(50)
     sigma = THETA / ratio
     assert first.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
-    for slots in (1, 4, 8, 40):
+    for slots in (1, 2, 4, 20):
         later = noise_at(50 + slots)
         correlation = np.mean(first * later) / sigma**2
-        assert correlation == pytest.approx(math.exp(-slots / 4), abs=4 / math.sqrt(pixels))
+        assert correlation == pytest.approx(math.exp(-slots * NODES_APART), abs=4 / math.sqrt(pixels))
         assert later.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
 
 
