@@ -22,6 +22,7 @@ class SceneFeatures:
     Attributes:
         two_level: something moves or deforms, and rays pass through a tree over instances; else one mesh holds all.
         smooth_normals: some mesh has shading normals.
+        vertex_colors: some mesh has colours of its own.
         kinds: the scattering models of the used materials, in the order of ``bsdf_kinds.KINDS``.
         textures: some used material has a texture of any sort.
         checkers, images: some of these textures are checkerboards, or images.
@@ -45,6 +46,7 @@ class SceneFeatures:
 
     two_level: bool
     smooth_normals: bool
+    vertex_colors: bool
     kinds: tuple[Kind, ...]
     textures: bool
     checkers: bool
@@ -110,6 +112,7 @@ class Features(SceneFeatures):
         rows = (
             (self.two_level, "moving and deforming objects (two-level tree)"),
             (self.smooth_normals, "smooth shading normals"),
+            (self.vertex_colors, "colours of vertices"),
             *((kind in self.kinds, f"{kind} materials") for kind in KINDS),
             (self.checkers, "checkerboard textures"),
             (self.images, "image textures"),
@@ -223,6 +226,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
     return SceneFeatures(
         two_level=deforming or any(instance.motion.duration_s > 0 for instance in world.instances),
         smooth_normals=any(mesh.normals is not None for mesh in meshes),
+        vertex_colors=any(mesh.colors is not None for mesh in meshes),
         kinds=tuple(kind for kind in KINDS if kind in kinds),
         textures=bool(textures),
         checkers=any(isinstance(texture, CheckerTexture) for texture in textures),

@@ -46,6 +46,7 @@ class Geometry:
     indices: wp.array(dtype=int)
     normals: wp.array(dtype=wp.vec3)
     uvs: wp.array(dtype=wp.vec2)
+    colors: wp.array(dtype=wp.vec3)
     material_ids: wp.array(dtype=int)
     instance_tree: wp.uint64
     instance_mesh: wp.array(dtype=int)
@@ -83,7 +84,8 @@ class Hit:
 class Surface:
     """A point on a triangle as shading needs it; the normals face the side that the ray came from.
 
-    ``tangent`` and ``bitangent`` are the derivatives of the position by u and v, and 0 where uv have no area.
+    ``tint`` is the colour of its vertices, ``tangent`` and ``bitangent`` are the derivatives of the position by u and
+    v, and 0 where uv have no area.
     ``reach_m`` is the largest coordinate by which the position was found: its error is a few roundings of that.
     """
 
@@ -91,6 +93,7 @@ class Surface:
     normal: wp.vec3
     shading_normal: wp.vec3
     uv: wp.vec2
+    tint: wp.vec3
     tangent: wp.vec3
     bitangent: wp.vec3
     material: int

@@ -230,6 +230,13 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
             point.uv = (
                 geometry.uvs[at[0]] * hit.weight0 + geometry.uvs[at[1]] * hit.weight1 + geometry.uvs[at[2]] * weight2
             )
+        if wp.static(features.vertex_colors):
+            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
+            point.tint = (
+                geometry.colors[at[0]] * hit.weight0
+                + geometry.colors[at[1]] * hit.weight1
+                + geometry.colors[at[2]] * weight2
+            )
         if wp.static(features.normal_maps):
             at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             uv1 = geometry.uvs[at[1]] - geometry.uvs[at[0]]

@@ -119,6 +119,8 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
             if row.texture >= 0:
                 rgba = lookup(materials.textures, row.texture, point.uv)
                 b.color = wp.cw_mul(b.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
+        if wp.static(features.vertex_colors):
+            b.color = wp.cw_mul(b.color, point.tint)
         if wp.static(features.dark_backs):
             b.dark = not point.front and row.dark_back != 0
         if wp.static(glossy):
@@ -188,7 +190,7 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
     @wp.func
     def textured(materials: Materials, material: int) -> bool:
         found = bool(False)
-        if wp.static(features.textures):
+        if wp.static(features.textures and not features.vertex_colors):
             row = materials.rows[material]
             found = row.texture >= 0 and row.roughness_texture < 0 and row.emission_texture < 0
         return found

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from clsim.render.deform import box, deforms, flat_or_smooth, shaped
 from clsim.scene import Instance, Mesh, Static, World
+from clsim.scene.geometry import colors_of
 
 _NOTHING = Mesh(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32))
 """A triangle without area, for a world without meshes."""
@@ -88,7 +89,7 @@ def _origin(world: World) -> npt.NDArray[np.float64]:
 
 def _merge(world: World, instances: list[Instance], origin_m: npt.NDArray[np.float64]) -> Mesh:
     """Join still instances to one mesh, with coordinates from the origin."""
-    vertices, triangles, normals, coordinates, materials = [], [], [], [], []
+    vertices, triangles, normals, coordinates, meshes, materials = [], [], [], [], [], []
     first = 0
     for instance in instances:
         mesh, pose = shaped(world.meshes[instance.mesh], 0.0), instance.motion.pose(0.0)
@@ -96,6 +97,7 @@ def _merge(world: World, instances: list[Instance], origin_m: npt.NDArray[np.flo
         triangles.append(mesh.triangles + np.int32(first))
         normals.append((flat_or_smooth(mesh) @ np.linalg.inv(pose[:3, :3])).astype(np.float32))
         coordinates.append(uvs(mesh))
+        meshes.append(mesh)
         materials.append(mesh.material_ids)
         first += len(mesh.vertices)
     blended = np.concatenate(normals)
@@ -106,6 +108,7 @@ def _merge(world: World, instances: list[Instance], origin_m: npt.NDArray[np.flo
         np.concatenate(materials),
         np.divide(blended, lengths, out=np.zeros_like(blended), where=lengths > 0),
         np.concatenate(coordinates),
+        np.concatenate([colors_of(mesh) for mesh in meshes]) if any(m.colors is not None for m in meshes) else None,
     )
 
 

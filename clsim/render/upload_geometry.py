@@ -17,6 +17,7 @@ from clsim.render.placement import Placement, uvs
 from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
 from clsim.render.upload_arrays import array, write
 from clsim.scene import Motion, SphereLight
+from clsim.scene.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
 
@@ -64,6 +65,8 @@ class GeometryData:
             geometry.normals = array(np.concatenate([flat_or_smooth(mesh) for mesh in shapes]), wp.vec3, device)
         if features.textures:
             geometry.uvs = array(np.concatenate([uvs(mesh) for mesh in shapes]), wp.vec2, device)
+        if features.vertex_colors:
+            geometry.colors = array(np.concatenate([colors_of(mesh) for mesh in shapes]), wp.vec3, device)
         self._trees: list[Any] = []
         self._deforming: dict[int, tuple[int, DeformingMesh]] = {}
         for entry, (mesh, i) in enumerate(zip(shapes, owner, strict=True)):

@@ -158,7 +158,11 @@ class WorldBuilder:
     def _from_trimesh(self, name: str, geometry: Any, material: Material | None) -> int:
         from clsim.scene.trimesh_scene import mesh_of
 
-        return self._mesh(mesh_of(name, geometry), material or self._material(name, geometry.visual))
+        mesh = mesh_of(name, geometry)
+        if material is not None:
+            return self._mesh(replace(mesh, colors=None), material)
+        white = Material(color=(1.0, 1.0, 1.0))
+        return self._mesh(mesh, self._material(name, geometry.visual) if mesh.colors is None else white)
 
     def _material(self, name: str, visual: Any) -> Material:
         """Return the surface that trimesh has: a colour or a texture, metalness and roughness, and what it emits."""

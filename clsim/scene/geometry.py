@@ -8,7 +8,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.motion import Matrix, compose
-from clsim.scene.world import Mesh, Vec3
+from clsim.scene.world import F32, Mesh, Vec3
 
 MAX_BAKED_TRIANGLES = 20_000_000
 
@@ -94,10 +94,17 @@ def joined(meshes: list[Mesh]) -> Mesh:
     first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
     uvs = [np.zeros((len(mesh.vertices), 2), np.float32) if mesh.uvs is None else mesh.uvs for mesh in meshes]
     normals = [mesh.normals for mesh in meshes if mesh.normals is not None]
+    colored = any(mesh.colors is not None for mesh in meshes)
     return Mesh(
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         triangles=np.concatenate([m.triangles + np.int32(start) for m, start in zip(meshes, first, strict=False)]),
         material_ids=np.concatenate([mesh.material_ids for mesh in meshes]),
         normals=np.concatenate(normals) if len(normals) == len(meshes) else None,
         uvs=np.concatenate(uvs) if any(mesh.uvs is not None for mesh in meshes) else None,
+        colors=np.concatenate([colors_of(mesh) for mesh in meshes]) if colored else None,
     )
+
+
+def colors_of(mesh: Mesh) -> F32:
+    """Return the colours of a mesh's vertices ``[n, 3]``; white where it has none."""
+    return np.ones((len(mesh.vertices), 3), np.float32) if mesh.colors is None else mesh.colors

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
@@ -34,20 +33,17 @@ class MaterialReader:
         self.materials: list[Material] = []
         self.textures: list[Texture] = []
         self._file, self._light, self._warn = file, light, warn
-        self._indices: dict[tuple[int | None, Vec3], int] = {}
+        self._indices: dict[int | None, int] = {}
         self._texture_indices: dict[tuple[object, ...], int] = {}
         self._images: dict[int, U8] = {}
         self._budget = PixelBudget()
 
-    def index(self, material: int | None, tint: Vec3 = (1.0, 1.0, 1.0)) -> int:
-        """Return the index into ``materials`` of one of the file's (None: the default), times a colour."""
-        key = (material, tint)
-        if key not in self._indices:
-            self._indices[key] = len(self.materials)
-            read = self._read(material, self._source(material))
-            r, g, b = (x * y for x, y in zip(read.color, tint, strict=True))
-            self.materials.append(replace(read, color=(r, g, b)))
-        return self._indices[key]
+    def index(self, material: int | None) -> int:
+        """Return the index into ``materials`` of one of the file's (None: the default)."""
+        if material not in self._indices:
+            self._indices[material] = len(self.materials)
+            self.materials.append(self._read(material, self._source(material)))
+        return self._indices[material]
 
     def texcoord(self, material: int | None) -> int:
         """Return which set of texture coordinates a material uses, its base colour's first."""

@@ -14,7 +14,7 @@ from clsim.scene import gltf_schema as schema
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_draco import unpacked
 from clsim.scene.gltf_materials import MaterialReader
-from clsim.scene.world import F32, I32, Vec3
+from clsim.scene.world import F32, I32
 
 Array = npt.NDArray[Any]
 
@@ -29,6 +29,7 @@ class Geometry:
         material_ids: int32 ``[m]``.
         normals: float32 ``[n, 3]``, or None where no primitive has them.
         uvs: float32 ``[n, 2]`` with v up, or None where no primitive has them.
+        colors: float32 ``[n, 3]``, or None where no primitive has them.
         targets: float32 ``[t, n, 3]``, differences of the vertices per morph target.
         normal_targets: likewise of the normals.
         joints: int32 ``[n, 4·sets]``, indices into a skin's joints.
@@ -40,6 +41,7 @@ class Geometry:
     material_ids: I32
     normals: F32 | None
     uvs: F32 | None
+    colors: F32 | None
     targets: F32
     normal_targets: F32
     joints: I32
@@ -98,8 +100,7 @@ def _read_primitive(
 
     positions = np.ascontiguousarray(values(attributes, "POSITION", "VEC3"), np.float32)
     normals = _unit(values(attributes, "NORMAL", "VEC3"))
-    tint = _tint(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn)
-    material = materials.index(primitive.material, tint)
+    material = materials.index(primitive.material)
     coordinates = values(attributes, f"TEXCOORD_{materials.texcoord(primitive.material)}", "VEC2")
     uvs = None
     if coordinates is not None:
@@ -124,6 +125,7 @@ def _read_primitive(
         material_ids=np.full(len(triangles), material, np.int32),
         normals=normals,
         uvs=uvs,
+        colors=_colors(values(attributes, "COLOR_0", "VEC3", "VEC4"), warn),
         targets=np.stack(targets) if targets else np.zeros((0, n, 3), np.float32),
         normal_targets=np.stack(normal_targets) if targets else np.zeros((0, n, 3), np.float32),
         joints=np.concatenate(joints, axis=1) if joints else np.zeros((n, 0), np.int32),
@@ -131,15 +133,14 @@ def _read_primitive(
     )
 
 
-def _tint(colors: Array | None, warn: Callable[[str], None]) -> Vec3:
-    """Return the mean of vertex colours, which multiply the base colour; they are linear."""
+def _colors(colors: Array | None, warn: Callable[[str], None]) -> F32 | None:
+    """Return vertex colours, which multiply the base colour and are linear; None where all are white."""
     if colors is None or not len(colors):
-        return 1.0, 1.0, 1.0
-    rgb = np.clip(colors[:, :3].astype(np.float64), 0.0, 1.0)
-    if np.ptp(rgb, axis=0).max() > 1 / 256:
-        warn("vertex colours are averaged over each mesh")
-    r, g, b = rgb.mean(axis=0).tolist()
-    return r, g, b
+        return None
+    if colors.shape[1] == 4 and colors[:, 3].min() < 1 - 1 / 256:
+        warn("the opacity of vertex colours is left out")
+    rgb = np.clip(np.nan_to_num(colors[:, :3].astype(np.float32)), 0.0, 1.0)
+    return None if (rgb == 1).all() else np.ascontiguousarray(rgb)
 
 
 def _triangles(file: GltfFile, place: str, primitive: schema.Primitive, n: int) -> I32:
@@ -187,7 +188,7 @@ def _flat(part: Geometry) -> Geometry:
         value = getattr(part, field.name)
         if field.name in ("targets", "normal_targets"):
             own[field.name] = np.ascontiguousarray(value[:, corners])
-        elif field.name in ("vertices", "uvs", "joints", "weights"):
+        elif field.name in ("vertices", "uvs", "colors", "joints", "weights"):
             own[field.name] = None if value is None else np.ascontiguousarray(value[corners])
     a, b, c = (own["vertices"][k::3].astype(np.float64) for k in range(3))
     own["normals"] = _unit(np.repeat(np.cross(b - a, c - a), 3, axis=0))
@@ -212,7 +213,11 @@ def _joined(file: GltfFile, place: str, parts: list[Geometry]) -> Geometry:
     def uv_of(part: Geometry) -> F32:
         return np.zeros((len(part.vertices), 2), np.float32) if part.uvs is None else part.uvs
 
+    def colors_of(part: Geometry) -> F32:
+        return np.ones((len(part.vertices), 3), np.float32) if part.colors is None else part.colors
+
     normals = [part.normals for part in parts if part.normals is not None]
+    colored = any(part.colors is not None for part in parts)
     weights = np.concatenate([padded(p.weights, (len(p.vertices), width)) for p in parts])
     return Geometry(
         vertices=np.concatenate([part.vertices for part in parts]),
@@ -220,6 +225,7 @@ def _joined(file: GltfFile, place: str, parts: list[Geometry]) -> Geometry:
         material_ids=np.concatenate([part.material_ids for part in parts]),
         normals=np.concatenate(normals) if normals else None,
         uvs=np.concatenate([uv_of(part) for part in parts]) if any(p.uvs is not None for p in parts) else None,
+        colors=np.concatenate([colors_of(part) for part in parts]) if colored else None,
         targets=np.concatenate([padded(p.targets, (morphs, len(p.vertices), 3)) for p in parts], axis=1),
         normal_targets=np.concatenate([padded(p.normal_targets, (morphs, len(p.vertices), 3)) for p in parts], axis=1),
         joints=np.concatenate([padded(p.joints, (len(p.vertices), width)) for p in parts]),

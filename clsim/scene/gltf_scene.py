@@ -366,6 +366,7 @@ def _mesh(geometry: Geometry) -> Mesh:
         material_ids=geometry.material_ids,
         normals=geometry.normals,
         uvs=geometry.uvs,
+        colors=geometry.colors,
     )
 
 

@@ -247,7 +247,8 @@ class _Builder:
         for mesh in parts.meshes:
             own = mesh.material_ids + first_material
             ids = own if table.material is None else np.full_like(own, self.material_ids[table.material])
-            self.meshes.append(replace(mesh, material_ids=ids))
+            colors = mesh.colors if table.material is None else None
+            self.meshes.append(replace(mesh, material_ids=ids, colors=colors))
         self.materials += [with_textures_from(material, first_texture) for material in parts.materials]
         self.textures += parts.textures
         self.warnings += parts.warnings

@@ -6,6 +6,7 @@ import io
 import os
 import re
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def load_triangles(path: Path) -> Mesh:
         InputError: as `load_parts`.
     """
     geometries = _geometries(path, [], materials=False)
-    meshes = [_mesh(path, name, geometry, 0) for name, geometry in geometries.items()]
+    meshes = [replace(_mesh(path, name, geometry, 0), colors=None) for name, geometry in geometries.items()]
     return meshes[0] if len(meshes) == 1 else joined(meshes)
 
 
@@ -231,7 +232,23 @@ def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
         material_ids=np.full(len(faces), material, np.int32),
         normals=None if normals is None else np.ascontiguousarray(normals, np.float32),
         uvs=None if uvs is None else np.ascontiguousarray(uvs, np.float32),
+        colors=_colors(geometry),
     )
+
+
+def _colors(geometry: Any) -> npt.NDArray[np.float32] | None:
+    """Return the colours of vertices, which files hold in sRGB; None where all are one, which is the material's."""
+    if geometry.visual.kind != "vertex" or _has_material(geometry.visual):
+        return None
+    colors = np.asarray(geometry.visual.vertex_colors)[:, :3]
+    if len(colors) != len(geometry.vertices) or not len(colors) or (colors == colors[0]).all():
+        return None
+    return np.ascontiguousarray(decode_srgb(colors / 255.0), np.float32)
+
+
+def _has_material(visual: Any) -> bool:
+    source = getattr(visual, "material", None)
+    return source is not None and not _is_placeholder(source)
 
 
 def _uvs(geometry: Any) -> F64 | None:
@@ -259,14 +276,16 @@ class _Materials:
     def read(self, name: str, geometry: Any) -> Material:
         """Return the diffuse part of a mesh's material, and what it emits."""
         visual = geometry.visual
-        source = getattr(visual, "material", None)
-        if source is None or _is_placeholder(source):
+        if not _has_material(visual):
             if visual.kind not in ("vertex", "face"):
                 return Material()
+            if _colors(geometry) is not None:
+                return Material(color=(1.0, 1.0, 1.0))
             colors = np.asarray(visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)[:, :3]
             if len(colors) and (colors != colors[0]).any():
-                self._notes.append(f"{self._path.name}: the colours of {name}'s vertices are averaged")
+                self._notes.append(f"{self._path.name}: the colours of {name}'s faces are averaged")
             return Material(color=_vec3(decode_srgb(colors / 255.0).mean(axis=0)))
+        source = visual.material
         written = source.kwargs  # trimesh rounds its own copies to 8 bits
         image = getattr(source, "image", None)
         texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))

@@ -168,6 +168,7 @@ def _mesh_problems(mesh: Mesh, materials: int) -> Iterator[str]:
         ("material ids", mesh.material_ids, (m,)),
         ("normals", mesh.normals, (n, 3)),
         ("uvs", mesh.uvs, (n, 2)),
+        ("colors", mesh.colors, (n, 3)),
     ):
         if array is not None and array.shape != shape:
             yield f"{key} have shape {array.shape}, expected {shape}"

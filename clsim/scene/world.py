@@ -47,6 +47,7 @@ class Mesh:
         normals: float32 ``[n, 3]`` unit shading normals, or None for flat shading.
         uvs: float32 ``[n, 2]``, u right and v up, or None.
         material_ids: int32 ``[m]``, one per triangle, into ``World.materials``.
+        colors: float32 ``[n, 3]``, linear, 0 … 1, by which the material's colour is multiplied; None is white.
     """
 
     vertices: F32
@@ -54,6 +55,7 @@ class Mesh:
     material_ids: I32
     normals: F32 | None = None
     uvs: F32 | None = None
+    colors: F32 | None = None
     deformation: Deformation | None = None
 
 

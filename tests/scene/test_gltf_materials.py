@@ -158,17 +158,33 @@ def test_uneven_texture_transforms_scale_then_turn_then_shift(tmp_path):
 
 
 @pytest.mark.parametrize("dtype", ["<f4", "u1"])
-def test_vertex_colours_tint_a_mesh(tmp_path, dtype):
+def test_vertex_colours_go_with_the_mesh(tmp_path, dtype):
     tree = gltf(materials=[{"pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.5, 1, 1]}}])
     primitive = tree["meshes"][0]["primitives"][0]
     primitive["material"] = 0
     one = 255 if dtype == "u1" else 1.0
-    even, mixed = [(one, 0, one, one)] * 3, [(one, 0, one, one), (0, 0, one, one), (0, one, one, one)]
-    for colors, expected, warned in ((even, (0.5, 0, 1), False), (mixed, (0.5 / 3, 0.5 / 3, 1), True)):
+    mixed = [(one, 0, one, one), (0, 0, one, one), (0, one, one, one)]
+    clear = [(one, 0, one, one), (0, 0, one, 0), (0, one, one, one)]
+    for colors, warned in ((mixed, False), (clear, True)):
         primitive["attributes"]["COLOR_0"] = add(tree, colors, dtype, normalized=dtype == "u1")
         world = load_gltf(write_gltf(tmp_path, tree))
-        assert world.materials[0].color == pytest.approx(expected)
-        assert ["vertex colours are averaged" in warning for warning in world.warnings] == [True] * warned
+        assert world.materials[0].color == (0.5, 0.5, 1.0)
+        np.testing.assert_allclose(world.meshes[0].colors, [(1, 0, 1), (0, 0, 1), (0, 1, 1)])
+        assert ["the opacity of vertex colours" in warning for warning in world.warnings] == [True] * warned
+    primitive["attributes"]["COLOR_0"] = add(tree, [(one, one, one, one)] * 3, dtype, normalized=dtype == "u1")
+    assert load_gltf(write_gltf(tmp_path, tree)).meshes[0].colors is None, "white changes nothing"
+
+
+def test_parts_with_and_without_colours_are_joined(tmp_path):
+    """A flat part beside a smooth one gets vertices of its own, and its colours go with them."""
+    tree = gltf()
+    plain, flat = tree["meshes"][0]["primitives"][0], {"attributes": {"POSITION": 0}}
+    plain["attributes"] = {"POSITION": 0, "NORMAL": add(tree, [(0, 0, 1)] * 3)}
+    flat["attributes"]["COLOR_0"] = add(tree, [(1, 0, 0), (0, 1, 0), (0, 0, 1)])
+    flat["indices"] = add(tree, [2, 0, 1], "<u2")
+    tree["meshes"][0]["primitives"].append(flat)
+    (mesh,) = load_gltf(write_gltf(tmp_path, tree)).meshes
+    np.testing.assert_allclose(mesh.colors, [(1, 1, 1)] * 3 + [(0, 0, 1), (1, 0, 0), (0, 1, 0)])
 
 
 def test_weak_glow_leaves_the_default_light_and_a_lamp_replaces_it(tmp_path):
