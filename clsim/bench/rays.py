@@ -5,9 +5,9 @@ from typing import Any
 import warp as wp
 
 from clsim.render.camera import CameraState
+from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Tree
-from clsim.render.integrator import kernel_options
 from clsim.render.intersection import face, make_intersection
 
 

@@ -79,10 +79,10 @@ class Stages:
         return self.make_detector(tracer)
 
     def scene_data(self) -> SceneData:
-        """Copy the world to the device that renders."""
+        """Copy the world to the device that renders; its kernels are compiled meanwhile."""
         from clsim.render import SceneData
 
-        return SceneData(self.world, self.render.device, self.render.tree)
+        return SceneData(self.world, self.render.device, self.render.tree, ahead=self.render)
 
     def view(self, data: SceneData, board: InterestBoard | None) -> View:
         """Build what renders the frames of the world's camera, steered by what it finds on ``board``."""

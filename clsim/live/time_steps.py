@@ -40,7 +40,8 @@ class Retracing:
 
         Without a schedule a run's times are those of the world. None where nothing moves: nothing happens then.
         """
-        from clsim.render import Retracer, SceneData
+        from clsim.render import SceneData
+        from clsim.render.retracer import Retracer
 
         if world.moving_s() == 0:
             return None

@@ -4,7 +4,6 @@ from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
 from clsim.render.features import light_stands_still
 from clsim.render.options import RenderOptions
-from clsim.render.retracer import Retracer
 from clsim.render.scene_data import SceneData
 from clsim.render.tracer import PathTracer, describe_build
 from clsim.render.view import RenderCancelled, View
@@ -14,7 +13,6 @@ __all__ = [
     "PathTracer",
     "RenderCancelled",
     "RenderOptions",
-    "Retracer",
     "SceneData",
     "View",
     "check_device",

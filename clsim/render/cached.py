@@ -126,7 +126,6 @@ def _gain(lit: Lit) -> float:
 
 def make_cached(
     sobol: bool,
-    see_corner: Any,
     look: Any,
     shoot: Any,
     scene_type: Any,
@@ -163,15 +162,15 @@ def make_cached(
         out_spent: wp.array2d(dtype=int),
     ):
         pixel = first_pixel + wp.tid()
-        if corner_pass:
-            corners[pixel] = see_corner(scene, camera, settings, pixel, 0)
-            return
         state = sampling.absorb(settings.stream, pixel)
         stream = sampling.Stream()
-        nearest = pixel + pixel // settings.width
+        corner = wp.where(corner_pass, pixel, -1)
+        nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
         row = settings.width + 1
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corners, nearest, row, things)
+        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
+        if corner_pass:
+            return
         lit = _light(cells, things, seen.things, steering)
         wanted = int(settings.samples)
         if lit.known >= steering.known:

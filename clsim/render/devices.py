@@ -11,7 +11,7 @@ from typing import Any, Literal
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.render.headers import keep_headers
+from clsim.render.compiler import keep_headers
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
 _init_warp: Any = wp.init

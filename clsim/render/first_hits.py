@@ -80,11 +80,15 @@ def _alike(a: Sample, b: Sample, by_colour: bool, pixel_angle: float) -> bool:
 
 @wp.struct
 class _Edge:
-    """What the corners tell.
+    """What the corners tell, and how far the edge is placed.
 
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. ``marks`` has a bit for each corner that sees
     ``second`` and not ``first``. ``area`` is the share of the first; the edge goes through ``place``, ``along`` there.
+
+    The edge crosses the pixel's border in some of its four sides, which are taken in turn: ``side`` is the one where
+    rays look for it now, 4 where none is left. It lies behind ``low`` and within twice ``step``, as shares of the side
+    from the corner that sees the first; ``steps`` rays are to come. ``last`` is the newest corner of the first's area.
     """
 
     plain: bool
@@ -98,6 +102,12 @@ class _Edge:
     area: float
     place: wp.vec2
     along: wp.vec2
+    side: int
+    low: float
+    step: float
+    steps: int
+    crossings: int
+    last: wp.vec2
 
 
 @wp.func
@@ -116,6 +126,58 @@ def _corner(i: int) -> wp.vec2:
 @wp.func
 def _cross(a: wp.vec2, b: wp.vec2) -> float:
     return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+def _on_side(edge: _Edge, share: float) -> wp.vec2:
+    """Return a place on the side where the edge is looked for, that share of it away from the first's corner."""
+    marked = (edge.marks >> edge.side) & 1
+    start = _corner(edge.side + marked)
+    return start + (_corner(edge.side + 1 - marked) - start) * share
+
+
+@wp.func
+def _next_side(edge: _Edge, side: int, steps: int) -> _Edge:
+    """Go on to the next side of the pixel that the edge crosses, from that one, along corners that see the first."""
+    e = edge
+    e.side = 4
+    for i in range(side, 4):
+        if e.side == 4:
+            marked = (e.marks >> i) & 1
+            if marked == 0:
+                e.area = e.area + 0.5 * _cross(e.last, _corner(i))
+                e.last = _corner(i)
+            if marked != ((e.marks >> ((i + 1) & 3)) & 1):
+                e.side = i
+    e.low = 0.0
+    e.step = 0.5
+    e.steps = steps
+    return e
+
+
+@wp.func
+def _narrow(edge: _Edge, sample: Sample, looks: Looks) -> _Edge:
+    """Halve what is left of a side by a ray to its middle; after the last one, the edge crosses it there."""
+    e = edge
+    e.rays = e.rays + 1
+    if _alike(sample, e.first, e.by_colour, looks.pixel_angle):
+        e.low = e.low + e.step
+    elif not _alike(sample, e.second, e.by_colour, looks.pixel_angle):
+        e.straight = False
+    e.steps = e.steps - 1
+    if e.steps > 0:
+        e.step = 0.5 * e.step
+    else:
+        place = _on_side(e, e.low + 0.5 * e.step)
+        e.area = e.area + 0.5 * _cross(e.last, place)
+        e.last = place
+        if e.crossings == 0:
+            e.place = place
+        else:
+            e.along = place - e.place
+        e.crossings = e.crossings + 1
+        e = _next_side(e, e.side + 1, looks.steps)
+    return e
 
 
 @wp.func
@@ -163,13 +225,13 @@ def make_look(
     scene_type: Any,
     view_type: Any,
     settings_type: Any,
-) -> tuple[Any, Any]:
-    """Return the Warp functions ``see_corner`` and ``look``.
+) -> Any:
+    """Return the Warp function ``look``.
 
-    ``see_corner(scene, camera, settings, corner, instant) -> Sample`` looks through a corner of pixels, of which there
-    is one more in a row than there are pixels. ``look(scene, camera, settings, pixel, instant, state, looks, corners,
-    nearest, row, things) -> Seen`` needs those of the pixel first: the top left one stands in ``corners[nearest]``, and
-    those below ``row`` farther on.
+    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, things) -> Seen`` looks
+    at a pixel where ``corner`` is -1. It needs what its corners see first: the top left one's stands in
+    ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which there is one more in
+    a row than there are pixels, it looks through that one alone, and writes what it sees to ``corners[nearest]``.
 
     Args:
         sobol: whether rays inside a pixel are spread evenly.
@@ -182,22 +244,11 @@ def make_look(
     uniform2 = make_sampler(sobol)
 
     @wp.func
-    def see_corner(scene: scene_type, camera: view_type, settings: settings_type, corner: int, instant: int) -> Sample:
-        """Look through a corner of pixels, of which there is one more in a row than there are pixels."""
-        stream = sampling.Stream()
-        stream.key = sampling.stream_key(sampling.absorb(sampling.absorb(settings.stream, _CORNER), corner))
-        stream.scrambling = stream.key
-        row = corner // (settings.width + 1)
-        # The pixel of that number is at the corner's place, but for the row's last.
-        pixel = row * settings.width + wp.min(corner % (settings.width + 1), settings.width - 1)
-        place = wp.vec2(float(corner % (settings.width + 1) - pixel % settings.width), 0.0)
-        return shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
-
-    @wp.func
     def judge_corners(
         scene: scene_type, looks: Looks, corners: wp.array(dtype=Sample), nearest: int, row: int
     ) -> _Edge:
         edge = _Edge()
+        edge.side = 4
         edge.rays = 1
         edge.by_colour = True
         edge.first = corners[nearest]
@@ -234,50 +285,6 @@ def make_look(
         return edge
 
     @wp.func
-    def find_crossings(
-        scene: scene_type,
-        camera: view_type,
-        settings: settings_type,
-        pixel: int,
-        instant: int,
-        stream: sampling.Stream,
-        looks: Looks,
-        corners: _Edge,
-    ) -> _Edge:
-        """Place the edge where it crosses the pixel's border, and compute the area of the first corner's side."""
-        edge = corners
-        last = wp.vec2()
-        crossings = int(0)
-        for i in range(4):
-            marked = (edge.marks >> i) & 1
-            if marked == 0:
-                edge.area = edge.area + 0.5 * _cross(last, _corner(i))
-                last = _corner(i)
-            if marked != ((edge.marks >> ((i + 1) & 3)) & 1):
-                start = _corner(i + marked)
-                side = _corner(i + 1 - marked) - start
-                low = float(0.0)
-                step = float(1.0)
-                for _ in range(looks.steps):
-                    step = 0.5 * step
-                    place = start + side * (low + step)
-                    sample = shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
-                    edge.rays = edge.rays + 1
-                    if _alike(sample, edge.first, edge.by_colour, looks.pixel_angle):
-                        low = low + step
-                    elif not _alike(sample, edge.second, edge.by_colour, looks.pixel_angle):
-                        edge.straight = False
-                place = start + side * (low + 0.5 * step)
-                edge.area = edge.area + 0.5 * _cross(last, place)
-                last = place
-                if crossings == 0:
-                    edge.place = place
-                else:
-                    edge.along = place - edge.place
-                crossings = crossings + 1
-        return edge
-
-    @wp.func
     def look(
         scene: scene_type,
         camera: view_type,
@@ -286,6 +293,7 @@ def make_look(
         instant: int,
         state: wp.uint64,
         looks: Looks,
+        corner: int,
         corners: wp.array(dtype=Sample),
         nearest: int,
         row: int,
@@ -297,35 +305,59 @@ def make_look(
         edge = _Edge()
         edge.plain = True
         edge.by_colour = True
+        edge.side = 4
         if wp.static(edges):
-            if looks.steps > 0:
-                stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
-                stream.scrambling = stream.key
+            if looks.steps > 0 and corner < 0:
                 edge = judge_corners(scene, looks, corners, nearest, row)
                 if edge.flat:
                     footprint = _footprint(corners, nearest, row)
-                if edge.straight:
-                    edge = find_crossings(scene, camera, settings, pixel, instant, stream, looks, edge)
-                if edge.plain or edge.straight or edge.flat:
+                if edge.plain or edge.flat:
                     number = begin_thing(things, number, edge.first)
                 if edge.straight:
-                    number = begin_thing(things, number, edge.second)
-        rays = edge.rays
-        if wp.static(sobol):
-            stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
-        for i in range(looks.most):
-            wanted = looks.most - edge.rays
-            if edge.plain or edge.flat:
-                wanted = looks.inside
-            if edge.straight:
-                wanted = looks.by_edge
-            if i < wanted:
+                    edge = _next_side(edge, 0, looks.steps)
+        inside = int(0)
+        # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
+        while True:
+            at = int(pixel)
+            places = edge.side < 4
+            place = wp.vec2()
+            if wp.static(edges):
+                if corner >= 0:
+                    stream.key = sampling.stream_key(sampling.absorb(sampling.absorb(settings.stream, _CORNER), corner))
+                    stream.scrambling = stream.key
+                    # The pixel of that number is at the corner's place, but for a row's last.
+                    column = corner % (settings.width + 1)
+                    at = corner // (settings.width + 1) * settings.width + wp.min(column, settings.width - 1)
+                    place = wp.vec2(float(column - at % settings.width), 0.0)
+                elif places:
+                    stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
+                    stream.scrambling = stream.key
+                    place = _on_side(edge, edge.low + edge.step)
+            if corner < 0 and not places:
+                wanted = looks.most - edge.rays
+                if edge.plain or edge.flat:
+                    wanted = looks.inside
+                if edge.straight:
+                    wanted = looks.by_edge
+                if inside >= wp.min(wanted, looks.most):
+                    break
                 if wp.static(sobol):
-                    stream.reversed_index = reverse_bits(wp.uint32(i))
-                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+                    stream.reversed_index = reverse_bits(wp.uint32(inside))
+                stream.key = sampling.stream_key(sampling.absorb(state, inside))
                 place = uniform2(stream, sampling.CAMERA)
-                sample = shoot_at(scene, camera, settings, pixel, place, instant, stream, True)
-                rays = rays + 1
+            sample = shoot_at(scene, camera, settings, at, place, instant, stream, True)
+            if wp.static(edges):
+                if corner >= 0:
+                    corners[nearest] = sample
+                    break
+            if places:
+                edge = _narrow(edge, sample, looks)
+                if edge.side >= 4 and edge.straight:
+                    number = begin_thing(things, number, edge.first)
+                    number = begin_thing(things, number, edge.second)
+            else:
+                inside = inside + 1
                 if _sound(sample):
                     k = int(0)
                     if edge.flat:
@@ -351,7 +383,7 @@ def make_look(
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
         seen = Seen()
         seen.things = number
-        seen.rays = rays
+        seen.rays = edge.rays + inside
         return seen
 
-    return see_corner, look
+    return look

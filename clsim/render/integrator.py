@@ -14,8 +14,8 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.alpha import make_alpha
 from clsim.render.bsdf import make_bsdf
-from clsim.render.cached import make_cached
 from clsim.render.camera import CameraState, make_camera
+from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.film import Moments, Sample, make_film
 from clsim.render.first_hits import make_look
@@ -24,9 +24,7 @@ from clsim.render.intersection import face, make_intersection
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
-from clsim.render.retraced import make_retraced
 from clsim.render.sobol import make_sampler, reverse_bits
-from clsim.render.steered import make_steered
 from clsim.render.textures import Footprint
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
@@ -56,15 +54,6 @@ class Scene:
     geometry: Geometry
     materials: Materials
     lights: Lights
-
-
-def kernel_options() -> dict[str, str]:
-    """Return the compiler's options for kernels that trace rays.
-
-    As if there were no NaN, 1.5 times as fast; and products are added without rounding them first, within a statement
-    alone, so that a function's results do not depend on the kernel it is part of.
-    """
-    return {"cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -menable-no-nans -ffp-contract=on -w"}
 
 
 @cache
@@ -356,13 +345,20 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return moments
 
     types = Scene, CameraState, Settings
-    see_corner, look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, *types)
+    look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, *types)
+    # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
-        paths, first_hits = make_retraced(see_corner, look, gather, store, *types, kernel_options())
+        from clsim.render.retraced import make_retraced
+
+        paths, first_hits = make_retraced(look, gather, store, *types, kernel_options())
         return first_hits if features.first_hits else paths
     if features.first_hits:
-        make = make_cached if features.light_cache else make_steered
-        return make(features.sobol, see_corner, look, shoot, *types, kernel_options())
+        make: Any
+        if features.light_cache:
+            from clsim.render.cached import make_cached as make
+        else:
+            from clsim.render.steered import make_steered as make
+        return make(features.sobol, look, shoot, *types, kernel_options())
 
     @wp.kernel(
         module="unique",

@@ -17,6 +17,9 @@ Sums are of whole numbers (`_UNIT` parts), so that their order is without effect
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.compiler import kernel_options
+
+wp.set_module_options(kernel_options())
 
 LEVELS = 5
 _LEVELS = wp.constant(LEVELS)
@@ -161,6 +164,8 @@ def look_up(
     face = _face(normal)
     left = float(1.0)
     left_before = float(1.0)
+    # As a variable, so that the loop is compiled once and not eight times.
+    corners = int(8)
     for _ in range(_LEVELS):
         at = _in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
         corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
@@ -174,7 +179,7 @@ def look_up(
         count = float(0.0)
         before = wp.vec3(0.0, 0.0, 0.0)
         count_before = float(0.0)
-        for i in range(8):
+        for i in range(corners):
             dx = float(i & 1)
             dy = float((i >> 1) & 1)
             dz = float(i >> 2)

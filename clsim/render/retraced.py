@@ -10,12 +10,11 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.film import Sample
-from clsim.render.first_hits import Looks
+from clsim.render.first_hits import Looks, Seen
 from clsim.render.things import THINGS, Thing, store_things
 
 
 def make_retraced(
-    see_corner: Any,
     look: Any,
     gather: Any,
     store: Any,
@@ -62,13 +61,15 @@ def make_retraced(
         instant = instants[request]
         state = sampling.absorb(settings.stream, pixel)
         corners = wp.zeros(shape=4, dtype=Sample)
-        nearest = pixel + pixel // settings.width
-        if looks.steps > 0:
-            for i in range(4):
-                corner = nearest + (i & 1) + (i // 2) * (settings.width + 1)
-                corners[i] = see_corner(scene, camera, settings, corner, instant)
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look(scene, camera, settings, pixel, instant, state, looks, corners, 0, 2, things)
+        seen = Seen()
+        # Through its corners, and then at the pixel.
+        i = wp.where(looks.steps > 0, 0, 4)
+        while i <= 4:
+            corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
+            corner = wp.where(i < 4, corner, -1)
+            seen = look(scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, things)
+            i = i + 1
         emission = wp.vec3()
         for k in range(seen.things):
             emission += things[k].emission * things[k].share

@@ -10,10 +10,13 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
+from clsim.render.bvh8_build import grow
+from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.features import light_stands_still, scene_features
 from clsim.render.geometry import Tree
-from clsim.render.integrator import Scene
+from clsim.render.integrator import Scene, build_kernel
+from clsim.render.options import RenderOptions
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
 from clsim.render.shining import Shining
@@ -51,6 +54,7 @@ class SceneData:
         tree: Tree | None = None,
         interval_s: float | None = None,
         instants: bool = False,
+        ahead: RenderOptions | None = None,
     ) -> None:
         """Copy the world to the device and build its trees.
 
@@ -60,6 +64,7 @@ class SceneData:
             tree: how rays find triangles; None takes the fastest of the device.
             interval_s: at least the longest exposure of all views [s]; None takes that of the world's camera.
             instants: everything has a place for each of several instants, for `move_to`, and there is no interval.
+            ahead: how the world's camera will render it: its kernels are compiled now, and at the same time as others.
 
         Raises:
             InputError: the world, the device or the tree cannot be used.
@@ -76,6 +81,8 @@ class SceneData:
         if instants:
             self.interval_s = 0.0
         self.features = scene_features(world, self.interval_s, instants)
+        if ahead is not None:
+            self._compile(ahead)
         self._time_s: float | None = None
         self.poses = PoseCache()
         placement, times_s = place(world), self._key_times(0.0)
@@ -145,6 +152,17 @@ class SceneData:
     def still(self) -> bool:
         """Whether nothing but cameras moves, so that all instants are alike."""
         return light_stands_still(self.world)
+
+    def _compile(self, options: RenderOptions) -> None:
+        """Compile what renders at the same time as what builds trees."""
+        kernels = [build_kernel(options.features(self.features, self.world.camera), self.tree)]
+        if self.tree == "bvh8":
+            kernels.append(grow)
+        if options.light_cache:
+            from clsim.render.light_cache import open_cells
+
+            kernels.append(open_cells)
+        compile_together(kernels, self.device)
 
     def _pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:
         return self.poses.pose(motion, time_s) if self.features.instants else motion.pose(time_s)

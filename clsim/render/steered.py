@@ -102,7 +102,6 @@ def _lit(things: wp.array(dtype=Thing), number: int, e: wp.vec3) -> wp.vec3:
 
 def make_steered(
     sobol: bool,
-    see_corner: Any,
     look: Any,
     shoot: Any,
     scene_type: Any,
@@ -136,10 +135,14 @@ def make_steered(
         out_spent: wp.array2d(dtype=int),
     ):
         pixel = first_pixel + wp.tid()
-        if corner_pass:
-            corners[pixel] = see_corner(scene, camera, settings, pixel, 0)
-            return
         state = sampling.absorb(settings.stream, pixel)
+        corner = wp.where(corner_pass, pixel, -1)
+        nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
+        row = settings.width + 1
+        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
+        if corner_pass:
+            return
         grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
         wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
         # Diagonals, so that each who waits has neighbours on all sides who do not.
@@ -157,10 +160,6 @@ def make_steered(
         e = irradiance[pixel]
         traced = int(0)
         next_paths = int(steering.probe)
-        nearest = pixel + pixel // settings.width
-        row = settings.width + 1
-        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corners, nearest, row, things)
         sums = Reflected()
         paths = int(0)
         stream = sampling.Stream()

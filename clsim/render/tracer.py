@@ -26,7 +26,7 @@ class PathTracer(View):
         Raises:
             InputError: the world or an option cannot be used.
         """
-        super().__init__(SceneData(world, options.device, options.tree), options, board)
+        super().__init__(SceneData(world, options.device, options.tree, ahead=options), options, board)
 
 
 def describe_build(world: World, options: RenderOptions) -> dict[str, Any]:

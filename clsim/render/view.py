@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import warp as wp
@@ -16,12 +16,14 @@ from clsim.render.features import light_stands_still
 from clsim.render.film import Sample
 from clsim.render.integrator import Settings, build_kernel
 from clsim.render.launch import Tiles, record, tile_size
-from clsim.render.light_keeper import LightKeeper
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
-from clsim.render.truth import TruthPass
 from clsim.scene import Camera
+
+if TYPE_CHECKING:
+    from clsim.render.light_keeper import LightKeeper
+    from clsim.render.truth import TruthPass
 
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
@@ -112,10 +114,16 @@ class View:
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
+                from clsim.render.light_keeper import LightKeeper
+
                 self._steerer = LightKeeper(camera.width, camera.height, effort, pixel_angle, self._device)
             else:
                 self._steerer = Steerer(camera.width, camera.height, effort, pixel_angle, board, self._device)
-        self._truth = TruthPass(data, camera, planes) if planes.truth else None
+        self._truth: TruthPass | None = None
+        if planes.truth:
+            from clsim.render.truth import TruthPass
+
+            self._truth = TruthPass(data, camera, planes)
         self._paths = 0
         self._targets: dict[int, tuple[Any, Any]] = {}
         tile = options.tile_pixels or tile_size(options.probe_spp or options.spp, self._device)

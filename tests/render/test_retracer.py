@@ -12,7 +12,8 @@ from test_deform import swelling
 
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
-from clsim.render import PathTracer, RenderOptions, Retracer, SceneData
+from clsim.render import PathTracer, RenderOptions, SceneData
+from clsim.render.retracer import Retracer
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 
 FPS = 30.0

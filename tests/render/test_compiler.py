@@ -37,6 +37,6 @@ def test_threads_and_processes_share_them(tmp_path: Path) -> None:
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pch")}
 
     first = build(1)
-    assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/headers.py"
+    assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/compiler.py"
     assert build(2) == first
     assert len(list(tmp_path.rglob("*.o"))) == 2  # both were built

@@ -1,18 +1,37 @@
-"""Warp's headers, precompiled once for all.
+"""How kernels are compiled: with which options, at the same time, and with headers that are read once for all.
 
-Kernels for a CPU include headers that take longer to read than the kernel takes to compile. Warp precompiles them, but
-for each thread of each process anew. Here they are kept beside the kernels in Warp's cache.
+Kernels for a CPU include headers that take longer to read than a small kernel takes to compile. Warp precompiles them,
+for each set of options, but also for each thread of each process anew. Here they are kept beside the kernels in Warp's
+cache.
 """
 
 from __future__ import annotations
 
 import hashlib
 import sys
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import warp as wp
+
+
+def kernel_options() -> dict[str, str]:
+    """Return the compiler's options for kernels that trace rays.
+
+    As if there were no NaN, 1.5 times as fast; and products are added without rounding them first, within a statement
+    alone, so that a function's results do not depend on the kernel it is part of.
+    """
+    return {"cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -menable-no-nans -ffp-contract=on -w"}
+
+
+def compile_together(kernels: Sequence[Any], device: Any) -> None:
+    """Compile kernels for a device, or load them if that was done before: two at a time, in the order given.
+
+    More at a time would precompile the same headers, each for itself.
+    """
+    wp.force_load(device, [kernel.module for kernel in kernels], max_workers=min(2, len(kernels)))
 
 
 def keep_headers() -> None:
