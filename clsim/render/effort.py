@@ -24,7 +24,9 @@ STILL = 0.05
 _INSIDE = 4
 """First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at …"""
 _INSIDE_PLAIN = 2
-"""… and where they are."""
+"""… and where they are, and …"""
+_MOST_PLAIN = 3
+"""… no more than so many: they look for what is smaller than a pixel, and cost as much as all else in most pixels."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -69,7 +71,7 @@ def looks_of(first_hit_rays: int, pixel_angle: float) -> Any:
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(_INSIDE, first_hit_rays)
     if first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = max(_INSIDE_PLAIN, first_hit_rays // 8)
+        looks.inside = min(max(_INSIDE_PLAIN, first_hit_rays // 8), _MOST_PLAIN)
         looks.by_edge = max(_INSIDE_PLAIN, first_hit_rays // 3)
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays

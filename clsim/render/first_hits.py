@@ -48,7 +48,7 @@ class Looks:
     Attributes:
         most: largest number.
         inside: rays inside a pixel that shows one thing.
-        by_edge: rays inside a pixel that a straight edge crosses.
+        by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
         steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
@@ -316,6 +316,7 @@ def make_look(
                 if edge.straight:
                     edge = _next_side(edge, 0, looks.steps)
         inside = int(0)
+        varied = bool(False)
         # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
         while True:
             at = int(pixel)
@@ -337,7 +338,7 @@ def make_look(
                 wanted = looks.most - edge.rays
                 if edge.plain or edge.flat:
                     wanted = looks.inside
-                if edge.straight:
+                if edge.straight and not varied:
                     wanted = looks.by_edge
                 if inside >= wp.min(wanted, looks.most):
                     break
@@ -373,6 +374,8 @@ def make_look(
                             k = number - 1
                         else:
                             k = -2 - k
+                    elif edge.straight and not same_colour(sample, things[k].first):
+                        varied = True
                     if edge.straight:
                         edge.straight = not _off_line(edge.place, edge.along, place, k == 0)
                     add_to_thing(things, k, sample)

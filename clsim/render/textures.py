@@ -144,6 +144,9 @@ def _crossing(from_number: wp.vec2, along: wp.vec2, square: float) -> float:
     slope = square * along[1] - along[0]
     if wp.abs(slope) > 1.0e-20:
         t = (from_number[0] - square * from_number[1]) / slope
+        if t < -1.0e-6:
+            # Far ahead the line tends to a number short of it, and had it behind.
+            t = 2.0
     return t
 
 
@@ -177,15 +180,48 @@ def _share_along(start: wp.vec3, end: wp.vec3, scale: float) -> float:
 
 
 @wp.func
+def _square(corner: wp.vec3, scale: float) -> wp.vec2:
+    """Return the column and the row of the square that a corner lies in."""
+    return wp.vec2(wp.floor(corner[0] * scale / corner[2]), wp.floor(corner[1] * scale / corner[2]))
+
+
+@wp.func
 def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
-    """Return the mean colour of a checkerboard over a pixel, exact along each of so many lines."""
-    share = float(0.0)
-    for line in range(lines):
-        y = (float(line) + 0.5) / float(lines)
-        left = footprint.top_left + (footprint.bottom_left - footprint.top_left) * y
-        right = footprint.top_right + (footprint.bottom_right - footprint.top_right) * y
-        share += _share_along(left, right, row.scale)
-    share = share / float(lines)
+    """Return the mean colour of a checkerboard over a pixel, exact along each of so many lines.
+
+    They run across the edges of squares that the pixel shows, as far as they can: along an edge, a line would see all
+    of one side or of the other.
+    """
+    square = _square(footprint.top_left, row.scale)
+    off_right = _square(footprint.top_right, row.scale) - square
+    off_below = _square(footprint.bottom_left, row.scale) - square
+    off_both = _square(footprint.bottom_right, row.scale) - square
+    # Which edges cross the pixel: those between columns, those between rows.
+    columns = wp.abs(off_right[0]) + wp.abs(off_below[0]) + wp.abs(off_both[0]) > 0.0
+    rows = wp.abs(off_right[1]) + wp.abs(off_below[1]) + wp.abs(off_both[1]) > 0.0
+    share = wp.where((int(square[0]) + int(square[1])) & 1 == 0, 1.0, 0.0)
+    if columns or rows:
+        middle = uv_in(footprint, 0.5, 0.5)
+        right = uv_in(footprint, 1.0, 0.5) - middle
+        down = uv_in(footprint, 0.5, 1.0) - middle
+        transposed = bool(False)
+        counts = wp.vec2(wp.where(columns, 1.0, 0.0), wp.where(rows, 1.0, 0.0))
+        if counts[0] * wp.abs(down[0]) + counts[1] * wp.abs(down[1]) > (
+            counts[0] * wp.abs(right[0]) + counts[1] * wp.abs(right[1])
+        ):
+            transposed = True
+        ahead = footprint.top_right
+        aside = footprint.bottom_left
+        if transposed:
+            ahead = footprint.bottom_left
+            aside = footprint.top_right
+        share = float(0.0)
+        for line in range(lines):
+            y = (float(line) + 0.5) / float(lines)
+            start = footprint.top_left + (aside - footprint.top_left) * y
+            end = ahead + (footprint.bottom_right - ahead) * y
+            share += _share_along(start, end, row.scale)
+        share = share / float(lines)
     color = row.color_a * share + row.color_b * (1.0 - share)
     return wp.vec4(color[0], color[1], color[2], 1.0)
 
@@ -194,7 +230,7 @@ def make_textures(features: Features) -> tuple[Any, Any]:
     """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places)``.
 
     Both return linear R, G, B and alpha; ``mean`` that over a pixel: of images, from so many places on a Fibonacci
-    lattice, of checkerboards, exact along the rows of as fine a grid.
+    lattice, of checkerboards, exact along the lines of as fine a grid.
     """
 
     @wp.func
