@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from scipy import stats
 
 from clsim.events import CAUSES
-from clsim.sensor import IdealPixels, SensorSettings, Thresholds
+from clsim.sensor import IdealPixels, SensorSettings, Thresholds, pixel
 from clsim.sensor.pixel_stages import Delay, Refractory
 from clsim.sensor.reference.pixel import fire
 from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages
@@ -103,6 +103,32 @@ def test_thresholds_differ_from_pixel_to_pixel_and_stay():
         assert set(again.to(3000, 1.0 + step)["x"]) == fired
 
 
+def test_on_a_ramp_the_mean_of_pixels_is_of_their_thresholds_and_not_of_the_mean_threshold():
+    # E[N] = (g T / θ)(1 + σ² / θ²), and half an event less for what is left at the end.
+    bench = Benchtop(with_stages(threshold={"mismatch": 0.02}), 4000)
+    bench.to(0, 0.0)
+    events = bench.to(1_000_000, 80.0)
+    assert len(events) / 4000 == pytest.approx(80 / ON * (1 + (0.02 / ON) ** 2) - 0.5, rel=0.005)
+
+
+def test_a_hot_pixel_rests_too():
+    # 1 / (rest + threshold / leak), 100 Hz of the nominal threshold.
+    settings = with_stages(defects={"hot_share": 1.0, "hot_hz": 100.0, "hot_spread_decades": 0.0})
+    bench = Benchtop(replace(settings, refractory=Refractory(500.0)), 100)
+    bench.to(0, 0.0)
+    assert set(intervals_us(bench.to(1_000_000, 0.0))) <= {10_499, 10_500, 10_501}
+
+
+def test_work_items_of_another_size_are_the_same_camera(monkeypatch):
+    found = []
+    for chunk in (64, 24):
+        monkeypatch.setattr(pixel, "_CHUNK", chunk)
+        bench = Benchtop(BUSY, 41, 30)
+        found.append(bench.along([0, 100_000, 200_000], [0.0, 1.0, -1.0]))
+    assert len(found[0]) > 5000
+    np.testing.assert_array_equal(*found)
+
+
 def test_a_pixel_is_the_same_in_an_image_of_another_size():
     settings = with_stages(
         threshold={"mismatch": 0.05}, defects={"hot_share": 0.05, "dead_share": 0.05, "hot_hz": 50.0}
@@ -167,7 +193,7 @@ RESTING = replace(with_stages(), refractory=Refractory(500.0), delay=Delay(1e-9,
 def test_a_ramp_fires_once_a_threshold_and_rest():
     bench = Benchtop(RESTING, 1)
     bench.to(0, 0.0)
-    events = bench.to(100_000, 20.0)  # 0.2 ln/ms
+    events = bench.to(100_100, 20.02)  # 0.2 ln/ms
     assert intervals_us(events) == pytest.approx(1500, abs=1) and len(events) == 67
 
 
@@ -215,7 +241,9 @@ def test_kernels_fire_as_the_reference_does(levels, leak, rests):
     begin_s = fired * 1e-6 + rest_s
     points = [(begin_s, -2.0 * begin_s), (1.0, -2.0)]
     points += [(t * 1e-6, level) for t, level in zip(times_us, levels, strict=True)]
-    expected, _ = fire(points, ON, OFF, leak=leak, rest_s=rest_s)
+    less, expected, more = (fire(points, ON + d, OFF + d, leak=leak, rest_s=rest_s)[0] for d in (-1e-6, 0, 1e-6))
+    # Where brightness turns at a threshold, rounding decides.
+    assume([on for _, on in less] == [on for _, on in more])
     assert abs(len(found) - len(expected)) <= 1
     for event, (seconds, on) in zip(found, expected, strict=False):
         assert bool(event["on"]) == on and -1.5 <= event["t"] - seconds * 1e6 <= 2.5

@@ -15,9 +15,9 @@ FOLLOWER_HZ = 100.0
 TAU_S = 1 / (2 * math.pi * FOLLOWER_HZ)
 THETA = 0.2
 
-LEVEL_STEP = {2.0: 0.339, 2.5: 0.140, 3.0: 0.0451, 3.5: 0.0109, 4.0: 0.00198}
+LEVEL_STEP = {2.0: 0.339, 2.5: 0.140, 3.0: 0.0451, 3.5: 0.0109, 4.0: 0.00198, 5.0: 2.84e-5}
 """Events of both polarities per time constant, where the reference moves by the threshold, from its ratio to σ."""
-FIRST_PASSAGE = {2.0: 0.306, 2.5: 0.130, 3.0: 0.0474, 3.5: 0.0136, 4.0: 0.00289}
+FIRST_PASSAGE = {2.0: 0.306, 2.5: 0.130, 3.0: 0.0474, 3.5: 0.0136, 4.0: 0.00289, 5.0: 5.4e-5}
 """1 / the mean time to either threshold from a reference that noise has set, in time constants (Siegert 1951)."""
 
 
@@ -26,23 +26,37 @@ def noisy(ratio, rest_us=0.0):
     return replace(settings, refractory=Refractory(rest_us)) if rest_us else settings
 
 
-def watch(settings, pixels, seconds, steps=20):
-    """Return the events of pixels under constant light, after 20 ms in which the references settle, and the bench."""
+def watch(settings, pixels, seconds, steps=20, level=0.0):
+    """Return the events of pixels under constant light, after 60 ms in which the references settle, and the bench.
+
+    Light goes to ``level`` at first: where all pixels fire then, noise has set their references.
+    """
     bench = Benchtop(settings, pixels, on=THETA, off=THETA)
-    bench.along([0, 20_000], [0.0, 0.0])
-    times_us = [20_000 + round(seconds * 1e6 * (k + 1) / steps) for k in range(steps)]
-    return bench.along(times_us, [0.0] * steps), bench
+    bench.along([0, 20_000, 60_000], [0.0, level, level])
+    times_us = [60_000 + round(seconds * 1e6 * (k + 1) / steps) for k in range(steps)]
+    return bench.along(times_us, [level] * steps), bench
 
 
-@pytest.mark.parametrize("ratio", [2.0, 3.0, pytest.param(4.0, marks=pytest.mark.slow)])
+def some_slow(*ratios):
+    """Return those that are in the tables, of which these are quick."""
+    return [each if each in ratios else pytest.param(each, marks=pytest.mark.slow) for each in LEVEL_STEP]
+
+
+@pytest.mark.parametrize("ratio", some_slow(2.0, 3.0))
 def test_noise_fires_at_the_rate_of_level_crossings(ratio):
-    pixels, seconds = 1500, {2.0: 0.3, 3.0: 0.6, 4.0: 3.0}[ratio]
+    pixels, seconds = 1500, {2.0: 0.3, 2.5: 0.3, 3.0: 0.6, 3.5: 1.0, 4.0: 3.0, 5.0: 150.0}[ratio]
     events, bench = watch(noisy(ratio), pixels, seconds)
     per_tau = len(events) / pixels / seconds * TAU_S
     assert len(events) > 4000
     assert per_tau == pytest.approx(LEVEL_STEP[ratio], rel=0.05)
     assert events["on"].mean() == pytest.approx(0.5, abs=0.02)
     assert set(np.concatenate(bench.causes)) == {CAUSES.index("shot")}
+
+
+def test_where_both_thresholds_are_near_noise_takes_either_as_often():
+    # In one slot it may reach both: which was first hangs on draws of their own.
+    events, _ = watch(noisy(0.7, 8e6 * TAU_S), 1500, 0.3)
+    assert len(events) > 20_000 and events["on"].mean() == pytest.approx(0.5, abs=4 * 0.5 * len(events) ** -0.5)
 
 
 def test_there_is_no_burst_when_pixels_begin():
@@ -60,13 +74,20 @@ def test_successive_noise_events_are_mostly_of_opposite_polarity():
     assert (on[1:] != on[:-1])[same_pixel].mean() == pytest.approx(0.75, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    "ratio", [2.0, pytest.param(3.0, marks=pytest.mark.slow), pytest.param(3.5, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("ratio", some_slow(2.0))
 def test_with_a_long_rest_noise_fires_at_the_rate_of_first_passages(ratio):
-    # The rest is long enough for the noise to forget: 8 time constants.
-    pixels, rest_s, seconds = 1000, 8 * TAU_S, {2.0: 1.0, 3.0: 1.5, 3.5: 4.0}[ratio]
-    events, _ = watch(noisy(ratio, rest_s * 1e6), pixels, seconds)
+    # The rest is long enough for the noise to forget: 8 time constants. Pixels whose reference noise has set far out
+    # fire early: the rate is that of means only over many waits.
+    rest_s = 8 * TAU_S
+    pixels, seconds = {
+        2.0: (1000, 1),
+        2.5: (1000, 1),
+        3.0: (1000, 1.5),
+        3.5: (1000, 4),
+        4.0: (300, 18),
+        5.0: (200, 600),
+    }[ratio]
+    events, _ = watch(noisy(ratio, rest_s * 1e6), pixels, seconds, level=1.0)
     wait_s = pixels * seconds / len(events) - rest_s
     assert len(events) > 4000
     assert TAU_S / wait_s == pytest.approx(FIRST_PASSAGE[ratio], rel=0.05)
