@@ -174,6 +174,24 @@ In such a scene no light is kept on surfaces, and a pixel gets all its paths in 
 gate `delta-r`, and so `--quality published`, does not see light that changes; a warning says so. `--time adaptive`
 refuses such scenes.
 
+## Daylight
+
+```toml
+[environment.daylight]
+elevation_deg = 35.0        # of the sun; or latitude_deg, longitude_deg and time = 2024-06-21T14:00:00+02:00
+azimuth_deg = 120.0         # from north, which is −z, by east, which is +x
+turbidity = 3.0             # 2 is very clear air, 10 hazy
+```
+
+The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3, to
+1 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
+that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
+
+## Parameters of Mitsuba's files
+
+A value such as `$spp` for which a file has no default is given after its name, in every command:
+`clsim live 'scene.xml#spp=64&width=320'`.
+
 ## What glass does to light
 
 Point, spot and directional lights do not shine through glass, neither panes nor solid glass (Mitsuba and pbrt agree):

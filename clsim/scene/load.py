@@ -128,8 +128,8 @@ def _load(scene: str | Path, motion: Motion | None) -> World:
         return follow(_load_bundled(str(scene)))
     if not os.path.isfile(path):  # False, unlike Path's, for names that are too long
         raise InputError(f"{path}: no such file, expected a scene")
-    if animation is not None and suffix not in (".gltf", ".glb"):
-        raise InputError(f"{scene}: only glTF files have animations to choose from")
+    if animation is not None and suffix not in (".gltf", ".glb", ".xml"):
+        raise InputError(f"{scene}: only glTF files have animations to choose from, and Mitsuba's parameters to set")
     if suffix == ".toml":
         from clsim.scene.toml_scene import load_toml
 
@@ -145,7 +145,7 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
     if suffix == ".xml":
         from clsim.scene.mitsuba_scene import load_mitsuba
 
-        return load_mitsuba(path)
+        return load_mitsuba(path, _parameters(path, animation))
     if suffix == ".pbrt":
         from clsim.scene.pbrt_scene import load_pbrt
 
@@ -153,6 +153,14 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
     from clsim.scene.trimesh_scene import load_bare
 
     return load_bare(path)
+
+
+def _parameters(path: Path, text: str | None) -> dict[str, str]:
+    """Return what ``name=value&name=value`` says."""
+    pairs = [pair.partition("=") for pair in text.split("&")] if text else []
+    if wrong := [name for name, equals, _ in pairs if not (name and equals)]:
+        raise InputError(f"{path}: got {wrong[0]!r} after #, expected parameters such as spp=64&width=320")
+    return {name: value for name, _, value in pairs}
 
 
 def _load_bundled(name: str) -> World:

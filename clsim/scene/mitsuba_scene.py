@@ -6,15 +6,19 @@ Mitsuba's cameras look along +z with x to the left; its lights shine along +z. I
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from clsim.errors import InputError
+from clsim.scene.daylight import sky, sun_light
 from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
 from clsim.scene.geometry import is_similarity, placed_rigidly
 from clsim.scene.images import PixelBudget, read_linear
+from clsim.scene.mitsuba_daylight import KINDS, read_daylight, scales, sun_deg
 from clsim.scene.mitsuba_materials import MaterialReader
 from clsim.scene.mitsuba_shapes import read_shape
 from clsim.scene.mitsuba_values import Color, file_of
@@ -39,13 +43,17 @@ IGNORED = ("film", "bsdf", "texture", "medium", "spectrum", "phase")
 FULL_FRAME_MM = (36.0, 24.0)
 
 
-def load_mitsuba(path: Path) -> World:
+def load_mitsuba(path: Path, parameters: Mapping[str, str] | None = None) -> World:
     """Load a Mitsuba scene.
+
+    Args:
+        path: the file.
+        parameters: what stands for ``$name`` in it, before its own defaults.
 
     Raises:
         InputError: one sentence with the file, the line, and what is wrong there.
     """
-    scene, legacy = read_scene(path)
+    scene, legacy = read_scene(path, parameters or {})
     reader = _Reader(path, legacy)
     for plugin in scene.children:
         reader.add(plugin)
@@ -56,7 +64,7 @@ class _Reader:
     """Collects the scene's contents, object by object."""
 
     def __init__(self, path: Path, legacy: bool) -> None:
-        self.path, self.folder = path, path.parent
+        self.path, self.folder, self.legacy = path, path.parent, legacy
         self.warnings: list[str] = []
         self.materials = MaterialReader(legacy, self.folder, self._warn)
         self.meshes: list[Mesh] = []
@@ -66,10 +74,14 @@ class _Reader:
         self.cameras: list[Camera] = []
         self.environment: Vec3 = (0.0, 0.0, 0.0)
         self.environment_map: EnvironmentMap | None = None
+        self.suns: list[Callable[[Vec3, float], SphereLight]] = []
         self.groups: dict[int, list[tuple[int, Matrix]]] = {}
 
     def world(self) -> World:
         """Return what was collected, with a camera and light of clsim's own where there is none."""
+        if self.suns:
+            middle, extent = bounds(self.path, self.meshes, self.instances)
+            self.sphere_lights += [make(middle, float(np.linalg.norm(extent)) / 2) for make in self.suns]
         lit = bool(self.environment_map or any(self.environment) or self.punctual_lights or self.sphere_lights) or any(
             any(material.emission) for material in self.materials.materials
         )
@@ -195,6 +207,8 @@ class _Reader:
             scale = np.float32(emitter.get("scale", 1.0))
             pixels = read_linear(path, PixelBudget()) * scale
             self.environment_map = EnvironmentMap(pixels, without_scale(motion.pose(0.0))[:3, :3])
+        elif kind in KINDS:
+            self._add_daylight(emitter, without_scale(motion.pose(0.0))[:3, :3])
         elif kind == "point":
             position = emitter.values.get("position")
             if position is not None:
@@ -216,6 +230,14 @@ class _Reader:
             self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), turned_motion))
         elif kind != "area":  # which only shapes refer to
             self._warn(f"emitters of type {kind} are left out")
+
+    def _add_daylight(self, emitter: Plugin, turn: Matrix) -> None:
+        day, to_world = read_daylight(emitter, turn, self.legacy)
+        sky_scale, sun_scale = scales(emitter)
+        if sky_scale > 0:
+            self.environment_map = EnvironmentMap(sky(day) * np.float32(sky_scale), to_world)
+        if sun_scale > 0:
+            self.suns.append(partial(sun_light, day, to_world, scale=sun_scale, seen_deg=sun_deg(emitter)))
 
     def _add_sensor(self, sensor: Plugin) -> None:
         if sensor.type not in ("perspective", "thinlens", "perspective_rdist"):

@@ -6,6 +6,7 @@ A document type, and with it every entity, is refused; size, depth and the numbe
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -83,8 +84,25 @@ class Plugin:
         return [child for child in self.children if child.kind in kinds]
 
 
-def read_scene(path: Path) -> tuple[Plugin, bool]:
+class Parameters(dict[str, str]):
+    """What stands for ``$name`` in a file.
+
+    Attributes:
+        used: the names that were asked for.
+    """
+
+    def __init__(self, given: Mapping[str, str]) -> None:
+        """Begin with what is given, which goes before a file's own defaults."""
+        super().__init__(given)
+        self.used: set[str] = set()
+
+
+def read_scene(path: Path, given: Mapping[str, str]) -> tuple[Plugin, bool]:
     """Read a scene; return it and whether its version is before 2 (defaults differ).
+
+    Args:
+        path: the file.
+        given: values of its parameters.
 
     Raises:
         InputError: with file and line.
@@ -96,7 +114,12 @@ def read_scene(path: Path) -> tuple[Plugin, bool]:
     if match is None:
         raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")
     legacy = int(match[0]) < 2
-    return _Reader(path.parent, legacy, root).plugin(root, path.parent, {}), legacy
+    parameters = Parameters(given)
+    scene = _Reader(path.parent, legacy, root).plugin(root, path.parent, parameters)
+    if unknown := sorted(set(given) - parameters.used):
+        known = ", ".join(sorted(parameters.used | set(parameters) - set(given))) or "(it has none)"
+        raise InputError(f"{path}: has no parameter {unknown[0]!r}, expected one of {known}")
+    return scene, legacy
 
 
 def _parse(path: Path) -> Element:
@@ -149,7 +172,7 @@ class _Reader:
         self.searched: list[Path] = []
         self.includes = 0
 
-    def plugin(self, element: Element, folder: Path, defaults: dict[str, str]) -> Plugin:
+    def plugin(self, element: Element, folder: Path, defaults: Parameters) -> Plugin:
         """Return the plugin of an element whose type is given or whose tag is ``scene``."""
         attributes = _filled(element, defaults)
         found = Plugin(
@@ -166,13 +189,14 @@ class _Reader:
             self.named[attributes["id"]] = found
         return found
 
-    def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: dict[str, str]) -> None:
+    def _fill(self, plugin: Plugin, element: Element, folder: Path, defaults: Parameters) -> None:
         for child in element.children:
             if child.tag in UNUSED:
                 continue
             if child.tag == "default":
                 attributes = _filled(child, defaults)
                 defaults.setdefault(attributes.get("name", ""), attributes.get("value", ""))
+                defaults.used.add(attributes.get("name", ""))
                 continue
             attributes = _filled(child, defaults)
             name = _snake(attributes.get("name", ""))
@@ -204,7 +228,7 @@ class _Reader:
             return next((str(other / name) for other in self.searched if (other / name).exists()), name)
         return name
 
-    def _reference(self, element: Element, attributes: dict[str, str], name: str, defaults: dict[str, str]) -> Plugin:
+    def _reference(self, element: Element, attributes: dict[str, str], name: str, defaults: Parameters) -> Plugin:
         wanted = attributes.get("id", "")
         if wanted not in self.named and wanted in self.later:  # defined further down; each is tried once
             self.plugin(self.later.pop(wanted), self.root, defaults)
@@ -216,7 +240,7 @@ class _Reader:
         return Plugin(target.kind, target.type, name, target.values, target.children, target.place, target.folder)
 
     def _include(
-        self, plugin: Plugin, element: Element, attributes: dict[str, str], folder: Path, defaults: dict[str, str]
+        self, plugin: Plugin, element: Element, attributes: dict[str, str], folder: Path, defaults: Parameters
     ) -> None:
         self.includes += 1
         if self.includes > MAX_INCLUDES:
@@ -229,17 +253,23 @@ class _Reader:
             plugin.children.append(self.plugin(included, folder, defaults))
 
 
-def _filled(element: Element, defaults: dict[str, str]) -> dict[str, str]:
+def _filled(element: Element, defaults: Parameters) -> dict[str, str]:
     """Return the attributes with their $parameters filled in."""
     filled = {}
     for key, text in element.attributes.items():
         if "$" in text:
             for name in sorted(defaults, key=len, reverse=True):
-                text = text.replace(f"${name}", defaults[name])
+                if f"${name}" in text:
+                    defaults.used.add(name)
+                    text = text.replace(f"${name}", defaults[name])
                 if len(text) > MAX_TEXT:
                     raise InputError(f"{element.place}: {key} is longer than {MAX_TEXT} characters with its defaults")
-            if re.search(r"\$[A-Za-z_]", text):
-                raise InputError(f"{element.place}: {key} is {text!r}, of which no <default> gives the value")
+            if missing := re.search(r"\$([A-Za-z_]\w*)", text):
+                file = Path(element.place.rpartition(":")[0]).name
+                raise InputError(
+                    f"{element.place}: {key} is {text!r}, of which no <default> gives the value; give it after the "
+                    f"file's name, as {file}#{missing[1]}=VALUE"
+                )
         filled[key] = text
     return filled
 
@@ -249,7 +279,7 @@ def _snake(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-def _transform(element: Element, defaults: dict[str, str]) -> Matrix:
+def _transform(element: Element, defaults: Parameters) -> Matrix:
     """Return the product of a transform's steps, the last one applied last."""
     matrix = np.eye(4)
     for step in element.children:
@@ -294,7 +324,7 @@ def _step(element: Element, attributes: dict[str, str]) -> Matrix:
     return matrix
 
 
-def _animation(element: Element, defaults: dict[str, str]) -> Animation:
+def _animation(element: Element, defaults: Parameters) -> Animation:
     keys: list[tuple[float, Matrix]] = []
     for child in element.children:
         time = numbers(child.place, _filled(child, defaults).get("time", ""), (1,))[0]

@@ -7,30 +7,33 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Strict, Tag
+from pydantic import BaseModel, Discriminator, Field, Strict, Tag
 
+from clsim.scene.schema_base import (
+    Flag,
+    NonNegative,
+    NonNegatives,
+    Number,
+    Pixels,
+    Positive,
+    Quaternion4,
+    Radiance,
+    Reflectance,
+    Share,
+    Size2,
+    Size3,
+    Table,
+    Vector,
+)
+from clsim.scene.schema_light import (
+    DaylightTable,
+    FactorTable,
+    LightKeyframesTable,
+    Modulation,
+    PwmTable,
+    SineTable,
+)
 from clsim.scene.spectra import METALS
-
-Number = Annotated[float, Strict()]
-Positive = Annotated[float, Strict(), Field(gt=0)]
-NonNegative = Annotated[float, Strict(), Field(ge=0)]
-Whole = Annotated[int, Strict()]
-Flag = Annotated[bool, Strict()]
-Vector = tuple[Number, Number, Number]
-Size2 = tuple[Positive, Positive]
-Size3 = tuple[Positive, Positive, Positive]
-Quaternion4 = tuple[Number, Number, Number, Number]
-Share = Annotated[float, Strict(), Field(ge=0, le=1)]
-Reflectance = tuple[Share, Share, Share]
-NonNegatives = tuple[NonNegative, NonNegative, NonNegative]
-Radiance = tuple[NonNegative, NonNegative, NonNegative]
-Pixels = Annotated[int, Strict(), Field(ge=1, le=16384)]
-
-
-class Table(BaseModel):
-    """A TOML table: no unknown keys, no NaN, no infinity."""
-
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
 class KeyframeTable(Table):
@@ -130,46 +133,6 @@ class MountTable(Table):
     fov_deg: Annotated[float, Strict(), Field(gt=0, lt=180)] | None = None
     lens: LensTable | None = None
     shutter_s: NonNegative | None = None
-
-
-class SineTable(Table):
-    """A sine about the light's own radiance, as of lamps on the mains: 100 or 120 Hz."""
-
-    kind: Literal["sine"]
-    frequency_hz: Positive = Field(description="of the light, twice that of the mains")
-    depth: Share = Field(1.0, description="(largest − smallest) / (largest + smallest)")
-    phase_deg: Number = 0.0
-
-
-class PwmTable(Table):
-    """A lamp that is switched on and off, as dimmed LEDs and markers are."""
-
-    kind: Literal["pwm"]
-    frequency_hz: Positive
-    duty: Share = Field(0.5, description="share of each period, from its start on, in which it is on")
-    low: Share = Field(0.0, description="what is left while it is off")
-    phase_deg: Number = 0.0
-
-
-class FactorTable(Table):
-    """How bright a light is at a time, as a multiple of its own radiance."""
-
-    time_s: NonNegative
-    factor: NonNegative | NonNegatives = Field(description="a number, or one each for red, green and blue")
-
-
-class LightKeyframesTable(Table):
-    """Factors at times."""
-
-    kind: Literal["keyframes"]
-    keyframes: Annotated[tuple[FactorTable, ...], Field(min_length=1)]
-    interpolation: Literal["linear", "step"] = Field("linear", description="step holds each factor until the next")
-    repeat: Flag = Field(False, description="begin anew at the time of the last")
-
-
-MODULATIONS = ("sine", "pwm", "keyframes")
-AnyModulation = Annotated[SineTable | PwmTable | LightKeyframesTable, Field(discriminator="kind")]
-Modulation = Annotated[AnyModulation | None, Field(description="how its light changes with time")]
 
 
 class SphereLightTable(Placed):
@@ -313,6 +276,7 @@ class EnvironmentTable(Table):
     map_scale: NonNegative = 1.0
     map_rotation_deg: Number = Field(default=0.0, description="turns the map about +y")
     map_turn_deg_per_s: Number = Field(default=0.0, description="how fast it turns about +y")
+    daylight: DaylightTable | None = Field(default=None, description="instead of map")
     modulation: Modulation = None
 
 
@@ -336,7 +300,7 @@ class SceneTable(Table):
     cameras: tuple[MountTable, ...] = ()
     environment: EnvironmentTable = EnvironmentTable()
     sensor: SensorTable = SensorTable()
-    materials: dict[str, MaterialTable] = {}
+    materials: dict[str, MaterialTable] = {}  # noqa: RUF012 - pydantic copies defaults
     objects: tuple[AnyObject, ...] = ()
     sphere_lights: tuple[SphereLightTable, ...] = ()
     lights: tuple[LightTable, ...] = ()
@@ -352,6 +316,7 @@ def key_table() -> str:
         ("wander = {…}", WanderTable),
         ("shake = {…}", ShakeTable),
         ("[environment]", EnvironmentTable),
+        ("[environment.daylight]", DaylightTable),
         ("[sensor]", SensorTable),
         ("[materials.NAME]", MaterialTable),
         ("texture = {…}", ImageTable),

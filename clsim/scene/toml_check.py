@@ -12,7 +12,9 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
-from clsim.scene.schema import MODULATIONS, OBJECTS, ObjectTable, SceneTable, Table
+from clsim.scene.schema import OBJECTS, ObjectTable, SceneTable
+from clsim.scene.schema_base import Table
+from clsim.scene.schema_light import MODULATIONS
 from clsim.scene.wording import plainly
 
 _COUNTS = {2: "two", 3: "three", 4: "four"}
@@ -49,7 +51,13 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
             yield f"materials.{name}: has one of eta and k, expected both or none"
     for name in names:
         yield from _modulation_conflicts(f"materials.{name}", materials[name])
-    yield from _modulation_conflicts("environment", data.get("environment"))
+    environment = data.get("environment")
+    yield from _modulation_conflicts("environment", environment)
+    if _has(environment, "map", "daylight"):
+        yield "environment: has map and daylight, expected one of them"
+    daylight = environment.get("daylight") if isinstance(environment, dict) else None
+    if isinstance(daylight, dict) and ("elevation_deg" in daylight) == _has(daylight, "latitude_deg", "time"):
+        yield "environment.daylight: expected either elevation_deg, or latitude_deg and time"
     mounts = data.get("cameras")
     called = [table.get("name") for table in mounts if isinstance(table, dict)] if isinstance(mounts, list) else []
     for name in sorted({name for name in called if isinstance(name, str) and called.count(name) > 1}):

@@ -1,13 +1,20 @@
-"""Light that changes, from a scene's TOML."""
+"""Light that changes, and light of the day, from a scene's TOML."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from datetime import timezone
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from clsim.scene.modulation import Keyframed, Modulation, Pwm, Sine
+from clsim.scene.world import EnvironmentMap, Instance, Mesh, SphereLight, Vec3
 
 if TYPE_CHECKING:
-    from clsim.scene import schema
+    from clsim.scene import schema_light as schema
 
 
 def read_modulation(table: schema.SineTable | schema.PwmTable | schema.LightKeyframesTable | None) -> Modulation | None:
@@ -23,3 +30,37 @@ def read_modulation(table: schema.SineTable | schema.PwmTable | schema.LightKeyf
     )
     times_s = tuple(key.time_s for key in table.keyframes)
     return Keyframed(times_s, factors, table.interpolation == "step", table.repeat)
+
+
+def read_daylight(
+    table: schema.DaylightTable, path: Path, meshes: Sequence[Mesh], instances: Sequence[Instance]
+) -> tuple[EnvironmentMap | None, list[SphereLight]]:
+    """Return the sky and the sun, as far as they shine.
+
+    Raises:
+        InputError: what they light has no extent; it names the file.
+    """
+    from clsim.scene.daylight import Daylight, sky, sun_light
+    from clsim.scene.framing import bounds
+
+    day = Daylight(_to_sun(table), table.turbidity, table.ground)
+    upright = np.eye(3)
+    above = EnvironmentMap(sky(day) * np.float32(table.sky_scale), upright) if table.sky_scale > 0 else None
+    if table.sun_scale == 0 or day.to_sun[1] <= 0:
+        return above, []
+    middle, size = bounds(path, meshes, instances) if instances else ((0.0, 0.0, 0.0), np.ones(3))
+    return above, [sun_light(day, upright, middle, float(np.linalg.norm(size)) / 2, table.sun_scale)]
+
+
+def _to_sun(table: schema.DaylightTable) -> Vec3:
+    from clsim.scene.daylight import sun_at
+
+    if table.elevation_deg is not None:
+        height, turn = math.radians(table.elevation_deg), math.radians(table.azimuth_deg)
+        return math.cos(height) * math.sin(turn), math.sin(height), -math.cos(height) * math.cos(turn)
+    if table.latitude_deg is None or table.time is None:
+        raise ValueError("expected a place and a time, which the schema asks for")
+    time = table.time
+    if time.tzinfo is not None:
+        time = time.astimezone(timezone.utc).replace(tzinfo=None)
+    return sun_at(table.latitude_deg, table.longitude_deg, time)

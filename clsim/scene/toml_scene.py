@@ -33,7 +33,7 @@ from clsim.scene.motion import (
 from clsim.scene.parts import Parts, with_textures_from
 from clsim.scene.paths import read_path
 from clsim.scene.spectra import METALS
-from clsim.scene.toml_light import read_modulation
+from clsim.scene.toml_light import read_daylight, read_modulation
 from clsim.scene.trajectory import CubicKeyframes, Interpolation, through
 from clsim.scene.wandering import Shake, Wander
 from clsim.scene.world import (
@@ -107,6 +107,9 @@ def load_toml(path: Path) -> World:
     environment_map: EnvironmentMap | None = None
     with _collecting(problems, f"{path}: environment.map"):
         environment_map = builder.environment_map(scene.environment)
+    if scene.environment.daylight is not None and not problems:
+        environment_map, suns = read_daylight(scene.environment.daylight, path, builder.meshes, builder.instances)
+        lights += suns
     camera: Camera | None = None
     with _collecting(problems, f"{path}: camera"):
         camera = _camera(scene.camera, path.parent)

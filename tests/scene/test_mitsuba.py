@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from clsim.errors import InputError
 from clsim.scene import load_world
 from clsim.scene.mitsuba_scene import load_mitsuba
 from tests.scene.mitsuba_files import SENSOR, TRIANGLE, load, scene, whole
@@ -203,3 +204,27 @@ def test_the_first_default_of_a_parameter_counts(tmp_path):
     body = '<default name="r" value="0.25"/><default name="r" value="0.75"/>'
     shape = '<shape type="cube"><bsdf type="diffuse"><rgb name="reflectance" value="$r"/></bsdf></shape>'
     assert load(tmp_path, body + shape).materials[0].color == (0.25, 0.25, 0.25)
+
+
+PARAMETERS = """<scene version="3.0.0"><default name="size" value="2"/>
+    <shape type="rectangle"><transform name="to_world"><scale value="$size"/></transform></shape>
+    <sensor type="perspective"><float name="fov" value="$fov"/>
+        <transform name="to_world"><lookat origin="0, 0, 4" target="0, 0, 0" up="0, 1, 0"/></transform></sensor>
+    <integrator type="path"><integer name="max_depth" value="$depth"/></integrator></scene>"""
+
+
+def test_parameters_are_given_after_the_files_name(tmp_path):
+    path = tmp_path / "parameters.xml"
+    path.write_text(PARAMETERS)
+    world = load_world(f"{path}#fov=70&size=5")
+    assert world.camera.fov_deg == pytest.approx(70.0)
+    assert world.instances[0].motion.pose(0.0)[0, 0] == 5.0, "what is given goes before what the file has"
+    assert load_world(f"{path}#fov=70").instances[0].motion.pose(0.0)[0, 0] == 2.0
+    for given, expected in (
+        ("", "give it after the file's name, as parameters.xml#fov=VALUE"),
+        ("#fov=70&sise=5", "has no parameter 'sise', expected one of fov, size"),
+        ("#fov", "got 'fov' after #, expected parameters such as spp=64&width=320"),
+    ):
+        with pytest.raises(InputError) as error:
+            load_world(f"{path}{given}")
+        assert expected in str(error.value)

@@ -118,3 +118,20 @@ def test_glass_dims_by_its_transmittance(mi, tmp_path, kind):
     shape = "rectangle" if kind == "thindielectric" else "sphere"
     ball = f'<shape type="{shape}">{place}<bsdf type="{kind}">{tint}{rough}</bsdf></shape>'
     assert_alike(mi, tmp_path, FLOOR + SKY + ball, spp=1024)
+
+
+@pytest.mark.parametrize("sun", ['x="1" y="1" z="0.5"', 'x="-1" y="0.2" z="1"'])
+@pytest.mark.parametrize("turbidity", [2.0, 5.5])
+def test_sky_and_sun(mi, tmp_path, turbidity, sun):
+    """A box on a floor, its shadow and its shaded side; between the places of our tables."""
+    day = f"""<emitter type="sunsky"><float name="turbidity" value="{turbidity}"/><vector name="sun_direction" {sun}/>
+        <transform name="to_world"><rotate x="1" angle="-90"/></transform></emitter>"""
+    place = '<transform name="to_world"><scale value="0.5"/><rotate y="1" angle="30"/><translate y="0.5"/></transform>'
+    assert_alike(mi, tmp_path, FLOOR + f'<shape type="cube">{place}</shape>' + day, spp=1024, mean=0.02, block=0.05)
+
+
+@pytest.mark.parametrize("kind", ["sky", "sun"])
+def test_sky_and_sun_alone(mi, tmp_path, kind):
+    other = {"sky": "sun", "sun": "sky"}[kind]
+    day = f'<emitter type="sunsky"><float name="{other}_scale" value="0"/></emitter>'
+    assert_alike(mi, tmp_path, FLOOR + day, spp=1024, mean=0.02, block=0.05)

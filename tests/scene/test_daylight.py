@@ -1,0 +1,152 @@
+"""Where the sun stands, how bright sky and sun are, and what scenes say of them."""
+
+import math
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.scene import load_world
+from clsim.scene.daylight import ALBEDOS, HEIGHTS, SUN_DEG, TURBIDITIES, Daylight, sky, sun_at, sun_light, sun_radiance
+
+
+def angles(to_sun: tuple[float, float, float]) -> tuple[float, float]:
+    """Height and azimuth from north by east [degrees]."""
+    x, y, z = to_sun
+    return math.degrees(math.asin(y)), math.degrees(math.atan2(x, -z)) % 360
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "time", "zone", "height", "azimuth"),
+    [
+        # The June solstice: at noon of the sun it is 90° − latitude + 23.44° high, due south.
+        (51.48, 0.0, datetime(2024, 6, 20, 12, 1, 46), 0.0, 90 - 51.48 + 23.44, 180.0),
+        # The December solstice south of the equator: due north.
+        (-33.87, 151.21, datetime(2024, 12, 21, 12, 53), 11.0, 90 - 33.87 + 23.44, 0.0),
+        # The March equinox at the equator, where the sun is 7.5 minutes behind the clock: at six it sets, due west.
+        (0.0, 0.0, datetime(2024, 3, 20, 18, 7, 30), 0.0, 0.0, 270.0),
+        # Morning is in the east.
+        (0.0, 0.0, datetime(2024, 3, 20, 9, 7, 30), 0.0, 45.0, 90.0),
+    ],
+)
+def test_the_sun_stands_where_it_should(
+    latitude: float, longitude: float, time: datetime, zone: float, height: float, azimuth: float
+) -> None:
+    found = angles(sun_at(latitude, longitude, time, zone))
+    assert found[0] == pytest.approx(height, abs=0.1)
+    assert (found[1] - azimuth + 180) % 360 - 180 == pytest.approx(0.0, abs=0.5)
+
+
+def day(height_deg: float, **more: float) -> Daylight:
+    height = math.radians(height_deg)
+    return Daylight((math.cos(height), math.sin(height), 0.0), **more)
+
+
+def test_a_sky_is_brightest_at_the_sun_and_black_below_the_horizon() -> None:
+    picture = sky(day(60.0), rows=64)
+    assert picture.shape == (64, 128, 3) and (picture[32:] == 0).all() and picture[:32].min() > 0
+    # Above the bright band along the horizon.
+    row, column = np.unravel_index(picture[:21].sum(axis=2).argmax(), (21, 128))
+    # +x lies a quarter of the way along (columns start at −z).
+    assert abs(row + 0.5 - 64 / 6) <= 1 and abs(column + 0.5 - 32) <= 1
+    away = sky(day(30.0), rows=64)[8, 96]
+    assert away[2] > 1.5 * away[0], "opposite the sun it is blue"
+    hazy = sky(day(30.0, turbidity=8.0), rows=64)[8, 96]
+    assert hazy[2] / hazy[0] < away[2] / away[0], "haze is white"
+    snow = sky(day(30.0, ground=1.0), rows=64)
+    assert (snow[:32] > sky(day(30.0, ground=0.0), rows=64)[:32]).mean() > 0.95, "bright ground lights the sky"
+
+
+def test_between_the_tables_places_all_is_a_blend() -> None:
+    """Half way between two turbidities, or two heights, is the mean of both; beyond the last is the last."""
+    low, high = (math.degrees(0.5 * math.pi * height**3) for height in HEIGHTS[7:9])
+    middle = math.degrees(0.5 * math.pi * (0.5 * (HEIGHTS[7] + HEIGHTS[8])) ** 3)
+    thin, thick, half = (sky(day(low, turbidity=t), rows=16)[3, 20] for t in (3.0, 4.0, 3.5))
+    np.testing.assert_allclose(half, (thin + thick) / 2, rtol=1e-5)
+    ends = [np.array(sun_radiance(day(each, turbidity=3.0))) for each in (low, high)]
+    found = sun_radiance(day(middle, turbidity=3.0))
+    np.testing.assert_allclose(found, np.sqrt(ends[0] * ends[1]), rtol=1e-6, err_msg="of the sun, in the logarithm")
+    assert sun_radiance(day(60.0, turbidity=12.0)) == sun_radiance(day(60.0, turbidity=float(TURBIDITIES[-1])))
+    assert sun_radiance(day(-1.0)) == (0.0, 0.0, 0.0) and ALBEDOS.tolist() == [0.0, 1.0]
+
+
+def test_the_sun_is_a_sphere_far_away_with_the_same_power_at_any_size() -> None:
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    true, large = (sun_light(day(45.0), turn, (1.0, 2.0, 3.0), 5.0, 2.0, seen) for seen in (SUN_DEG, 5.0))
+    for lamp, seen in ((true, SUN_DEG), (large, 5.0)):
+        away = lamp.motion.pose(0.0)[:3, 3] - (1.0, 2.0, 3.0)
+        np.testing.assert_allclose(away / np.linalg.norm(away), (0.5**0.5, 0.0, 0.5**0.5), atol=1e-9)
+        assert math.degrees(2 * math.asin(lamp.radius_m / np.linalg.norm(away))) == pytest.approx(seen)
+    np.testing.assert_allclose(true.radiance, 2 * np.array(sun_radiance(day(45.0))))
+    solid = [1 - math.cos(math.radians(seen / 2)) for seen in (SUN_DEG, 5.0)]
+    np.testing.assert_allclose(np.multiply(true.radiance, solid[0]), np.multiply(large.radiance, solid[1]))
+
+
+SCENE = """
+[camera]
+position = [0.0, 1.0, 3.0]
+[[objects]]
+shape = "quad"
+size = [6.0, 8.0]
+[environment.daylight]
+"""
+
+
+def toml(folder: Path, text: str) -> Path:
+    path = folder / "day.toml"
+    path.write_text(SCENE + text)
+    return path
+
+
+def test_a_toml_has_a_sky_and_a_sun(tmp_path: Path) -> None:
+    world = load_world(toml(tmp_path, "elevation_deg = 30.0\nazimuth_deg = 90.0\nsky_scale = 2.0\nsun_scale = 0.5\n"))
+    (sun,), above = world.sphere_lights, world.environment_map
+    assert above is not None and world.warnings == ()
+    np.testing.assert_allclose(above.radiance, 2 * sky(day(30.0)), rtol=1e-4, atol=1e-9)
+    place = sun.motion.pose(0.0)[:3, 3]
+    np.testing.assert_allclose(place / np.linalg.norm(place), (3**0.5 / 2, 0.5, 0.0), atol=1e-9)
+    assert np.linalg.norm(place) == pytest.approx(1e4 * 5.0) and sun.name == "sun"
+    night = load_world(toml(tmp_path, "elevation_deg = -3.0\n"))
+    assert night.sphere_lights == ()
+    when = "latitude_deg = 51.48\ntime = 2024-06-20T14:01:46+02:00\nsky_scale = 0.0\n"
+    noon = load_world(toml(tmp_path, when))
+    assert noon.environment_map is None
+    assert angles(tuple(noon.sphere_lights[0].motion.pose(0.0)[:3, 3] / 5e4))[0] == pytest.approx(61.96, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "latitude_deg = 3.0\n", "elevation_deg = 3.0\nlatitude_deg = 3.0\ntime = 2024-06-20T14:00:00\n"]
+)
+def test_a_sun_without_a_place_or_with_two_is_refused(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match="daylight: expected either elevation_deg, or latitude_deg and time"):
+        load_world(toml(tmp_path, text))
+    with pytest.raises(InputError, match="has map and daylight, expected one of them"):
+        load_world(toml(tmp_path, 'elevation_deg = 3.0\n[environment]\nmap = "a.exr"\n'))
+
+
+def mitsuba(folder: Path, emitter: str, version: str = "3.0.0") -> Path:
+    path = folder / "day.xml"
+    floor = '<shape type="rectangle"/>'
+    path.write_text(f'<scene version="{version}">{floor}{emitter}</scene>')
+    return path
+
+
+def test_mitsubas_suns_stand_as_they_do_there(tmp_path: Path) -> None:
+    """Since version 3 +z is up, before +y; a direction to the sun is the world's (both looked up in Mitsuba 3.9)."""
+    turn = '<transform name="to_world"><rotate x="1" angle="-90"/></transform>'
+    for inside, expected in (
+        ("", (0.05139, 0.69175, 0.72031)),
+        (turn, (0.05139, 0.72031, -0.69175)),
+        ('<vector name="sun_direction" x="0" y="3" z="4"/>' + turn, (0.0, 0.6, 0.8)),
+    ):
+        world = load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{inside}</emitter>'))
+        place = world.sphere_lights[0].motion.pose(0.0)[:3, 3]
+        np.testing.assert_allclose(place / np.linalg.norm(place), expected, atol=1e-4)
+    old = load_world(mitsuba(tmp_path, '<emitter type="sky"/>', "0.6.0"))
+    assert old.sphere_lights == () and old.environment_map is not None
+    assert np.array_equal(old.environment_map.to_world, np.eye(3)), "there +y was up"
+    scaled = '<emitter type="sun"><float name="scale" value="2"/><integer name="month" value="13"/></emitter>'
+    with pytest.raises(InputError, match="there is no such date and time: month must be in"):
+        load_world(mitsuba(tmp_path, scaled, "0.6.0"))
