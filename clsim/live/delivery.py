@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from clsim.errors import Error
+from clsim.errors import Error, InputError
 from clsim.events import Causes, EventBatch, Labelling, Sink, SinkError
 from clsim.events.closing import close_at_once
 from clsim.frames import Frame
@@ -84,6 +84,13 @@ class Delivery:
     def __init__(self, outputs: Sequence[Output]) -> None:
         """Deliver to ``outputs``, in this order."""
         self.outputs = list(outputs)
+
+    def refuse_recorders(self, names: Sequence[str]) -> None:
+        """Fail those outputs that record planes which are not among the frames' ``names``."""
+        for output in self.outputs:
+            if isinstance(output.sink, Recorder) and (missing := set(output.sink.planes) - set(names)):
+                lacking = ", ".join(sorted(missing))
+                output.fail(InputError(f"{output.name} records {lacking}, but frames have {', '.join(names)}"))
 
     def record(self, frame: Frame, events: EventBatch) -> None:
         """Hand a frame, while it is there, and its events to the recorders."""

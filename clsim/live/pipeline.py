@@ -180,6 +180,7 @@ class Pipeline:
     ) -> None:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
+        self._names = names
         self.progress = Progress()
         self.watchers: list[FrameWatcher] = []
         self._delivery = Delivery(outputs)
@@ -207,6 +208,7 @@ class Pipeline:
 
     def start(self) -> None:
         """Start both threads."""
+        self._delivery.refuse_recorders(self._names)
         for thread in self._threads:
             thread.start()
 

@@ -14,6 +14,12 @@ _KEYS = {"Id.object": "object", "Id.material": "material"}
 _KEYS |= {"Label.object": "label-object", "Label.flow": "label-flow"}
 
 
+def channels_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the channels that frames have for those of the names that are planes of truth."""
+    planes = [plane_of(plane) for name in names for plane in TRUTH_PLANES.get(name, ())]
+    return tuple(channel for plane in planes for channel in plane.channels)
+
+
 def cut(frame: Frame, names: Sequence[str]) -> dict[str, npt.NDArray[np.float32]]:
     """Return views of a frame's planes of truth, and its luminance as ``intensity``.
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame
-from clsim.truth.cut import cut
+from clsim.truth.cut import channels_of, cut
 from clsim.truth.images import Pictures
 from clsim.truth.labels import Labeller
 from clsim.truth.motions import Motions
@@ -38,10 +38,9 @@ class Plan:
 class TruthRecorder:
     """A sink that hands events to a layout, with all that is wanted beside them."""
 
-    planes = RADIANCE
-
     def __init__(self, plan: Plan, layout: Layout) -> None:
         """Record into ``layout``, which is closed with the recorder."""
+        self.planes = (*RADIANCE, *channels_of(plan.about.names))
         self.recorded_frames = 0
         self._plan, self._layout = plan, layout
         self._event_count = 0

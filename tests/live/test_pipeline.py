@@ -210,13 +210,17 @@ def test_recorders_get_each_frame_with_the_events_of_its_step() -> None:
         def write(self, batch: EventBatch, end_us: int) -> None:
             raise AssertionError("a recorder's events come with their frame")
 
-    plain, recorder, failing = ListSink(), Recorder(), Recorder(fail_after=2)
-    pipeline, _, _ = run(plan(1.0, 10.0, frames=4), sinks=(failing, plain, recorder))
+    class DepthRecorder(Recorder):
+        planes = ("R", "Depth")
+
+    plain, recorder, failing, lacking = ListSink(), Recorder(), Recorder(fail_after=2), DepthRecorder()
+    pipeline, _, _ = run(plan(1.0, 10.0, frames=4), sinks=(failing, plain, recorder, lacking))
     pipeline.start()
     assert pipeline.wait(10)
     assert recorder.seen == [(100_000 * k, k, k) for k in range(4)]
-    assert len(plain.batches) == 4 and len(failing.seen) == 2
-    assert [output.error is None for output in pipeline.outputs] == [False, True, True]
+    assert len(plain.batches) == 4 and len(failing.seen) == 2 and not lacking.seen
+    assert [output.error is None for output in pipeline.outputs] == [False, True, True, False]
+    assert "records Depth, but frames have R, G, B" in str(pipeline.outputs[3].error)
 
 
 def test_a_broken_detector_stops_a_source_that_waits_for_the_clock() -> None:
