@@ -84,10 +84,15 @@ class LiveOptions:
 
     Its resolution and field of view hold where no ``resolution`` is given."""
     method: Method | None = None
+    """How brightness is found from frames; see `clsim.detect.DetectorConfig` for this and what follows."""
     gate: Gate | None = None
+    """Which pixels are regressed."""
     event_rule: EventRule | None = None
+    """Whether a pixel fires at each crossing of a threshold, or once a frame."""
     window: int | None = None
+    """Side of the window that brightness is found from [pixels]."""
     history: int = 1
+    """Frames whose windows form one regression."""
     noise: Noise | None = None
     """Whether every frame has the same random numbers, or its own."""
     seed: int = 0
@@ -104,10 +109,13 @@ class LiveOptions:
     time_tolerance_us: float | None = None
     """Error of an event's time that will do where time is adaptive [µs]; None is 100."""
     pace: Pace = "max"
+    """Whether frames come as fast as they can be made, or no faster than the wall clock."""
     governor: bool = True
     """Whether a run at the pace of the wall clock renders less where it could not keep up."""
     ring: Policy = "block"
+    """Whether rendering waits for the detector, or loses the oldest frame."""
     render_device: str = "cpu"
+    """Where to render, "cpu" or "cuda:0" …"""
     opencl: str | None = None
     """Part of the name of the OpenCL device to use."""
     outputs: tuple[str, ...] = field(default=())

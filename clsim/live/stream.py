@@ -173,14 +173,11 @@ def stream(
 
     Args:
         scene: name of a bundled scene, or a scene file.
-        duration_s: simulated time [s]; None plays the motion once. Or ``frame_count`` frames.
-        frame_count: number of frames.
+        duration_s, frame_count: simulated time [s], or number of frames; None plays the motion once.
         loop: start the motion anew at its end, for ever or until ``duration_s``.
-        fps: frames per simulated second; None takes the scene's.
-        resolution: width and height [pixels]; None takes the scene's.
+        fps, resolution: frames per simulated second; width and height [pixels]; None takes the scene's.
         camera_path: a file of poses that the camera follows; see `clsim.scene.read_path`. The run lasts as long.
-        camera_axes: what a camera's axes are in that file: "opencv" or "opengl".
-        camera_interpolation: how its poses are joined: "linear" (and by slerp), or "cubic".
+        camera_axes, camera_interpolation: of that file: "opencv" or "opengl"; "linear" (and by slerp) or "cubic".
         threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
         sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one. Its resolution and
             field of view hold where no ``resolution`` is given.
@@ -188,25 +185,14 @@ def stream(
             between frames too, where events happen. Frames are then 30 a second unless ``fps`` is given.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
-        outputs: files and addresses that receive the events as well.
-        files: how files are written.
+        outputs, files: files and addresses that receive the events as well, and how files are written.
         seed: of all random numbers.
         spp, sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window:
-            in place of the quality's own; see `clsim.live.options.LiveOptions` for these and what follows.
-        history: frames whose windows form one regression.
-        follow_specular: whether depth, normal and albedo are those seen in mirrors and through clear glass.
-        max_depth: longest light path [edges].
-        pace: "real" keeps to the wall clock.
-        governor: whether a run at real pace renders less where it could not keep up.
-        ring: "drop-oldest" loses frames at real pace rather than wait.
-        threads: that render; None takes one a core.
-        render_device: where to render, "cpu" or "cuda:0" …
-        opencl: part of the name of the OpenCL device.
-        strict: refuse a scene that asks for what clsim lacks, instead of warning.
+            in place of the quality's own.
+        history, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict:
+            see `clsim.live.options.LiveOptions` for these and those above.
         truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
-        frame_rate: frames of truth per simulated second; None takes all that are rendered.
-        pose_rate, imu_rate: poses and inertial samples per simulated second.
-        imu_noise: Kalibr's imu.yaml, which says how noisy the inertial sensor is.
+        frame_rate, pose_rate, imu_rate, imu_noise: of truth; see LiveOptions.
 
     Raises:
         InputError: a scene or option cannot be used.
