@@ -114,12 +114,14 @@ __kernel void count_flags(__global const uchar *flags, int width, int span, __gl
     out_counts[4 * y + FRESH] = fresh;
 }
 
-// Work-item: one row. The pixels to solve, in raster order, as y·span + x.
+// Work-item: one row. The pixels to solve, in raster order, as y·span + x; counts: as count_flags finds them.
 __kernel void list_pixels(
-    __global const uchar *flags, __global const int *start, int width, int span, __global int *out_list)
+    __global const uchar *flags, __global const int *counts, int width, int span, __global int *out_list)
 {
     const int y = get_global_id(0);
-    int next = start[y];
+    if (counts[4 * y + SOLVED] + counts[4 * y + FRESH] == 0) return;
+    int next = 0;
+    for (int row = 0; row < y; row++) next += counts[4 * row + SOLVED] + counts[4 * row + FRESH];
     for (int x = 0; x < width; x++)
         if (flags[(size_t)y * span + x] >= SOLVED) out_list[next++] = y * span + x;
 }

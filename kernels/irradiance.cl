@@ -69,28 +69,25 @@ typedef bits bitsv;
 #define ROUNDER ((real)1.5 * ((bits)1 << MANTISSA))
 
 static inline realv exp2_negative(realv q) {
-    const realv t = -q, shifted = t + ROUNDER;
-    return AS_REALV(AS_BITSV(exp2_fraction(t - (shifted - ROUNDER))) + (AS_BITSV(shifted) << MANTISSA));
+    const realv shifted = ROUNDER - q;
+    return AS_REALV(AS_BITSV(exp2_fraction((ROUNDER - shifted) - q)) + (AS_BITSV(shifted) << MANTISSA));
 }
 
 // Work-item: a row, plane by plane in loops that compilers vectorise. `frame` holds planes of width·height floats.
-// out_invalid: pixels of the row with values that are no numbers.
 __kernel void demodulate(
     __global const float *restrict frame, __constant int *source, int width, int height, int pitch, real weight_r,
-    real weight_g, real weight_b, real scale, __global real *restrict out_packed, __global int *restrict out_invalid)
+    real weight_g, real weight_b, real scale, __global real *restrict out_packed)
 {
     const int y = get_global_id(0);
     const size_t area = (size_t)width * height;
     __global const float *restrict row = frame + (size_t)y * width;
     __global real *restrict mask = out_packed + (size_t)(y + BORDER) * PLANES * pitch + BORDER;
-    for (int x = 0; x < width; x++) mask[x] = 1;
-    for (int j = 0; j < MEANS; j++) {
-        __global const float *restrict in = row + source[j] * area;
-        for (int x = 0; x < width; x++) mask[x] = in[x] - in[x] == 0 ? mask[x] : 0;
+    for (int x = 0; x < width; x++) {
+        float nought = 0;   // or no number
+#pragma unroll
+        for (int j = 0; j < MEANS; j++) nought += row[source[j] * area + x] - row[source[j] * area + x];
+        mask[x] = nought == 0 ? 1 : 0;
     }
-    real valid = 0;
-    for (int x = 0; x < width; x++) valid += mask[x];
-    out_invalid[y] = width - (int)valid;
 
     __global const float *restrict r = row + source[0] * area, *restrict g = row + source[1] * area;
     __global const float *restrict b = row + source[2] * area;
@@ -185,8 +182,7 @@ static inline __attribute__((always_inline)) void smooth(
             const realv c = LOAD(row + (P_NORMAL + 2) * pitch + i) - nz;
             const realv d = (LOAD(row + P_DEPTH * pitch + i) - depth) * sharpness[row_distance][dx < 0 ? -dx : dx];
             const realv q = NORMAL_SHARE * (a * a + b * b + c * c) + d * d + share * (real)(dx * dx + dy * dy);
-            const realv near = q < CUT ? LOAD(row + P_USABLE * pitch + i) : (realv)0;   // not if q is no number
-            const realv w = near * exp2_negative(q < CUT ? q : (realv)CUT);
+            const realv w = q < CUT ? LOAD(row + P_USABLE * pitch + i) * exp2_negative(q) : (realv)0;   // nor if q is NaN
             const realv off = LOAD(row + P_E * pitch + i) - e_centre;
             total += w;
             sum += w * off;

@@ -23,9 +23,9 @@ __kernel void pack(
         __global const float *restrict in = row + source[j] * area;
         for (int x = 0; x < width; x++) mask[x] = in[x] - in[x] == 0 ? mask[x] : 0;
     }
-    real valid = 0;
-    for (int x = 0; x < width; x++) valid += mask[x];
-    out_invalid[y] = width - (int)valid;
+    int invalid = 0;
+    for (int x = 0; x < width; x++) invalid += mask[x] == 0;
+    out_invalid[y] = invalid;
 
     __global const float *restrict r = row + source[0] * area, *restrict g = row + source[1] * area;
     __global const float *restrict b = row + source[2] * area;

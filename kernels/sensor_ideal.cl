@@ -106,11 +106,17 @@ static inline long crossed_at(stamp before, stamp after, stamp level, stamp t0, 
 #endif
 }
 
-// Work-item: CHUNK pixels of the list, from work-item first_chunk on; its events go to out_* from place[work-item] on.
+typedef struct {
+    long time;
+    ushort x, y;
+    uint on;
+} Event;
+
+// Work-item: CHUNK pixels of the list, from work-item first_chunk on; its events go to out_events from place[work-item] on.
 __kernel void emit_events(
     __global const int *list, int count, int first_chunk, __global const int *fired, __global const real *from,
     __global const int *place, int span, long time_before, long step, KNOT_ARGUMENTS real on, real off,
-    __global long *out_time, __global ushort *out_x, __global ushort *out_y, __global uchar *out_on)
+    __global Event *out_events)
 {
     const int first = (first_chunk + get_global_id(0)) * CHUNK, last = MIN(first + CHUNK, count);
     int next = place[get_global_id(0)];
@@ -135,10 +141,11 @@ __kernel void emit_events(
             const int rising = fired[i] > 0, n = left;
 #endif
             for (int j = 1; j <= n; j++) {
-                out_time[next] = time_before + crossed_at(before, after, ref + j * (rising ? (stamp)on : -(stamp)off), t0, t1, step);
-                out_x[next] = list[i] % span;
-                out_y[next] = list[i] / span;
-                out_on[next++] = rising;
+                const stamp level = ref + j * (rising ? (stamp)on : -(stamp)off);
+                out_events[next].time = time_before + crossed_at(before, after, level, t0, t1, step);
+                out_events[next].x = list[i] % span;
+                out_events[next].y = list[i] / span;
+                out_events[next++].on = rising;
             }
             left -= n;
             before = after;

@@ -119,6 +119,7 @@ class _Bench:
         def pack() -> None:
             engine.pack.run(memory.lend(frame), 0)
             memory.take_back(frame)
+            engine.pack.found()
 
         repeat = 20
 

@@ -153,8 +153,9 @@ class BrightnessEstimator:
         return self._method.build(self._setting, features, quiet)
 
     def _pack(self, frame: Frame, stages: Stages) -> Stages:
-        memory = self._memory.lend(frame)
-        invalid, extremes = stages.pack.run(memory, self._slot)
+        stages.pack.run(self._memory.lend(frame), self._slot)
+        self._memory.take_back(frame)
+        invalid, extremes = stages.found()
         grown = np.zeros(0, dtype=bool)
         if len(extremes):
             seen = self._constant.copy()
@@ -169,8 +170,8 @@ class BrightnessEstimator:
             for i, name in enumerate(larger.quiet):
                 self._constant[i] = kept[name]
             larger.take_over(stages, values, self._setting.config.history)
-            larger.pack.run(memory, self._slot)
+            larger.pack.run(self._memory.lend(frame), self._slot)
+            self._memory.take_back(frame)
             stages = larger
-        self._memory.take_back(frame)
         self._invalid[self._slot] = invalid
         return stages

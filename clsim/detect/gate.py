@@ -73,25 +73,15 @@ class Gate:
         self.flags = place.allocate(layout.image_shape, np.uint8)
         self.pixels = place.allocate((layout.height * layout.span,), np.int32)
         self._counts = place.allocate((layout.height, 4), np.int32)
-        self._start = place.allocate((layout.height,), np.int32)
         self._host_counts = np.zeros((layout.height, 4), dtype=np.int32)
-        self._host_start = np.zeros(layout.height, dtype=np.int32)
 
     def collect(self) -> Counts:
         """Count the flags and list the pixels that may fire or are new."""
-        layout = self._place.layout
-        self._place.launch(self._count, (layout.height,), self.flags, layout.width, layout.span, self._counts)
-        counts = self._place.read(self._counts, self._host_counts)
-        listed = counts[:, 2] + counts[:, 3]
-        np.cumsum(listed[:-1], out=self._host_start[1:])
-        totals = [int(total) for total in counts.sum(axis=0)]
-        result = Counts(totals[0], totals[1], totals[2], totals[3])
-        if result.listed:
-            self._place.write(self._start, self._host_start)
-            self._place.launch(
-                self._list, (layout.height,), self.flags, self._start, layout.width, layout.span, self.pixels
-            )
-        return result
+        layout, launch = self._place.layout, self._place.launch
+        launch(self._count, (layout.height,), self.flags, layout.width, layout.span, self._counts)
+        launch(self._list, (layout.height,), self.flags, self._counts, layout.width, layout.span, self.pixels)
+        totals = self._place.read(self._counts, self._host_counts).sum(axis=0)
+        return Counts(*totals.tolist())
 
 
 class LevelGate(Gate):

@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.features import LUMINANCE_WEIGHTS
@@ -51,19 +50,14 @@ class Demodulation:
         self._weights = LUMINANCE_WEIGHTS[config.luminance]
         self._scale = float(config.scale)
         self.packed = place.allocate((1, *place.layout.packed_shape))
-        height = place.layout.height
-        self._invalid = place.allocate((height,), np.int32)
-        self._host_invalid = np.zeros(height, dtype=np.int32)
 
-    def run(self, memory: Any, slot: int) -> tuple[int, npt.NDArray[np.float32]]:
-        """Pack one frame; return how many pixels are invalid, and no extremes: no plane is left out as constant."""
+    def run(self, memory: Any, slot: int) -> None:
+        """Pack one frame."""
         layout = self._place.layout
         self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
-            *self._weights, self._scale, self.packed, self._invalid,
+            *self._weights, self._scale, self.packed,
         )  # fmt: skip
-        self._place.read(self._invalid, self._host_invalid)
-        return int(self._host_invalid.sum()), np.zeros((0, 2), dtype=np.float32)
 
     def offset(self, slot: int) -> int:
         """Where a slot starts: there is one, for no earlier frame is needed."""

@@ -48,14 +48,14 @@ class FrameMemory:
         return memory
 
     def take_back(self, frame: Frame) -> None:
-        """Wait until the device has read the frame, and give its memory back to the host."""
+        """Give the frame's memory back to the host, which has it when it has waited for a later command."""
         import pyopencl as cl
 
         planes = frame.planes
         key = (planes.ctypes.data, planes.nbytes)
         memory = self._known[key][0]
         flags: Any = cl.map_flags.READ | cl.map_flags.WRITE
-        mapped, _ = cl.enqueue_map_buffer(self._queue, memory, flags, 0, planes.shape, planes.dtype)
+        mapped, _ = cl.enqueue_map_buffer(self._queue, memory, flags, 0, planes.shape, planes.dtype, is_blocking=False)
         self._known[key] = (memory, planes, mapped)
 
     def close(self) -> None:
@@ -101,10 +101,8 @@ class Pack:
         self._host_invalid = np.zeros(height, dtype=np.int32)
         self._host_range = np.zeros((height, len(quiet), 2), dtype=np.float32)
 
-    def run(self, memory: Any, slot: int) -> tuple[int, npt.NDArray[np.float32]]:
-        """Pack one frame; return how many pixels are invalid and ``[quiet, 2]``, the extremes of each quiet plane."""
-        import pyopencl as cl
-
+    def run(self, memory: Any, slot: int) -> None:
+        """Pack one frame."""
         layout = self._place.layout
         self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
@@ -112,12 +110,14 @@ class Pack:
             np.int64(self.offset(slot)),
             self.packed, self._invalid, self._range,
         )  # fmt: skip
-        cl.enqueue_copy(self._place.queue, self._host_invalid, self._invalid.memory)
+
+    def found(self) -> tuple[int, npt.NDArray[np.float32]]:
+        """Return how many pixels of the frame are invalid, and the extremes of each quiet plane, ``[quiet, 2]``."""
+        invalid = int(self._place.read(self._invalid, self._host_invalid).sum())
         if not self._quiet:
-            return int(self._host_invalid.sum()), np.zeros((0, 2), dtype=np.float32)
-        cl.enqueue_copy(self._place.queue, self._host_range, self._range.memory)
-        lo, hi = self._host_range[..., 0].min(axis=0), self._host_range[..., 1].max(axis=0)
-        return int(self._host_invalid.sum()), np.stack([lo, hi], axis=1)
+            return invalid, np.zeros((0, 2), dtype=np.float32)
+        extremes = self._place.read(self._range, self._host_range)
+        return invalid, np.stack([extremes[..., 0].min(axis=0), extremes[..., 1].max(axis=0)], axis=1)
 
     def offset(self, slot: int) -> int:
         """Where a slot starts, in values."""

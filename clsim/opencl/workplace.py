@@ -74,6 +74,7 @@ class Workplace(Generic[GridT]):
         self.layout = layout
         self.queue = queue
         self.real = np.dtype(layout.real)
+        self._typed: set[Any] = set()
         self._options: dict[str, object] = {"VW": layout.lanes, **(macros or {})}
         if self.real == np.float64:
             self._options["DOUBLE"] = 1
@@ -119,6 +120,24 @@ class Workplace(Generic[GridT]):
             cl.enqueue_copy(self.queue, result, buffer.memory)
         return result
 
+    def begin_read(self, buffer: Buffer, out: npt.NDArray[Any]) -> Any:
+        """Enqueue a copy of the first ``len(out)`` items, and return its event: ``out`` is filled after its ``wait``.
+
+        A wait sends PoCL's threads to sleep, and to wake them costs more than a small kernel.
+        """
+        import pyopencl as cl
+
+        return cl.enqueue_copy(self.queue, out, buffer.memory, is_blocking=False)
+
+    def begin_write(self, buffer: Buffer, values: npt.NDArray[Any]) -> Any:
+        """Enqueue a copy to a buffer, and return its event; ``values`` must not change before it is done.
+
+        Keep the event as long: one that is let go of waits.
+        """
+        import pyopencl as cl
+
+        return cl.enqueue_copy(self.queue, buffer.memory, values, is_blocking=False)
+
     def write(self, buffer: Buffer, values: npt.NDArray[Any]) -> None:
         """Copy an array of the host to a buffer."""
         import pyopencl as cl
@@ -128,10 +147,15 @@ class Workplace(Generic[GridT]):
 
     def launch(self, kernel: Any, size: tuple[int, ...], *arguments: Any) -> None:
         """Enqueue a kernel over ``size`` work-items; float arguments take the build's precision."""
+        values = [self._argument(a) for a in arguments]
+        if kernel not in self._typed:
+            # Told the types, pyopencl sets numbers fifty times as fast as by way of numpy's buffers.
+            kernel.set_scalar_arg_dtypes([value.dtype if isinstance(value, np.generic) else None for value in values])
+            self._typed.add(kernel)
         # One work-item a work-group on a CPU: left to choose, PoCL runs many in one loop whose private arrays
         # overflow its threads' stacks.
         local = (1,) * len(size) if self.device.is_cpu else None
-        kernel(self.queue, size, local, *(self._argument(a) for a in arguments))
+        kernel(self.queue, size, local, *values)
 
     def _argument(self, value: Any) -> Any:
         if isinstance(value, Buffer):

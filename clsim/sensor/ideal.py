@@ -17,6 +17,8 @@ _CHUNK = 64
 """Pixels of the path's list that one work-item turns into events."""
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step (MAX_EVENTS in sensor_ideal.cl)."""
+_WRITTEN = np.dtype([("t", np.int64), ("x", np.uint16), ("y", np.uint16), ("on", np.uint32)])
+"""An event as kernels write it (Event in sensor_ideal.cl)."""
 _PORTION = 1 << 20
 """Events that are written at a time, at most: more of a step come in several portions, so memory does not grow."""
 
@@ -81,9 +83,8 @@ class IdealPixels:
         self._host_counts = np.zeros((chunks, 4), dtype=np.int64)
         self._starts = place.allocate((chunks,), np.int32)
         self._capacity = min(max(pixels, _CHUNK * _MOST_OF_A_PIXEL), _PORTION)
-        kinds: tuple[npt.DTypeLike, ...] = (np.int64, np.uint16, np.uint16, np.uint8)
-        self._out = [place.allocate((self._capacity,), kind) for kind in kinds]
-        self._host_out: list[npt.NDArray[Any]] = [np.empty(self._capacity, dtype=kind) for kind in kinds]
+        self._out = Buffer(place.allocate((2 * self._capacity,), np.int64).memory, (self._capacity,), _WRITTEN)
+        self._host_out = np.empty(self._capacity, dtype=_WRITTEN)
 
     def _build(self, more: dict[str, object]) -> list[Any]:
         macros: dict[str, object] = {"CHUNK": _CHUNK, **more}
@@ -139,14 +140,16 @@ class IdealPixels:
         starts = np.zeros(len(events), dtype=np.int32)
         np.cumsum(events[:-1], out=starts[1:])
         total = int(events.sum())
-        place.write(self._starts, starts)
+        writing = place.begin_write(self._starts, starts)
         place.launch(
             emit, (len(events),), path.pixels, path.count, first, self._crossings, self._from, self._starts,
             place.layout.span, np.int64(path.start_us), np.int64(path.end_us - path.start_us), *knots, thresholds.on,
-            thresholds.off, *self._out,
+            thresholds.off, self._out,
         )  # fmt: skip
-        for name, buffer, host in zip(("t", "x", "y", "on"), self._out, self._host_out, strict=True):
-            out_batch[name][:total] = place.read(buffer, host[:total])
+        written = place.read(self._out, self._host_out[:total])
+        writing.wait()
+        for name in out_batch.dtype.names or ():
+            out_batch[name][:total] = written[name]
         return total
 
     def _sorted(self, batch: EventBatch) -> EventBatch:

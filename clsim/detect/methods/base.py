@@ -79,8 +79,8 @@ class Packer(Protocol):
     packed: Buffer
     """``[slots, H + 2·border, planes, pitch]`` (packed.clh)."""
 
-    def run(self, memory: Any, slot: int) -> tuple[int, npt.NDArray[np.float32]]:
-        """Pack the frame in ``memory``; return the number of invalid pixels and the quiet planes' extremes."""
+    def run(self, memory: Any, slot: int) -> None:
+        """Enqueue the packing of the frame in ``memory``."""
         ...
 
     def offset(self, slot: int) -> int:
@@ -112,7 +112,16 @@ class Stages(ABC):
 
     @abstractmethod
     def observe(self, history: History, levels: Levels, references: Buffer, *, with_error: bool) -> Counts:
-        """Write the packed frame's levels and list the pixels that may fire; ``references`` are the sensor's."""
+        """Write the packed frame's levels and list the pixels that may fire; ``references`` are the sensor's.
+
+        All that was enqueued before is done when it returns.
+        """
+
+    def found(self) -> tuple[int, npt.NDArray[np.float32]]:
+        """Return what a regression wants to know of the packed frame: how many pixels are invalid, and the extremes of
+        each quiet plane, ``[quiet, 2]``.
+        """
+        return 0, np.zeros((0, 2), dtype=np.float32)
 
     def learn(self, count: int, crossings: Buffer, history: History) -> None:  # noqa: B027 - most have nothing to learn
         """Take notice of which of the first ``count`` listed pixels fired: ``crossings`` is not 0 there."""
@@ -165,6 +174,10 @@ class RegressingStages(BrightnessStages):
         """Build the regression's kernels."""
         super().__init__(setting, features, quiet, setting.config.history)
         self.fit = Regression(self.place, setting.config, self.pack.packed, setting.config.history)
+
+    def found(self) -> tuple[int, npt.NDArray[np.float32]]:
+        """Return how many pixels of the packed frame are invalid, and the extremes of each quiet plane."""
+        return self.pack.found()
 
     def take_over(self, older: Stages, constants: Mapping[str, float], history: int) -> None:
         """Continue from stages with fewer features."""
