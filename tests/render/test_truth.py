@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import hand_worlds as hw
 import numpy as np
 import pytest
 import truth_reference as reference
+from scipy import ndimage
 
-from clsim.frames import rendered_planes
+from clsim.frames import Frame, page_aligned, rendered_planes
 from clsim.frames.planes import PlaneSet
-from clsim.render import SceneData
+from clsim.render import RenderOptions, SceneData, View
 from clsim.render.truth import TruthPass
-from clsim.scene import Camera, Instance, Material, SphereLight, World
+from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, SphereLight, World
 from clsim.scene.motion import Keyframes, Static, euler_quaternion
 from clsim.scene.world import Lens
 
-ASKED = ("depth", "distance", "normal", "ids", "flow", "backward-flow", "labels")
+ASKED = ("depth", "distance", "normal", "albedo", "ids", "flow", "backward-flow", "labels")
 PLANES = PlaneSet((), (), rendered_planes(truth=ASKED).truth)
 T0_US, T1_US = 100_000, 180_000
 
@@ -75,6 +76,8 @@ def assert_is_truth(world: World, flow_px: float = 1e-3, after_us: int = T1_US, 
     assert np.isinf(found["Z"][same & ~hit]).all()
     normal = vectors(found, "Truth.Nx", "Truth.Ny", "Truth.Nz")
     assert np.abs(normal - expected["normal"])[same].max() < 1e-5
+    albedo = vectors(found, "Truth.Albedo.R", "Truth.Albedo.G", "Truth.Albedo.B")
+    assert np.abs(albedo - expected["albedo"])[same].max() < 1e-6
     flow = vectors(found, f"Flow.{way}.X", f"Flow.{way}.Y")
     valid = found[f"Flow.{way}.valid"] > 0
     assert (valid == np.isfinite(expected["flow"]).all(axis=-1))[same].all()
@@ -106,6 +109,97 @@ def test_labels_are_objects_and_velocities() -> None:
     moved_s = (T1_US - T0_US) * 1e-6
     for axis in "XY":
         assert np.abs(found[f"Label.flow.{axis}"] * moved_s - found[f"Flow.forward.{axis}"]).max() < 1e-5
+
+
+@dataclass(frozen=True)
+class Swell:
+    """A mesh that is stretched more and more, and bent."""
+
+    rest: Mesh
+    duration_s: float = 0.5
+
+    def vertices_at(self, time_s):
+        x, y, z = self.rest.vertices.astype(np.float64).T
+        bent = np.stack([x * (1 + 2 * time_s), y + 3 * time_s * x * z, z * (1 - time_s)], axis=1)
+        return bent.astype(np.float32), None
+
+
+HOLES = ImageTexture(
+    np.array([[[255, 128, 0, 255], [0, 51, 255, 64], [102, 102, 102, 160], [255, 255, 255, 127]]], np.uint8),
+    srgb=False,
+    nearest=True,
+)
+"""Four columns, of which the first and third are solid."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["mask", "blend"])
+@pytest.mark.usefixtures("anything")
+def test_what_deforms_and_what_is_cut_out(mode: str) -> None:
+    world = a_world()
+    wall, floor, crate = world.meshes
+    screen = hw.quad((-0.7, -0.5, 1.0), (1.3, 0, 0.1), (0, 0.9, 0.1), material=2)
+    leaf = Material(color=(0.9, 0.5, 0.2), texture=0, alpha_mode=mode, opacity_texture=0)
+    passes = moving((0.0, 0.1, 0.0), (0.4, -0.2, 0.1), end_turn_deg=(0, 5, 8))
+    world = replace(
+        world,
+        meshes=(wall, floor, replace(crate, deformation=Swell(crate)), screen),
+        instances=(*world.instances, Instance(3, passes, "screen")),
+        materials=(*world.materials, leaf),
+        textures=(HOLES,),
+    )
+    _, expected = assert_is_truth(world)
+    objects = expected["owner"]
+    assert (objects == 4).mean() > 0.05 and (objects == 2).mean() > 0.02
+    still = replace(world, meshes=(wall, floor, crate, screen))
+    unbent = reference.truth(still, world.camera, T0_US * 1e-6, T1_US * 1e-6)
+    assert np.abs(unbent["flow"] - expected["flow"])[(objects == 2) & (unbent["owner"] == 2)].max() > 0.3
+    whole = replace(world, materials=(*world.materials[:2], replace(leaf, alpha_mode="opaque")))
+    through = reference.truth(whole, world.camera, T0_US * 1e-6, T1_US * 1e-6)["owner"] == 4
+    assert (through & (objects != 4)).mean() > 0.05
+
+
+def waves(count: int) -> ImageTexture:
+    """A smooth texture, with so many waves up and across."""
+    turn = 2 * np.pi * count * np.arange(256) / 256
+    pixels = np.full((256, 256, 4), 255, np.uint8)
+    pixels[..., :3] = np.rint(127.5 + 60 * np.sin(turn)[None, :, None] + 60 * np.cos(turn + 1)[:, None, None])
+    return ImageTexture(pixels, srgb=False)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("anything")
+def test_a_picture_carried_along_the_flow_is_the_other_picture() -> None:
+    """Photometric: what shines by itself, without noise, looks alike at both ends of the flow."""
+    glow = [Material(color=(0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0), emission_texture=k) for k in range(2)]
+    wall = hw.quad((-4, -4, -1.5), (8, 0, 0.7), (0, 8, 0.4))
+    card = hw.quad((-0.6, -0.5, 0), (1.2, 0, 0), (0, 1.0, 0), material=1)
+    passes = moving((-0.5, -0.2, 0.1), (0.9, 0.1, 0.5), (10, 20, 5), (30, -20, 30))
+    camera = Camera(96, 72, 60.0, moving((0.0, 0.2, 2.2), (0.3, 0.1, 1.9), end_turn_deg=(2, 6, 3)))
+    motions, textures = [hw.IDENTITY, passes], (waves(8), waves(2))
+    world = hw.world(wall, card, materials=glow, view=camera, motions=motions, textures=textures)
+    view = View(SceneData(world), RenderOptions(spp=256, max_depth=1, sampler="sobol", threads=1))
+    pictures = []
+    for time_us in (T0_US, T1_US):
+        frame = Frame(page_aligned((len(view.names), 72, 96)), view.names)
+        view.fill_at(0, time_us, frame)
+        pictures.append(frame.plane("R").astype(np.float64))
+    view.close()
+    found = filled(world)
+    flow = vectors(found, "Flow.forward.Y", "Flow.forward.X")
+    y, x = np.mgrid[:72, :96]
+    ends = np.stack([y, x]) + np.moveaxis(flow, -1, 0)
+    carried = ndimage.map_coordinates(pictures[1], ends, order=3, mode="nearest")
+    # Not where a silhouette lies within a pixel's width: of it, or of where it goes.
+    objects = found["Id.object"]
+    edge = ndimage.maximum_filter(objects, 5) != ndimage.minimum_filter(objects, 5)
+    inside = (ends >= 2).all(axis=0) & (ends[0] < 70) & (ends[1] < 94)
+    seen = (ndimage.minimum_filter(found["Flow.forward.covisible"], 5) > 0) & ~edge & inside
+    assert {1, 2} == set(np.unique(objects[seen])) and seen.mean() > 0.5
+    unmoved = np.abs(pictures[1] - pictures[0])[seen]
+    off = np.abs(carried - pictures[0])[seen]
+    assert np.median(unmoved) > 0.02
+    assert np.median(off) < 3e-4 and np.percentile(off, 99) < 3e-3
 
 
 def test_without_a_time_before_no_backward_flow_is_valid() -> None:

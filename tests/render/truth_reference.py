@@ -81,6 +81,52 @@ def centre_rays(camera: Camera, pose):
     return world / np.linalg.norm(world, axis=1, keepdims=True)
 
 
+def texture_at(world: World, texture: int, uv):
+    """Linear values ``[..., 4]`` of an image without filter or encoding, which repeats: row 0 is at v = 1."""
+    image = world.textures[texture]
+    assert image.nearest and not image.srgb and (image.wrap_u, image.wrap_v) == ("repeat", "repeat")
+    height, width = image.pixels.shape[:2]
+    uv = np.nan_to_num(uv)
+    column = np.minimum((uv[..., 0] % 1.0 * width).astype(int), width - 1)
+    row = np.minimum(((1.0 - uv[..., 1] % 1.0) * height).astype(int), height - 1)
+    return image.pixels[row, column] / 255.0
+
+
+def _uv_of(mesh, triangle, weights):
+    """Texture coordinates of a place on a triangle, by the weights of its corners."""
+    return weights @ mesh.uvs[mesh.triangles[triangle]].astype(np.float64)
+
+
+def _solid(world: World, owners, numbers, u, v):
+    """Where rays would hit each triangle, whether its opacity there is at least one half ``[rays, triangles]``."""
+    found = np.ones(u.shape, bool)
+    for column, (owner, number) in enumerate(zip(owners, numbers, strict=True)):
+        mesh = world.meshes[world.instances[owner].mesh]
+        material = world.materials[mesh.material_ids[number]]
+        if material.alpha_mode == "opaque":
+            continue
+        weights = np.stack([1 - u[:, column] - v[:, column], u[:, column], v[:, column]], axis=-1)
+        opacity = material.opacity * np.ones(len(weights))
+        if material.opacity_texture >= 0:
+            opacity *= texture_at(world, material.opacity_texture, _uv_of(mesh, number, weights))[..., 3]
+        found[:, column] = opacity >= (material.alpha_cutoff if material.alpha_mode == "mask" else 0.5)
+    return found
+
+
+def albedo_of(world: World, seen: Seen):
+    """Reflectance of diffuse surfaces ``[n, 3]``; lamps and the sky have none."""
+    found = np.zeros((len(seen.owner), 3))
+    for i, instance in enumerate(world.instances):
+        mesh = world.meshes[instance.mesh]
+        for k in np.flatnonzero(seen.owner == i + 1):
+            material = world.materials[mesh.material_ids[seen.triangle[k]]]
+            found[k] = material.color
+            if material.texture >= 0:
+                uv = _uv_of(mesh, seen.triangle[k], seen.weights[k])
+                found[k] *= texture_at(world, material.texture, uv)[:3]
+    return found
+
+
 def trace(world: World, time_s: float, origin, directions) -> Seen:
     """The nearest hit of each ray (Möller–Trumbore, JGT 1997)."""
     corners, owners, numbers = _triangles(world, time_s)
@@ -95,6 +141,7 @@ def trace(world: World, time_s: float, origin, directions) -> Seen:
         v = (directions[:, None] * q[None]).sum(-1) * scale
         t = (q * e2).sum(-1)[None] * scale
         good = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 1e-9)
+        good &= _solid(world, owners, numbers, u, v)
     t = np.where(good, t, np.inf)
     best = t.argmin(axis=1)
     rows = np.arange(len(directions))
@@ -155,6 +202,7 @@ def truth(world: World, camera: Camera, time_s: float, other_s: float) -> dict[s
         "owner": seen.owner.reshape(size),
         "distance": seen.distance.reshape(size),
         "depth": (seen.distance * (directions @ -now[:3, 2])).reshape(size),
+        "albedo": albedo_of(world, seen).reshape(*size, 3),
         "normal": np.where(sky[:, None], 0, seen.normals).reshape(*size, 3),
         "flow": (ends - pixel_centres(camera)).reshape(*size, 2),
         "inside": inside.reshape(size),
