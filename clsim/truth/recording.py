@@ -97,13 +97,14 @@ def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
     about, left = replace(recording.about, names=names), set(recording.about.names) - set(names)
     if kind.folder:
         final = Path(target.rstrip("/"))
-        part = final.with_name(f".{final.name}.part{kind.endings[0]}")
+        part = final.with_name(f".{final.name}.part")
         shutil.rmtree(part, ignore_errors=True)
         try:
-            count = _copy(source, recording, kind, part, about)
+            part.mkdir()
+            count = _copy(source, recording, kind, part / final.name, about)  # files may be called as the folder is
             if final.exists():
                 final.rmdir()  # it is empty, or check_place had refused it
-            part.rename(final)
+            (part / final.name).rename(final)
         finally:
             shutil.rmtree(part, ignore_errors=True)
     else:
