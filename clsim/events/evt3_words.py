@@ -92,65 +92,82 @@ class Evt3Decoder:
         self._low = 0
         self._row = 0
         self._base = 0
-        self._base_on = 0
+        self._base_on = False
 
     def decode(self, words: npt.NDArray[np.uint16]) -> EventBatch:
         """Return the events of a block of words."""
-        kind = words & 0xF000
-        value = (words & 0xFFF).astype(np.int64)
-        is_high, is_base = kind == TIME_HIGH, kind == BASE_X
+        kind = words & np.uint16(0xF000)
+        is_low, is_high, is_row = kind == TIME_LOW, kind == TIME_HIGH, kind == ADDR_Y
+        times = self._times(words, is_low, is_high)
+        rows = np.concatenate(([self._row], words[is_row] & 0x7FF)).astype(np.uint16)
+        at, x, on = self._columns(words, kind)
+        t = times[np.cumsum(is_low | is_high, dtype=np.int32)[at]]
+        y = rows[np.cumsum(is_row, dtype=np.int32)[at]]
+        self._row = int(rows[-1])
+        return self._clean(t, x, y, on)
 
-        highs = np.concatenate(([self._high], value[is_high]))
-        laps = self._laps + np.cumsum(np.diff(highs, prepend=highs[0]) <= -_LAP_DROP)
-        clock = laps << 12 | highs
-        at_high = np.cumsum(is_high)
+    def _times(
+        self, words: npt.NDArray[np.uint16], is_low: npt.NDArray[np.bool_], is_high: npt.NDArray[np.bool_]
+    ) -> npt.NDArray[np.int64]:
+        """Return the time [µs] before the first time word, and after each; below 0 ahead of the first upper time."""
+        found = np.flatnonzero(is_low | is_high)
+        value = (words[found] & 0xFFF).astype(np.int64)
+        high = is_high[found]
+        highs = np.concatenate(([self._high], value[high]))
+        change = np.diff(highs)
+        laps = self._laps + np.concatenate(([0], np.cumsum(change <= -_LAP_DROP)))
         # A new upper time sets the lower bits to 0; a lower one, if they are not, follows.
-        is_new = is_high.copy()
-        is_new[is_high] = np.diff(highs) != 0
-        lows = _held(np.where(is_new, 0, value), is_new | (kind == TIME_LOW), self._low)
-        rows = _held(value & 0x7FF, kind == ADDR_Y, self._row)
+        value[high] = 0
+        lows = np.concatenate(([self._low], value))
+        if not change.all():  # cameras repeat the upper time, which leaves the lower bits as they are
+            told = np.arange(len(lows))
+            told[1:][high] *= change != 0
+            lows = lows[np.maximum.accumulate(told)]
+        clock = (laps << 12 | highs)[np.concatenate(([0], np.cumsum(high)))]
+        self._laps, self._high, self._low = int(laps[-1]), int(highs[-1]), int(lows[-1])
+        return np.where(clock < 0, -1, clock << 12 | lows)
+
+    def _columns(
+        self, words: npt.NDArray[np.uint16], kind: npt.NDArray[np.uint16]
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.bool_]]:
+        """Return the word of each event, its column, and whether it is ON."""
+        at = np.flatnonzero(kind == ADDR_X)
+        x, on = (words[at] & 0x7FF).astype(np.int64), (words[at] & 0x800) != 0
+        is_base = kind == BASE_X
+        bases = np.concatenate(([self._base], words[is_base] & 0x7FF))
+        base_on = np.concatenate(([self._base_on], (words[is_base] & 0x800) != 0))
+        self._base, self._base_on = int(bases[-1]), bool(base_on[-1])
+        vectors = np.flatnonzero((kind == VECT_12) | (kind == VECT_8))
+        if not len(vectors):
+            return at, x, on
 
         # A vector word describes the next 12 or 8 pixels of the row, from the base on.
-        step = np.where(kind == VECT_12, 12, np.where(kind == VECT_8, 8, 0))
-        walked = np.cumsum(step) - step
-        bases = _held(value & 0x7FF, is_base, self._base) + walked - _held(walked, is_base, 0)
-        base_on = _held(value >> 11, is_base, self._base_on)
+        steps = np.where(kind[vectors] == VECT_12, 12, 8)
+        walked = np.concatenate(([0], np.cumsum(steps)))
+        first = np.concatenate(([0], np.searchsorted(vectors, np.flatnonzero(is_base))))  # vector after each base
+        self._base += int(walked[-1] - walked[first[-1]])
+        masks = words[vectors] & ((1 << steps) - 1).astype("<u2")
+        bits = np.flatnonzero(np.unpackbits(masks.view(np.uint8), bitorder="little"))
+        vector = bits >> 4
+        base = np.cumsum(is_base, dtype=np.int32)[vectors[vector]]
+        column = bases[base] + walked[vector] - walked[first[base]] + (bits & 15)
+        at = np.concatenate((at, vectors[vector]))
+        order = np.argsort(at, kind="stable")
+        return at[order], np.concatenate((x, column))[order], np.concatenate((on, base_on[base]))[order]
 
-        masks = np.where(kind == ADDR_X, 1, np.where(step == 8, value & 0xFF, np.where(step == 12, value, 0)))
-        masks[clock[at_high] < 0] = 0
-        source = np.flatnonzero(masks)
-        if step.any():
-            word, bit = np.nonzero(masks[source, None] >> np.arange(12) & 1)
-            word = source[word]
-        else:
-            word, bit = source, np.zeros_like(source)
-        single = kind[word] == ADDR_X
-        events = empty_batch(len(word))
-        events["t"] = clock[at_high[word]] << 12 | lows[word]
-        events["x"] = np.where(single, value[word] & 0x7FF, bases[word] + bit)
-        events["y"] = rows[word]
-        events["on"] = np.where(single, value[word] >> 11, base_on[word])
-
-        if len(words):
-            self._laps, self._high = int(laps[-1]), int(highs[-1])
-            self._low, self._row, self._base_on = int(lows[-1]), int(rows[-1]), int(base_on[-1])
-            self._base = int(bases[-1] + step[-1])
-        return self._clean(events)
-
-    def _clean(self, events: EventBatch) -> EventBatch:
-        """Return the events inside the sensor in the order of their times."""
-        fits = (events["x"] < self._width) & (events["y"] < self._height) & (events["t"] >= self._last_us)
+    def _clean(
+        self, t: npt.NDArray[np.int64], x: npt.NDArray[np.int64], y: npt.NDArray[np.uint16], on: npt.NDArray[np.bool_]
+    ) -> EventBatch:
+        """Return the events inside the sensor in the order of their times; those without a time (-1) never were."""
+        fits = (x < self._width) & (y < self._height) & (t >= self._last_us)
         if not fits.all():
-            self.dropped_events += len(events) - int(np.count_nonzero(fits))
-            events = events[fits]
-        if len(events):
-            if (events["t"][1:] < events["t"][:-1]).any():
-                events = events[np.argsort(events["t"], kind="stable")]
-            self._last_us = int(events["t"][-1])
+            self.dropped_events += int(np.count_nonzero(t >= 0)) - int(np.count_nonzero(fits))
+            t, x, y, on = t[fits], x[fits], y[fits], on[fits]
+        if len(t) and (t[1:] < t[:-1]).any():
+            order = np.argsort(t, kind="stable")
+            t, x, y, on = t[order], x[order], y[order], on[order]
+        events = empty_batch(len(t))
+        events["t"], events["x"], events["y"], events["on"] = t, x, y, on
+        if len(t):
+            self._last_us = int(t[-1])
         return events
-
-
-def _held(values: npt.NDArray[np.int64], new: npt.NDArray[np.bool_], before: int) -> npt.NDArray[np.int64]:
-    """Return at each word the latest of the values marked ``new``, ``before`` ahead of the first."""
-    latest = np.maximum.accumulate(np.where(new, np.arange(1, len(new) + 1), 0)) if len(new) else np.zeros(0, np.int64)
-    return np.concatenate(([before], values))[latest]

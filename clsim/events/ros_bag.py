@@ -7,6 +7,7 @@ import errno
 import os
 import shutil
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -82,6 +83,9 @@ class Bag:
             if self._storage == "mcap":
                 writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         writer.open()
+        if self._storage == "mcap":
+            # rosbags has no option for the level. Its own, 3, takes two to six times as long for a sixth fewer bytes.
+            writer.storage.compressor = partial(writer.storage.compressor, level=1)
         return writer
 
     def topic(self, topic: str, kind: str) -> None:
