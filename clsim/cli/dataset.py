@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def dataset(
-    spec: Annotated[str, typer.Argument(help="A specification in TOML, or a bundled one: flow, indoor-depth.")],
+    spec: Annotated[str, typer.Argument(help="A TOML specification, or a bundled one: flow, indoor-depth, flicker.")],
     out: Annotated[str, typer.Option(help="Folder of the data set; what is whole in it is kept.")],
     count: Annotated[int | None, typer.Option(help="Number of sequences. [the specification's]")] = None,
     workers: Annotated[

@@ -21,6 +21,9 @@ SAMPLES = 10
 _MEASURED_S = 60.0
 _COLUMNS = 5
 _SHEET = "contact-sheet.png"
+_SHOWN_US = 15_000
+"""Time before and after the middle of which events are shown; less where they would cover everything."""
+_PIXELS_AN_EVENT = 6
 
 
 @dataclass(frozen=True)
@@ -28,7 +31,7 @@ class Preview:
     """What a data set will cost, by the sequences that were made.
 
     Attributes:
-        sheet: the picture: of each sample what the camera saw, and 30 ms of events beside it.
+        sheet: the picture: of each sample what the camera saw, and up to 30 ms of events beside it.
         samples: how many were made.
         cpu_hours: processor time of all sequences.
         hours: time of all on this machine.
@@ -102,7 +105,10 @@ def _tile(sequence: Sequence) -> npt.NDArray[np.uint8]:
     light = np.maximum(np.asarray(sequence.truth("intensity", middle), np.float64), 0)
     grey = (np.clip(light / max(float(np.percentile(light, 95)), 1e-9), 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
     time_us = int(sequence.frame_times_us[middle])
-    events = sequence.events(max(0, time_us - 15_000), time_us + 15_000)
+    events = sequence.events(max(0, time_us - _SHOWN_US), time_us + _SHOWN_US)
+    most = sequence.width * sequence.height // _PIXELS_AN_EVENT
+    near = int(np.searchsorted(events["t"], time_us))
+    events = events[max(0, near - most // 2) : near + most // 2]
     seen = np.full((sequence.height, sequence.width, 3), 255, np.uint8)
     seen[events["y"], events["x"]] = np.where(events["on"][:, None], (200, 40, 30), (40, 70, 200))
     return np.concatenate([np.repeat(grey[..., None], 3, axis=2), seen], axis=1)

@@ -99,7 +99,7 @@ def test_what_is_no_specification(tmp_path, text, sentence):
 
 
 def test_a_name_that_is_none():
-    with pytest.raises(InputError, match=r"expected a \.toml file or one of flow, indoor-depth"):
+    with pytest.raises(InputError, match=r"expected a \.toml file or one of flicker, flow, indoor-depth"):
         load_spec("flwo")
 
 
