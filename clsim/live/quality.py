@@ -106,7 +106,7 @@ CACHED: dict[Quality, Point] = {
         spp=2,
         first_hit_rays=8,
         sampler="sobol",
-        probe_every=8,
+        probe_every=16,
     ),
     "balanced": Point(
         method="esim",
@@ -114,12 +114,19 @@ CACHED: dict[Quality, Point] = {
         sampling="cached",
         probe_spp=1,
         spp=4,
-        first_hit_rays=24,
+        first_hit_rays=32,
         sampler="sobol",
-        probe_every=4,
+        probe_every=16,
     ),
     "accurate": Point(
-        method="esim", window=None, sampling="cached", probe_spp=2, spp=8, first_hit_rays=64, sampler="sobol"
+        method="esim",
+        window=None,
+        sampling="cached",
+        probe_spp=1,
+        spp=16,
+        first_hit_rays=128,
+        sampler="sobol",
+        probe_every=8,
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""

@@ -43,6 +43,7 @@ class Gathering:
         turn: number of the frame.
         known: where what is known of the light is at least so much, the probe will do; 0 … 1.
         last_update: the update of the cells whose gain is no event.
+        cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
     """
 
     looks: Looks
@@ -51,6 +52,7 @@ class Gathering:
     turn: int
     known: float
     last_update: int
+    cell_angle: float
 
 
 @wp.struct
@@ -87,7 +89,7 @@ def _light(cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: i
             if apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL:
                 at = things[k].position
                 facing = first.normal
-                kept = look_up(cells, gathering.last_update, at, facing, footprint_m)
+                kept = look_up(cells, gathering.last_update, at, facing, first.depth * gathering.cell_angle)
             s.covered += things[k].share
             s.known = wp.min(s.known, kept.known)
             albedo = things[k].albedo * things[k].share
@@ -194,7 +196,7 @@ def make_cached(
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     reflected = sample.radiance - sample.emission
                     p = sample.position
-                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.looks.pixel_angle)
+                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
                     out_normals[i, pixel] = sample.normal
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
                     radiance = radiance + reflected

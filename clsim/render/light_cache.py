@@ -3,7 +3,7 @@
 """Light kept on surfaces: what paths found, remembered in the cells of a hashed grid in the world.
 
 Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever ended a first
-hit there may be averaged. A cell holds the sum of irradiances found in a cube about a pixel wide, of surfaces that face
+hit there may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face
 one of six ways; each path counts in such a cube and in larger ones, `LEVELS` in all. Seen from a first hit, the
 cells round it are interpolated, and where a level knows few paths the next coarser one takes part (after Binder,
 Fricke and Keller, "Massively Parallel Path Space Filtering", 2021, without its jitter).
@@ -21,9 +21,9 @@ from clsim.render.compiler import kernel_options
 
 wp.set_module_options(kernel_options())
 
-LEVELS = 5
+LEVELS = 3
 _LEVELS = wp.constant(LEVELS)
-_WANTED = wp.constant(512.0)
+_WANTED = wp.constant(1024.0)
 """Paths with which a level counts as much as all coarser ones: coarse cells blur light, fine ones are noisy."""
 _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
@@ -80,9 +80,9 @@ class Kept:
 
 
 @wp.func
-def _side_m(footprint_m: float) -> float:
-    """Return the side of the finest cells for a pixel so wide: a power of 2, so that few sides occur."""
-    return wp.pow(2.0, wp.floor(wp.log2(wp.max(footprint_m, 1.0e-9))))
+def _side_m(width_m: float) -> float:
+    """Return the side of the finest cells where they may be so wide: a power of 2, so that few sides occur."""
+    return wp.pow(2.0, wp.floor(wp.log2(wp.max(width_m, 1.0e-9))))
 
 
 @wp.func
@@ -152,15 +152,13 @@ def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.ar
 
 
 @wp.func
-def look_up(
-    cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, normal: wp.vec3, footprint_m: float
-) -> Kept:
-    """Return what is known of the light on a surface, from cells as wide as a pixel there, or coarser ones.
+def look_up(cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, normal: wp.vec3, width_m: float) -> Kept:
+    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
 
     What was known before is what it was before ``last_update``.
     """
     kept = Kept()
-    side_m = _side_m(footprint_m)
+    side_m = _side_m(width_m)
     face = _face(normal)
     left = float(1.0)
     left_before = float(1.0)
@@ -229,7 +227,8 @@ def open_cells(
 ):
     """Find or make the cells of each path, and keep what they knew so far.
 
-    A thread is a pixel. ``positions`` ``[paths, H·W]`` has the width of a pixel there [m] last, 0 where no path was.
+    A thread is a pixel. ``positions`` ``[paths, H·W]`` has the largest width of the finest cells there [m] last, 0
+    where no path was.
     """
     pixel = wp.tid()
     for i in range(positions.shape[0]):

@@ -12,8 +12,10 @@ from clsim.render.effort import Effort, looks_of
 from clsim.render.launch import record
 from clsim.render.light_cache import LEVELS, SUMS, Cell, add_to_cells, average, move_cells, open_cells
 
-KNOWN = 0.2
+KNOWN = 0.1
 """Where less is known of the light, a pixel traces all its paths."""
+_CELL_PX = 4.0
+"""Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
 _CELLS_PER_PIXEL = 8
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 256 MiB."""
@@ -77,6 +79,7 @@ class LightKeeper:
         self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
+        self._gathering.cell_angle = _CELL_PX * self._pixel_angle
         # The first frame is rendered twice, and what it learns is no gain over a frame before.
         self._gathering.last_update = self._update if self._frames > 1 else -1
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
