@@ -97,3 +97,13 @@ def intervals_us(events):
     sorted_events = events[order]
     same = (np.diff(sorted_events["x"].astype(int)) == 0) & (np.diff(sorted_events["y"].astype(int)) == 0)
     return np.diff(sorted_events["t"])[same]
+
+
+def planes(bench, kind):
+    """Return what pixels keep, by name."""
+    memory = {"S": bench.pixels._state, "P": bench.pixels._own}[kind]
+    values = bench.place.read(memory).reshape(-1, bench.pixels._pixels)[:, : bench.grid.width]
+    found = {name[2:]: values[at].copy() for name, at in bench.pixels._macros.items() if name.startswith(f"{kind}_")}
+    if kind == "S":
+        found["SINCE"] = found["SINCE"].view(np.int64)
+    return found

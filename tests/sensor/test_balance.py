@@ -14,7 +14,7 @@ from clsim.sensor import SensorSettings
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Refractory, Threshold
 from clsim.sensor.reference.front import follow
 from clsim.sensor.reference.pixel import fire
-from tests.sensor.benchtop import Benchtop
+from tests.sensor.benchtop import Benchtop, planes
 
 STEP_US = 4000
 LUX = 100.0
@@ -49,16 +49,6 @@ def walk(bench, path):
     rows = [[sorted(dict(knots).items())] * bench.grid.width for _, knots in path]
     ends = [(STEP_US * (k + 1), level) for k, (level, _) in enumerate(path)]
     return np.concatenate([bench.to(end, level, row) for (end, level), row in zip(ends, rows, strict=True)])
-
-
-def planes(bench, kind):
-    """Return what pixels keep, by name."""
-    memory = {"S": bench.pixels._state, "P": bench.pixels._own}[kind]
-    values = bench.place.read(memory).reshape(-1, bench.pixels._pixels)[:, : bench.grid.width]
-    found = {name[2:]: values[at].copy() for name, at in bench.pixels._macros.items() if name.startswith(f"{kind}_")}
-    if kind == "S":
-        found["SINCE"] = found["SINCE"].view(np.int64)
-    return found
 
 
 def compared(bench):

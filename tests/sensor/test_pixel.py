@@ -1,6 +1,7 @@
 """Thresholds, leak, noise rates, defects, rest and delay against closed forms and a float64 reference."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,11 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from clsim.events import CAUSES
+from clsim.opencl.workplace import _read
 from clsim.sensor import IdealPixels, SensorSettings, Thresholds, pixel
 from clsim.sensor.pixel_stages import Delay, Refractory
 from clsim.sensor.reference.pixel import fire
-from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, rates, with_stages
+from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, planes, rates, with_stages
 
 ON, OFF = 0.2, 0.25
 
@@ -127,6 +129,26 @@ def test_work_items_of_another_size_are_the_same_camera(monkeypatch):
         found.append(bench.along([0, 100_000, 200_000], [0.0, 1.0, -1.0]))
     assert len(found[0]) > 5000
     np.testing.assert_array_equal(*found)
+
+
+def test_what_pixels_keep_for_ever_is_drawn_apart():
+    settings = with_stages(
+        threshold={"mismatch": 0.02},
+        leak={"hz": 2.0, "spread_decades": 0.2},
+        noise={"on_hz": 1.0, "off_hz": 1.0, "spread_decades": 0.2},
+        defects={"hot_share": 0.3, "hot_hz": 1e-9},
+    )
+    own = planes(Benchtop(settings, 4000), "P")
+    names = ("ON", "OFF", "LEAK", "RATE_WAIT", "HOT")
+    between = np.corrcoef([own[name] for name in names])
+    assert abs(between[~np.eye(len(names), dtype=bool)]).max() < 5 / math.sqrt(4000)
+
+
+def test_no_two_draws_share_a_number():
+    # Of one pixel and time they would be one number: noise that passes one threshold would pass the other.
+    first = {name: int(number) for name, number in re.findall(r"#define DRAW_(\w+) +(\d+)", _read("sensor_random.clh"))}
+    numbers = [at + k for name, at in first.items() for k in range(3 if name.startswith("PASSAGE") else 1)]
+    assert len(numbers) > 15 and len(numbers) == len(set(numbers)) and max(numbers) == first["ARRIVAL"]
 
 
 def test_a_pixel_is_the_same_in_an_image_of_another_size():

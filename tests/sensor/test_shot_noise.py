@@ -53,12 +53,6 @@ def test_noise_fires_at_the_rate_of_level_crossings(ratio):
     assert set(np.concatenate(bench.causes)) == {CAUSES.index("shot")}
 
 
-def test_where_both_thresholds_are_near_noise_takes_either_as_often():
-    # In one slot it may reach both: which was first hangs on draws of their own.
-    events, _ = watch(noisy(0.7, 8e6 * TAU_S), 1500, 0.3)
-    assert len(events) > 20_000 and events["on"].mean() == pytest.approx(0.5, abs=4 * 0.5 * len(events) ** -0.5)
-
-
 def test_there_is_no_burst_when_pixels_begin():
     bench = Benchtop(noisy(2.0), 3000, on=THETA, off=THETA)
     events = bench.along([0, 20_000, 40_000], [0.0, 0.0, 0.0])
