@@ -220,7 +220,9 @@ TEXT_TIME = Annotated[
 LABELS = Annotated[
     bool | None,
     advanced(
-        "--labels", help="What caused each event (signal, shot, leak, hot), in a column of .h5 and .parquet files."
+        "--labels",
+        help="What caused each event (signal, shot, leak, hot), in a column of .h5 and .parquet files; with "
+        "--truth labels the object too.",
     ),
 ]
 FRAMES = Annotated[

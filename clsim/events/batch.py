@@ -21,6 +21,10 @@ then sees a little light has a leak event.
 """
 Causes: TypeAlias = npt.NDArray[np.uint8]
 """Of each event of a batch, its cause: an index of CAUSES."""
+Objects: TypeAlias = npt.NDArray[np.uint32]
+"""Of each event of a batch, the number of the object at its pixel; 0 is nothing."""
+LABEL_TYPES = {"cause": "u1", "object": "<u4"}
+"""What may stand beside events, in columns of these types."""
 
 EventBatch: TypeAlias = npt.NDArray[Any]
 """Events as a one-dimensional array of EVENT_DTYPE, sorted by t and, within one t, by (y, x)."""
@@ -64,13 +68,15 @@ class Sink(Protocol):
 
 @runtime_checkable
 class Labelling(Protocol):
-    """A sink that may keep the cause of each event beside it."""
+    """A sink that may keep labels of each event beside it."""
 
-    labelled: bool
-    """Whether it does: if so, it wants them."""
+    labelled: tuple[str, ...]
+    """Which of LABEL_TYPES it keeps and so wants."""
 
-    def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
-        """Take the events and their causes until ``end_us`` [µs], as `Sink.write`."""
+    def write(
+        self, events: EventBatch, end_us: int, causes: Causes | None = None, objects: Objects | None = None
+    ) -> None:
+        """Take the events and their labels until ``end_us`` [µs], as `Sink.write`."""
         ...
 
 

@@ -17,12 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import EVENT_DTYPE, Causes, EventBatch, SinkError
+from clsim.events.batch import EVENT_DTYPE, LABEL_TYPES, Causes, EventBatch, Objects, SinkError
 
 STDOUT = Path("-")
 """The path that means standard output."""
-
-_LABELLED_DTYPE = np.dtype([*EVENT_DTYPE.descr, ("cause", "u1")])
 
 
 @dataclass(frozen=True)
@@ -62,11 +60,18 @@ class FileSink(abc.ABC):
     """Checks, gathers and flushes; a format says how events are stored and how the file is finished."""
 
     def __init__(
-        self, path: Path, width: int, height: int, limits: Limits, flush: FlushPolicy, *, labelled: bool = False
+        self,
+        path: Path,
+        width: int,
+        height: int,
+        limits: Limits,
+        flush: FlushPolicy,
+        *,
+        labelled: tuple[str, ...] = (),
     ) -> None:
         """Check that the format can hold the sensor; opens nothing.
 
-        With ``labelled`` what is stored has the field ``cause`` too.
+        What is stored has the fields ``labelled`` too, some of LABEL_TYPES.
         """
         limits.check_size(path, width, height)
         self.path = path
@@ -75,7 +80,7 @@ class FileSink(abc.ABC):
         self._limits = limits
         self._flush = flush
         self.labelled = labelled
-        self._pending = np.empty(flush.events, dtype=_LABELLED_DTYPE if labelled else EVENT_DTYPE)
+        self._pending = np.empty(flush.events, [*EVENT_DTYPE.descr, *((name, LABEL_TYPES[name]) for name in labelled)])
         self._count = 0
         self._end_us = 0
         self._flushed_us = 0
@@ -92,8 +97,13 @@ class FileSink(abc.ABC):
     def _finish(self) -> None:
         """Complete the file after the last event and release it; called once."""
 
-    def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
-        """Take the events until ``end_us``; see Sink.write. ``causes`` are those of each; without, it is brightness."""
+    def write(
+        self, events: EventBatch, end_us: int, causes: Causes | None = None, objects: Objects | None = None
+    ) -> None:
+        """Take the events until ``end_us``; see Sink.write.
+
+        ``causes`` and ``objects`` are those of each; without, it is brightness, and nothing.
+        """
         self._check_open()
         if len(events):
             self._check(events)
@@ -109,7 +119,9 @@ class FileSink(abc.ABC):
             if self.labelled:
                 for name in EVENT_DTYPE.names or ():
                     place[name] = events[name][done : done + taken]
-                place["cause"] = 0 if causes is None else causes[done : done + taken]
+                for name, labels in (("cause", causes), ("object", objects)):
+                    if name in self.labelled:
+                        place[name] = 0 if labels is None else labels[done : done + taken]
             else:
                 _raw(place)[:] = _raw(np.asarray(events[done : done + taken], EVENT_DTYPE))
             self._count += taken

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.events.aedat4 import Aedat4Sink
 from clsim.frames import Frame
 from clsim.frames.planes import RADIANCE
@@ -30,8 +30,8 @@ class FrameRecorder:
         exposure = self._tone_map.exposure
         return {"recorded_frames": self.recorded_frames} | ({} if exposure is None else {"exposure": exposure})
 
-    def record(self, frame: Frame, events: EventBatch) -> None:
-        """Write the events of a step, then the frame that it led to."""
+    def record(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> None:
+        """Write the events of a step, then the frame that it led to; causes have no place here."""
         self.write(events, frame.time_us)
         first = frame.names.index(RADIANCE[0])
         blue_green_red = np.moveaxis(frame.planes[first : first + 3][::-1], 0, 2)

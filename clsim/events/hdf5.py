@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import CAUSES, EventBatch, empty_batch
+from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, empty_batch
 from clsim.events.filesink import FileSink, FlushPolicy, Limits
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, open_binary
 from clsim.events.hdf5_growing import GrowingHdf5
@@ -41,12 +41,12 @@ class Hdf5Sink(FileSink):
         flush: FlushPolicy,
         prepare: Callable[[Any], None] = lambda file: None,
         *,
-        labels: bool = False,
+        labels: tuple[str, ...] = (),
     ) -> None:
         """Create the file with empty columns; raises InputError when it cannot be.
 
-        ``prepare(file)`` creates what else the file shall hold; `append` fills it. With ``labels`` there is the column
-        ``events/cause``, whose numbers its attribute ``causes`` names.
+        ``prepare(file)`` creates what else the file shall hold; `append` fills it. Each of ``labels`` is a
+        column of ``events``; the attribute ``causes`` of ``events/cause`` names its numbers.
         """
         super().__init__(path, width, height, LIMITS, flush, labelled=labels)
 
@@ -55,9 +55,11 @@ class Hdf5Sink(FileSink):
             group.attrs["width"], group.attrs["height"] = width, height
             for name, kind in _COLUMNS.items():
                 group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK_ROWS,))
-            if labels:
-                causes = group.create_dataset("cause", (0,), "u1", maxshape=(None,), chunks=(_CHUNK_ROWS,))
-                causes.attrs["causes"] = list(CAUSES)
+            for name in labels:
+                kind = LABEL_TYPES[name]
+                group.create_dataset(name, (0,), kind, maxshape=(None,), chunks=(_CHUNK_ROWS,))
+            if "cause" in labels:
+                group["cause"].attrs["causes"] = list(CAUSES)
             file.create_dataset("ms_to_idx", (0,), "<u8", maxshape=(None,), chunks=(1 << 12,))
             file.create_dataset("t_offset", data=np.int64(0))
             prepare(file)
@@ -81,8 +83,7 @@ class Hdf5Sink(FileSink):
             "events/p": events["on"],
             "ms_to_idx": self._rows + np.searchsorted(t, marks * 1000),
         }
-        if self.labelled:
-            rows["events/cause"] = events["cause"]
+        rows |= {f"events/{name}": events[name] for name in self.labelled}
         self._growing.append(rows)
         self._next_ms += len(marks)
         self._rows += len(events)
@@ -101,8 +102,8 @@ class Hdf5Sink(FileSink):
         self._growing.close()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: bool = False) -> Hdf5Sink:
-    """Open a DSEC HDF5 writer, with a column for ``labels`` or without."""
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: tuple[str, ...] = ()) -> Hdf5Sink:
+    """Open a DSEC HDF5 writer, with columns for ``labels``."""
     return Hdf5Sink(path, width, height, flush, labels=labels)
 
 

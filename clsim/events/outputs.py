@@ -18,7 +18,7 @@ from clsim.values import read_fields
 TextTime = Literal["us", "s"]
 Encoding = Literal["mono", "evt3", "array"]
 LABELLED = ("hdf5", "parquet")
-"""Formats that may hold the causes of events."""
+"""Formats that may hold labels of events."""
 BAGS = ("mcap", "db3", "bag")
 """Formats that are bags of ROS."""
 
@@ -37,6 +37,8 @@ class FileOptions:
     """Whether AEDAT4 files get the rendered frames along with the events."""
     labels: bool = False
     """Whether HDF5 and Parquet files get the cause of each event (`clsim.events.CAUSES`) in a column."""
+    objects: bool = False
+    """Whether they get the number of the object at each event's pixel too; only a run with `truth` labels can."""
 
     def __post_init__(self) -> None:
         """Refuse values of other types."""
@@ -133,7 +135,7 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     if kind in BAGS and options.ros_events is not None:
         own["ros_events"] = options.ros_events
     if kind in LABELLED and options.labels:
-        own["labels"] = True
+        own["labels"] = ("cause", "object") if options.objects else ("cause",)
     if is_address(name):
         from clsim.events.sockets import open_socket_sink
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.events.batch import CAUSES, EventBatch
+from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch
 from clsim.events.columns import from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
@@ -23,15 +23,15 @@ _ROW_GROUP = FlushPolicy(events=1 << 19, interval_us=math.inf)
 class ParquetSink(FileSink):
     """Writes row groups under a temporary name; the file has its name when it is complete."""
 
-    def __init__(self, path: Path, width: int, height: int, *, labels: bool = False) -> None:
-        """Create the temporary file, with a column for ``labels`` or without; raises InputError when it cannot be."""
+    def __init__(self, path: Path, width: int, height: int, *, labels: tuple[str, ...] = ()) -> None:
+        """Create the temporary file, with columns for ``labels``; raises InputError when it cannot be."""
         super().__init__(path, width, height, LIMITS, _ROW_GROUP, labelled=labels)
         arrow = _pyarrow()
         self._part = PartFile(path)
         columns = [("t", arrow.int64()), ("x", arrow.uint16()), ("y", arrow.uint16()), ("p", arrow.bool_())]
         metadata = {"width": str(width), "height": str(height)}
-        if labels:
-            columns.append(("cause", arrow.uint8()))
+        columns += [(name, arrow.from_numpy_dtype(LABEL_TYPES[name])) for name in labels]
+        if "cause" in labels:
             metadata["causes"] = ",".join(CAUSES)
         self._schema = arrow.schema(columns, metadata=metadata)
         self._arrow = arrow
@@ -50,10 +50,10 @@ class ParquetSink(FileSink):
             self._part.discard()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: bool = False) -> ParquetSink:
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: tuple[str, ...] = ()) -> ParquetSink:
     """Open a Parquet writer; ``flush`` does not apply, since nothing can be read before the end.
 
-    With ``labels`` there is a column ``cause``, whose numbers the file's metadata name.
+    Each of ``labels`` is a column; the file's metadata name the numbers of causes.
     """
     return ParquetSink(path, width, height, labels=labels)
 

@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 from clsim.errors import Error, InputError
-from clsim.events import Causes, EventBatch, Labelling, Sink, SinkError
+from clsim.events import Causes, EventBatch, Labelling, Objects, Sink, SinkError
 from clsim.events.closing import close_at_once
 from clsim.frames import Frame
 from clsim.live.sidecars import PoseFile
+from clsim.truth.labels import Labeller
 
 
 @runtime_checkable
@@ -25,8 +26,11 @@ class Recorder(Sink, Protocol):
     planes: tuple[str, ...]
     """Planes that it wants of each frame."""
 
-    def record(self, frame: Frame, events: EventBatch) -> None:
-        """Take a frame and, in place of ``write``, the events of the step that led to it; both may be reused."""
+    def record(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> None:
+        """Take a frame and, in place of ``write``, the events of the step that led to it; all may be reused.
+
+        ``causes`` are those of each event; None where brightness caused them all.
+        """
         ...
 
 
@@ -84,6 +88,9 @@ class Delivery:
     def __init__(self, outputs: Sequence[Output]) -> None:
         """Deliver to ``outputs``, in this order."""
         self.outputs = list(outputs)
+        wants = any(isinstance(each.sink, Labelling) and "object" in each.sink.labelled for each in outputs)
+        self._labeller = Labeller() if wants else None
+        self._objects: Objects | None = None
 
     def refuse_recorders(self, names: Sequence[str]) -> None:
         """Fail those outputs that record planes which are not among the frames' ``names``."""
@@ -92,16 +99,20 @@ class Delivery:
                 lacking = ", ".join(sorted(missing))
                 output.fail(InputError(f"{output.name} records {lacking}, but frames have {', '.join(names)}"))
 
-    def record(self, frame: Frame, events: EventBatch) -> None:
-        """Hand a frame, while it is there, and its events to the recorders."""
+    def record(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> None:
+        """Hand a frame, while it is there, and its events with their causes to the recorders."""
+        if self._labeller is not None:
+            self._objects = self._labeller.label(frame, events)["object"]
         for output in self.outputs:
             if output.poses is not None:
                 output.attempt(partial(output.poses.add, frame.index))
             if isinstance(output.sink, Recorder):
-                output.attempt(partial(output.sink.record, frame, events))
+                output.attempt(partial(output.sink.record, frame, events, causes))
 
     def write(self, events: EventBatch, end_us: int, causes: Causes | None = None) -> None:
-        """Hand the events until ``end_us`` [µs] to all that are no recorders, and causes to those who want them.
+        """Hand the events until ``end_us`` [µs] to all that are no recorders, and labels to those who want them.
+
+        Objects are those of the last frame that was recorded.
 
         Raises:
             SinkError: every output, recorders too, has failed.
@@ -110,7 +121,7 @@ class Delivery:
             if not isinstance(output.sink, Recorder):
                 sink = output.sink
                 if isinstance(sink, Labelling) and sink.labelled:
-                    output.attempt(partial(sink.write, events, end_us, causes))
+                    output.attempt(partial(sink.write, events, end_us, causes, self._objects))
                 else:
                     output.attempt(partial(sink.write, events, end_us))
         if self.outputs and all(output.error for output in self.outputs):

@@ -9,7 +9,7 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError
-from clsim.events.outputs import FileOptions
+from clsim.events.outputs import LABELLED, FileOptions
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
@@ -168,7 +168,7 @@ class LiveOptions:
             raise InputError(f"`threshold` must be positive, got {','.join(f'{v:g}' for v in self.threshold)}")
         object.__setattr__(self, "truth", truth_names(self.truth))
         self._check_truth()
-        self.files.check([name for name in self.outputs if not (self.truth and layout_of(name))])
+        self._check_files()
         if self.gate is not None and self.gate not in LIVE_GATES:
             raise InputError(
                 f"`gate` {self.gate} needs the windows of past frames, which a live run does not keep; "
@@ -261,6 +261,20 @@ class LiveOptions:
             check_layouts(self.outputs, self.truth)
         if self.truth and self.loop:
             raise InputError("`truth` is of one pass of the motion; give it without `loop`")
+
+    def _check_files(self) -> None:
+        """Check how files are written; labels of a file with truth are part of that."""
+        layouts = [name for name in self.outputs if self.truth and layout_of(name)]
+        plain = [name for name in self.outputs if name not in layouts]
+        if not self.files.labels or "labels" not in self.truth:
+            if self.files.labels and layouts:
+                raise InputError("`labels` of outputs with `truth` are part of that; add labels to `truth`")
+            self.files.check(plain)
+            return
+        alone = [name for name in plain if self.files.format_of(name) in LABELLED]
+        files = replace(self.files, labels=bool(alone), objects=bool(alone))
+        files.check(plain)
+        object.__setattr__(self, "files", files)
 
     def _check_sampling(self) -> None:
         if self.first_hit_rays is not None and self.first_hit_rays < 0:

@@ -308,10 +308,11 @@ class Pipeline:
                 with self._meter.busy("detector"):
                     try:
                         events = self._detect(detector, frame)
-                        self._delivery.record(frame, events)
+                        causes = detector.causes if isinstance(detector, TellsCauses) else None
+                        self._delivery.record(frame, events, causes)
                     finally:
                         self._ring.release()
-                self._delivery.write(events, time_us, detector.causes if isinstance(detector, TellsCauses) else None)
+                self._delivery.write(events, time_us, causes)
                 self._count(events, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
                     self._governed.frame_done(self._meter.lap(), self._clock.lag_s)

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.events import EventBatch
+from clsim.events import CAUSES, EventBatch
 from clsim.events.filesink import FlushPolicy
 from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5 import Hdf5Sink, open_source
@@ -76,7 +76,7 @@ class Hdf5Layout(Layout):
 
     def labels(self, labels: npt.NDArray[np.void]) -> None:
         """Append labels; after a kill there may be fewer than events, by those of one frame of truth."""
-        self._wait({"events/object": labels["object"], "events/flow": labels["flow"]})
+        self._wait({f"events/{name}": labels[name] for name in LABEL_DTYPE.names or ()})
 
     def shot(self, shot: Shot) -> None:
         """Append a frame."""
@@ -156,6 +156,8 @@ class Hdf5Layout(Layout):
                 _column(file, f"{group}/velocity", (6,), "f8", 1 << 10)
         if "labels" in about.names:
             _column(file, "events/object", (), "u4", 1 << 14)
+            _column(file, "events/cause", (), "u1", 1 << 14)
+            file["events/cause"].attrs["causes"] = list(CAUSES)
             _column(file, "events/flow", (2,), "f4", 1 << 13)
             file["events/flow"].attrs["unit"] = "px/s, right and down; NaN where it is not known"
         if "imu" in about.names:
@@ -226,7 +228,9 @@ def read_recording(path: Path) -> Recording:
             for start in range(0, count, CHUNK_EVENTS):
                 stop = min(start + CHUNK_EVENTS, count)
                 part = np.zeros(stop - start, LABEL_DTYPE)
-                part["object"], part["flow"] = events["object"][start:stop], events["flow"][start:stop]
+                for name in LABEL_DTYPE.names or ():
+                    if name in events:  # causes are not in files of older versions
+                        part[name] = events[name][start:stop]
                 yield part
 
     def imu() -> Iterator[ImuChunk]:

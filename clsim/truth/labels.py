@@ -1,15 +1,16 @@
-"""What each event is of: the object at its pixel, and how fast that moves in the image."""
+"""What each event is of: its cause, the object at its pixel, and how fast that moves in the image."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.frames import Frame, plane_of
 
-LABEL_DTYPE = np.dtype([("object", "<u4"), ("flow", "<f4", (2,))])
-"""Number of the object (0 is nothing), and image velocity right and down [px/s], NaN where it is not known."""
+LABEL_DTYPE = np.dtype([("object", "<u4"), ("flow", "<f4", (2,)), ("cause", "u1")])
+"""Number of the object (0 is nothing), image velocity right and down [px/s], NaN where it is not known, and the cause,
+an index of `clsim.events.CAUSES`."""
 
 
 class Labeller:
@@ -22,8 +23,11 @@ class Labeller:
         """Know no frame yet."""
         self._last: tuple[int, npt.NDArray[np.float32]] | None = None
 
-    def label(self, frame: Frame, events: EventBatch) -> npt.NDArray[np.void]:
-        """Return the labels of the events of the step that led to ``frame``, ``[n]`` of `LABEL_DTYPE`."""
+    def label(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> npt.NDArray[np.void]:
+        """Return the labels of the events of the step that led to ``frame``, ``[n]`` of `LABEL_DTYPE`.
+
+        Without ``causes`` brightness caused them all.
+        """
         rows = [
             frame.names.index(name) for plane in ("Label.object", "Label.flow") for name in plane_of(plane).channels
         ]
@@ -31,6 +35,7 @@ class Labeller:
         before = now if self._last is None else self._last
         self._last = now
         labels = np.zeros(len(events), LABEL_DTYPE)
+        labels["cause"] = 0 if causes is None else causes
         late = events["t"] - before[0] > now[0] - events["t"]
         for (_, planes), mine in ((before, ~late), (now, late)):
             x, y = events["x"][mine], events["y"][mine]

@@ -17,7 +17,7 @@ TRUTH_NAMES: dict[str, str] = {
     "ids": "objects and materials",
     "flow": "to the next frame of truth",
     "backward-flow": "to the last one",
-    "labels": "object and image velocity of each event",
+    "labels": "cause, object and image velocity of each event",
     "poses": "of camera and objects",
     "imu": "of the camera",
 }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.events import EventBatch
+from clsim.events import Causes, EventBatch
 from clsim.frames import RADIANCE, Frame
 from clsim.truth.cut import channels_of, cut
 from clsim.truth.images import Pictures
@@ -54,12 +54,12 @@ class TruthRecorder:
         """Return the number of frames recorded."""
         return {"recorded_frames": self.recorded_frames}
 
-    def record(self, frame: Frame, events: EventBatch) -> None:
-        """Take the events of a step, what moved within it, and the frame that it led to."""
+    def record(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> None:
+        """Take the events of a step and what caused each, what moved within it, and the frame that it led to."""
         before = self._event_count + int(np.searchsorted(events["t"], frame.time_us))
         self.write(events, frame.time_us)
         if self._labeller is not None:
-            self._layout.labels(self._labeller.label(frame, events))
+            self._layout.labels(self._labeller.label(frame, events, causes))
         self._end_us = frame.time_us
         plan = self._plan
         if frame.index % plan.every == 0:

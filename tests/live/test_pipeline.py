@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.events import EVENT_DTYPE, EventBatch, SinkError
+from clsim.events import EVENT_DTYPE, Causes, EventBatch, SinkError
 from clsim.frames import Frame
 from clsim.live.clock import FrameClock
 from clsim.live.delivery import Output
@@ -203,7 +203,7 @@ def test_recorders_get_each_frame_with_the_events_of_its_step() -> None:
             super().__init__(fail_after)
             self.seen: list[tuple[int, float, int]] = []
 
-        def record(self, frame: Frame, events: EventBatch) -> None:
+        def record(self, frame: Frame, events: EventBatch, causes: Causes | None = None) -> None:
             super().write(events, frame.time_us)
             self.seen.append((frame.time_us, float(frame.plane("R")[0, 0]), int(events["x"][0])))
 

@@ -10,6 +10,10 @@ import pytest
 
 import clsim
 from clsim.errors import InputError
+from clsim.events import CAUSES
+from clsim.events.outputs import FileOptions
+from clsim.sensor import SensorSettings
+from clsim.sensor.pixel_stages import Leak
 
 SIZE = (32, 24)
 
@@ -48,9 +52,32 @@ def test_truth_stands_beside_the_same_events(tmp_path: Path) -> None:
         assert not file["frames/backward_flow_valid"][0].any() and file["frames/backward_flow_valid"][1].all()
 
 
+@pytest.mark.slow
+def test_labels_tell_cause_and_object_in_every_file_that_holds_them(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    names = [str(tmp_path / name) for name in ("truth.h5", "plain.parquet")]
+    sensor = SensorSettings(leak=Leak(20.0, 0.2))
+    common = {"resolution": SIZE, "frame_count": 9, "quality": "draft", "fps": 120.0, "sensor": sensor}
+    files = FileOptions(labels=True)
+    with clsim.stream("two-boxes", **common, truth=("labels", "ids"), outputs=names, files=files) as run:
+        events = np.concatenate(list(run))
+    with h5py.File(names[0]) as file:
+        causes, objects = file["events/cause"][:], file["events/object"][:]
+        assert list(file["events/cause"].attrs["causes"]) == list(CAUSES)
+        ids = file["frames/object"][:]
+    table = parquet.read_table(names[1])
+    np.testing.assert_array_equal(table["cause"].to_numpy(), causes)
+    np.testing.assert_array_equal(table["object"].to_numpy(), objects)
+    assert len(causes) == len(events) and set(causes) == {CAUSES.index("signal"), CAUSES.index("leak")}
+    # Frames at k / 120 s: each event has the number that its pixel shows in the nearer one.
+    shown = ids[np.round(events["t"] * 120e-6).astype(int), events["y"], events["x"]]
+    assert (shown == objects).mean() > 0.999 and len(np.unique(objects)) >= 3
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        ({"truth": "depth", "outputs": "a.h5", "files": FileOptions(labels=True)}, "add labels to `truth`"),
         ({"truth": "colour"}, r"`truth` 'colour' is unknown; expected all, or of intensity"),
         ({"truth": "depth", "outputs": "a.npz"}, r"`truth` needs an output that can hold it.*\.h5"),
         ({"truth": "depth", "outputs": "a.h5", "frame_rate": 50.0}, r"`frame_rate` must go into the 120 frames"),

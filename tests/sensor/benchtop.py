@@ -73,12 +73,12 @@ class Benchtop:
                 self.place_of([level for row in rows for _, level in row] or [0]),
             )
         count = self.grid.width * self.grid.height
-        fired = self.pixels.step(
+        self.fired = self.pixels.step(
             BrightnessPath(start_us, time_us, start, self._image(level), self.listed, count, knots)
         )
         self.time_us, self.level = time_us, level
-        self.causes.append(fired.causes)
-        return fired.events
+        self.causes.append(self.fired.causes)
+        return self.fired.events
 
     def along(self, times_us, levels):
         """Return the events over several steps."""

@@ -14,7 +14,7 @@ from scipy import stats
 from clsim.events import CAUSES
 from clsim.opencl.workplace import _read
 from clsim.sensor import IdealPixels, SensorSettings, Thresholds, pixel
-from clsim.sensor.pixel_stages import Delay, Refractory
+from clsim.sensor.pixel_stages import Delay, Refractory, Threshold
 from clsim.sensor.reference.pixel import fire
 from tests.sensor.benchtop import SPLITS, Benchtop, intervals_us, planes, rates, with_stages
 
@@ -230,6 +230,18 @@ def test_a_real_pixel_walks_knots():
     expected, _ = fire([(0.0, 0.0), (1e-3, 1.1), (4e-3, 0.0)], ON, OFF, rest_s=500e-6)
     assert [on for _, on in told[1]] == [on for _, on in expected] == [True, True, False, False]
     assert [t for t, _ in told[1]] == [math.ceil(t * 1e6) for t, _ in expected]
+
+
+def test_a_flash_is_capped_and_counted():
+    # 30 ln/ms in two parts of each step: 1000 events of a pixel are written, and the others counted.
+    bench = Benchtop(replace(SensorSettings(), threshold=Threshold(mismatch=1e-12)), 3, on=1e-3, off=1e-3)
+    bench.to(0, 0.0)
+    events = bench.to(1000, [0.0, 0.9005, 3.0005], [[], [], [(500_000, 1.5)]])
+    fired = bench.fired
+    assert np.bincount(events["x"], minlength=3).tolist() == [0, 900, 1000]
+    assert fired.capped == 2000 and fired.most_crossings == 3000 and fired.many_crossings == 2
+    # Nothing is owed.
+    assert len(bench.to(2000, [0.0, 0.9005, 3.0005])) == 0
 
 
 def test_no_pixel_fires_faster_than_its_rest_allows():

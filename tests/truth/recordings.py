@@ -89,6 +89,7 @@ def feed(layout: Layout, seed: int = 0, close: bool = True) -> Given:
     events["on"] = rng.random(count) < 0.5
     labels = np.zeros(count, LABEL_DTYPE)
     labels["object"], labels["flow"] = rng.integers(0, 3, count), rng.normal(0, 100, (count, 2))
+    labels["cause"] = np.arange(count) % 4
     given = Given(events, labels)
     imu = Imu(ORBIT, 1000.0, ImuNoise(), GRAVITY, 0)
     chunks: dict[str, list[Any]] = {"camera": [], "ball": [], "imu": []}

@@ -47,6 +47,7 @@ def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
         assert np.array_equal(file["imu/acceleration"][:], given.imu.acceleration)
         assert np.array_equal(file["imu/angular_velocity"][:], given.imu.angular_velocity)
         assert np.array_equal(file["events/object"][:], given.labels["object"])
+        assert np.array_equal(file["events/cause"][:], given.labels["cause"])
         assert np.array_equal(file["events/flow"][:], given.labels["flow"])
         assert [name.decode() for name in file["objects/name"]] == ["floor", "ball"]
         assert "OpenCV" in file.attrs["conventions"]

@@ -23,7 +23,8 @@ def test_the_nearer_frame_tells() -> None:
     events["t"], events["x"], events["y"] = (1_010, 1_040, 1_060, 1_100), (0, 5, 5, 2), (0, 1, 1, 3)
     labeller = Labeller()
     assert len(labeller.label(frame(1_000, 1, (2.0, 3.0)), events[:0])) == 0
-    labels = labeller.label(frame(1_100, 2, (-5.0, 7.0)), events)
+    labels = labeller.label(frame(1_100, 2, (-5.0, 7.0)), events, np.array([3, 0, 1, 2], np.uint8))
+    assert labels["cause"].tolist() == [3, 0, 1, 2]
     assert labels["object"].tolist() == [1, 11, 12, 2]
     assert labels["flow"].tolist() == [[2, 3], [2, 3], [-5, 7], [-5, 7]]
     events["t"] += 100
