@@ -14,9 +14,10 @@ INTRODUCTION = """# Scenes
 
 `clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of
 another program: `.gltf`, `.glb`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has no
-light or no camera, it gets a default light or a camera that orbits it; a camera that stands still in a still scene is
-set in gentle motion, for without motion there are no events. A `.toml` needs a camera and light of its own; one
-without any light is dark, which a warning says. What a file asks for and clsim lacks is named once in a warning.
+light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
+camera that stands still in a still scene is set in gentle motion, for without motion there are no events. A `.toml`
+needs a camera and light of its own; one without any light is dark, which a warning says. What a file asks for and clsim
+lacks is named once in a warning.
 
 The world is right-handed with +y up; lengths are metres, times seconds, angles degrees. Colours are linear Rec. 709,
 radiance is in W·sr⁻¹·m⁻². A camera looks along −z. `fov_deg` is horizontal, and a `--resolution` on the command line

@@ -14,7 +14,7 @@ from clsim.scene import gltf_schema as schema
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_draco import unpacked
 from clsim.scene.gltf_materials import MaterialReader
-from clsim.scene.world import F32, I32
+from clsim.scene.world import F32, I32, Mesh
 
 Array = npt.NDArray[Any]
 
@@ -52,6 +52,10 @@ class Geometry:
         normals = None if self.normals is None else -self.normals
         triangles = np.ascontiguousarray(self.triangles[:, ::-1])
         return replace(self, triangles=triangles, normals=normals, normal_targets=-self.normal_targets)
+
+    def mesh(self) -> Mesh:
+        """Return it as it is at rest."""
+        return Mesh(self.vertices, self.triangles, self.material_ids, self.normals, self.uvs, self.colors)
 
 
 def read_geometry(

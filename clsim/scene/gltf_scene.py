@@ -21,9 +21,11 @@ from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
 from clsim.scene.gltf_channels import read_channels
+from clsim.scene.gltf_instancing import copies
 from clsim.scene.gltf_light import LightTracks
 from clsim.scene.gltf_materials import MaterialReader
 from clsim.scene.gltf_meshes import Geometry, read_geometry
+from clsim.scene.indoors import stand_inside
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
 from clsim.scene.rigid import without_scale
@@ -59,6 +61,7 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
     if not lit:
         glows = any(any(material.emission) for material in parts.materials)
         notes.append(f"{path.name}: has no lights{', and what glows is weak' if glows else ''}: a lamp is added")
+    lamps = (lamp(center, size),)
     if parts.cameras:
         camera = parts.cameras[0]
         if len(parts.cameras) > 1:
@@ -66,6 +69,9 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
     else:  # a whole number of the animation's cycles, so that the end joins the start
         period_s = duration_s * max(1, round(ORBIT_S / duration_s)) if duration_s else ORBIT_S
         camera = orbiting_camera(center, size, period_s)
+        if inside := stand_inside(parts.meshes, parts.instances, center, size, period_s):
+            camera, lamps = inside[0], (inside[1],)
+            notes.append(f"{path.name}: is a closed room: the camera stands in it")
         duration_s = period_s
     return World(
         name=path.stem,
@@ -75,7 +81,7 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
         materials=tuple(parts.materials),
         textures=tuple(parts.textures),
         punctual_lights=tuple(parts.lights),
-        sphere_lights=() if lit else (lamp(center, size),),
+        sphere_lights=() if lit else lamps,
         environment=(0.0, 0.0, 0.0) if lit else ENVIRONMENT,
         duration_s=duration_s or 1.0,
         warnings=tuple(warnings),
@@ -128,9 +134,6 @@ class _Reader:
     def read(self) -> Parts:
         """Visit the nodes of the scene and return what stands there."""
         json = self.file.json
-        for extension in sorted(set(json.extensionsUsed)):
-            if extension.startswith("EXT_mesh_gpu_instancing"):
-                self._warn(f"the extension {extension} is left out")
         for index in self._scene_nodes():
             node = json.nodes[index]
             if node.mesh is not None:
@@ -217,9 +220,15 @@ class _Reader:
         skin = None
         if node.skin is not None and geometry.joints.shape[1]:
             skin = self.file.item("skins", self.file.json.skins, node.skin)
+        placed = copies(self.file, index, node)
         if skin is None and not len(geometry.targets):
-            self._add_plain(index, mesh_index, geometry, name)
+            if placed is None:
+                self._add_plain(index, mesh_index, geometry, name)
+            else:
+                self._add_copies(index, geometry, name, placed)
             return
+        if placed is not None:
+            self._warn("copies of meshes that change their shape are left out, but for one")
         weights: Channel | F64 | None = self.tree.weights(index)
         if weights is None:
             listed = node.weights or self.file.json.meshes[mesh_index].weights
@@ -242,21 +251,37 @@ class _Reader:
             matrix = self.tree.matrices(0.0)[index]
             if mesh_index not in self.plain:
                 self.plain[mesh_index] = len(self.meshes)
-                self.meshes.append(_mesh(geometry))
+                self.meshes.append(geometry.mesh())
             placed, pose = placed_rigidly(self.meshes, self.plain[mesh_index], matrix)
             self.instances.append(Instance(placed, Static(pose), name))
         elif self._placeable(index):
             if mesh_index not in self.plain:
                 self.plain[mesh_index] = len(self.meshes)
-                self.meshes.append(_mesh(geometry))
+                self.meshes.append(geometry.mesh())
             self.instances.append(Instance(self.plain[mesh_index], self._node_motion(index), name))
         elif self._placeable(index, all_but_own_scale=True):
             own = np.diag(self.tree.scales(index)[0])
-            self._place(transformed(_mesh(geometry), own), NodeMotion(self.tree, index, _inverse_scale(own)), name)
+            self._place(transformed(geometry.mesh(), own), NodeMotion(self.tree, index, _inverse_scale(own)), name)
         else:
             self._place(
                 self._deformed(geometry, np.zeros(0), np.array([index]), np.eye(4)[None]), Static(np.eye(4)), name
             )
+
+    def _add_copies(self, index: int, geometry: Geometry, name: str, placed: list[Matrix]) -> None:
+        """Place copies of a mesh that keeps its shape; they move as their node does, one scale for all axes."""
+        if len(self.instances) + len(placed) > MAX_INSTANCES:
+            raise InputError(f"{self.path}: places more than {MAX_INSTANCES} meshes")
+        first = len(self.meshes)
+        self.meshes.append(geometry.mesh())
+        moves = self.tree.moving[index]
+        if moves and not self._placeable(index):
+            self._warn(f"{name} stretches over time; its copies stand still")
+            moves = False
+        still = np.eye(4) if moves else self.tree.matrices(0.0)[index]
+        for k, matrix in enumerate(placed):
+            copy, pose = placed_rigidly(self.meshes, first, still @ matrix)
+            motion: Motion = NodeMotion(self.tree, index, pose) if moves else Static(pose)
+            self.instances.append(Instance(copy, motion, f"{name}[{k}]"))
 
     def _place(self, mesh: Mesh, motion: Motion, name: str) -> None:
         self.file.claim(mesh.vertices.nbytes + mesh.triangles.nbytes, f"the deformed copy {name}")
@@ -321,7 +346,7 @@ class _Reader:
             geometry.weights if skinned else np.zeros((len(geometry.vertices), 0), np.float32),
         )
         vertices, normals = deformation.vertices_at(0.0)
-        mesh = replace(_mesh(geometry), vertices=vertices, normals=normals)
+        mesh = replace(geometry.mesh(), vertices=vertices, normals=normals)
         return replace(mesh, deformation=deformation) if deformation.duration_s > 0 else mesh
 
     def _add_camera(self, index: int, camera_index: int) -> None:
@@ -357,17 +382,6 @@ class _Reader:
                 modulation=modulation,
             )
         )
-
-
-def _mesh(geometry: Geometry) -> Mesh:
-    return Mesh(
-        vertices=geometry.vertices,
-        triangles=geometry.triangles,
-        material_ids=geometry.material_ids,
-        normals=geometry.normals,
-        uvs=geometry.uvs,
-        colors=geometry.colors,
-    )
 
 
 def _inverse_scale(linear: Matrix) -> Matrix:

@@ -115,9 +115,16 @@ class LightReference(Part):
     light: Index
 
 
+class Copies(Part):
+    """EXT_mesh_gpu_instancing: accessors of where copies of a node's mesh stand."""
+
+    attributes: dict[str, Index]
+
+
 class NodeExtensions(Part):
     """Extensions of a node."""
 
+    EXT_mesh_gpu_instancing: Copies | None = None
     KHR_lights_punctual: LightReference | None = None
 
 

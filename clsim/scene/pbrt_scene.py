@@ -7,6 +7,7 @@ pbrt's world is left-handed: everything is mirrored in z on the way, unless the 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from clsim.scene.pbrt_tokens import Parameters, Tokens, fail
 from clsim.scene.rigid import rotation_about
 from clsim.scene.world import EnvironmentMap, Material, Mesh, Vec3, World
 
+_TAIL_BYTES = 1 << 16
 MAX_STACK = 10_000
 MAX_INSTANCES = 1_000_000
 IGNORED = (
@@ -56,8 +58,23 @@ def load_pbrt(path: Path) -> World:
         InputError: one sentence with the file, the line, and what is wrong there.
     """
     reader = _Reader(path)
-    reader.read()
+    try:
+        reader.read()
+    except InputError as error:
+        if _is_old(path):
+            raise InputError(
+                f"{path}: is a scene of pbrt's version 3 or before, as its WorldEnd shows; expected version 4, to "
+                "which pbrt-v4 turns it with --upgrade"
+            ) from error
+        raise
     return reader.world()
+
+
+def _is_old(path: Path) -> bool:
+    """Tell whether a file has the directive that version 4 has left out; it stands at its end."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+        return re.search(rb"(?m)^\s*WorldEnd\b", file.read(_TAIL_BYTES)) is not None
 
 
 class _Reader:

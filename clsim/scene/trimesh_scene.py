@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.files import asset_file
-from clsim.scene.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.framing import ENVIRONMENT, ORBIT_S, bounds, lamp, orbiting_camera
 from clsim.scene.geometry import joined
 from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
+from clsim.scene.indoors import stand_inside
 from clsim.scene.parts import Parts
 from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
 
@@ -35,7 +36,9 @@ def load_bare(path: Path) -> World:
     """
     parts = load_parts(path)
     center, size = bounds(path, parts.meshes, parts.instances)
-    camera = orbiting_camera(center, size)
+    camera, light, notes = orbiting_camera(center, size), lamp(center, size), []
+    if inside := stand_inside(parts.meshes, parts.instances, center, size, ORBIT_S):
+        (camera, light), notes = inside, [f"{path.name}: is a closed room: the camera stands in it"]
     return World(
         name=path.stem,
         camera=camera,
@@ -43,10 +46,11 @@ def load_bare(path: Path) -> World:
         instances=tuple(parts.instances),
         materials=tuple(parts.materials),
         textures=tuple(parts.textures),
-        sphere_lights=(lamp(center, size),),
+        sphere_lights=(light,),
         environment=ENVIRONMENT,
         duration_s=camera.motion.duration_s,
         warnings=tuple(parts.warnings),
+        notes=tuple(notes),
     )
 
 

@@ -368,3 +368,10 @@ def test_checkerboards_shift_by_the_files_own_offset(tmp_path):
     texture = 'Texture "c" "spectrum" "checkerboard" "float uscale" 3 "float udelta" 0.5 "float vdelta" 0.25\n'
     _, world = material(tmp_path, '"diffuse" "texture reflectance" "c"', before=texture)
     np.testing.assert_allclose(np.array(world.textures[0].uv_matrix) @ (0.25, 0.5, 1), (1.25 / 2, 0.75 / 2))
+
+
+def test_files_of_older_versions_are_named_as_such(tmp_path):
+    path = tmp_path / "old.pbrt"
+    path.write_text('WorldBegin\nMaterial "glass"\nShape "sphere"\nWorldEnd\n')
+    with pytest.raises(InputError, match=r"old\.pbrt: is a scene of pbrt's version 3 or before, as its WorldEnd shows"):
+        load_world(path)

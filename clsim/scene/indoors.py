@@ -1,0 +1,106 @@
+"""A camera for closed rooms: from outside they show nothing but their walls."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.scene.framing import RESOLUTION
+from clsim.scene.motion import Keyframes, Quaternion, Static, compose, euler_quaternion
+from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
+
+F64 = npt.NDArray[np.float64]
+
+MAX_TRIANGLES = 300_000
+"""Larger scenes are not looked into: it would take seconds."""
+ENCLOSED = 0.9
+"""Share of the directions in which a wall's front must be seen for a place to be in a room."""
+_RAYS = 48
+_HEIGHTS = (0.4, 0.6)
+_PLACES = (0.3, 0.5, 0.7)
+"""Where to stand, in shares of the box around everything."""
+_STRIDE, _LAMP, _LAMP_UP = 0.1, 0.1, 0.7
+"""Radii of the camera's way and of the lamp, and how high it hangs over that, in ways to what is nearest."""
+_LAMP_RADIANCE: Vec3 = (100.0, 96.0, 90.0)
+
+
+def stand_inside(
+    meshes: Sequence[Mesh], instances: Sequence[Instance], center: Vec3, size: F64, period_s: float
+) -> tuple[Camera, SphereLight] | None:
+    """Return a camera in the roomiest place of a closed room, that turns about there, and a lamp above it.
+
+    None where there is no room.
+
+    A place is in a room where nearly all ways lead to the fronts of faces: out of a closed body they lead to backs.
+
+    Args:
+        meshes, instances: what stands there, as it stands at time 0.
+        center: of the box around everything.
+        size: of that box [m].
+        period_s: time of a full turn.
+    """
+    if sum(len(meshes[instance.mesh].triangles) for instance in instances) > MAX_TRIANGLES:
+        return None
+    corners = np.concatenate([_corners(meshes[instance.mesh], instance) for instance in instances])
+    low = np.asarray(center) - size / 2
+    best, roomiest = None, 0.0
+    for up in _HEIGHTS:
+        for right in _PLACES:
+            for ahead in _PLACES:
+                place = low + size * (right, up, ahead)
+                distances, fronts = _seen(corners, place)
+                if fronts >= ENCLOSED and distances > roomiest:
+                    best, roomiest = place, distances
+    if best is None:
+        return None
+    above = best + np.array([0.0, _LAMP_UP * roomiest, 0.0])
+    lamp = SphereLight(_LAMP * roomiest, _LAMP_RADIANCE, Static(compose(above, np.eye(3))), "lamp")
+    return _turning(best, _STRIDE * roomiest, period_s), lamp
+
+
+def _corners(mesh: Mesh, instance: Instance) -> F64:
+    pose = instance.motion.pose(0.0)
+    points = mesh.vertices.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+    return np.asarray(points[mesh.triangles])
+
+
+def _seen(corners: F64, place: F64) -> tuple[float, float]:
+    """Return the distance of the nearest face around a place, and the share of ways that lead to fronts of faces."""
+    a, b, c = (corners[:, k] - place for k in range(3))
+    edge1, edge2 = b - a, c - a
+    normal = np.cross(edge1, edge2)
+    nearest, fronts = math.inf, 0
+    for ray in _directions(_RAYS):
+        # Möller and Trumbore, JGT 1997, for all triangles at once.
+        p, q = np.cross(ray, edge2), np.cross(-a, edge1)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            scale = 1.0 / np.einsum("ij,ij->i", edge1, p)
+            u, v = -np.einsum("ij,ij->i", a, p) * scale, (q @ ray) * scale
+            t = np.einsum("ij,ij->i", edge2, q) * scale
+            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
+        if hit.any():
+            first = int(np.argmin(np.where(hit, t, math.inf)))
+            nearest = min(nearest, float(t[first]))
+            fronts += int(normal[first] @ ray < 0)
+    return nearest, fronts / _RAYS
+
+
+def _directions(count: int) -> F64:
+    """Return directions spread evenly over the sphere (Fibonacci's spiral)."""
+    k = np.arange(count) + 0.5
+    y, phi = 1 - 2 * k / count, k * math.pi * (3.0 - math.sqrt(5.0))
+    radius = np.sqrt(1 - y * y)
+    return np.stack([radius * np.cos(phi), y, radius * np.sin(phi)], axis=1)
+
+
+def _turning(place: F64, radius_m: float, period_s: float) -> Camera:
+    """Return a camera that looks out of a small circle as it goes round."""
+    angles = np.linspace(0.0, 360.0, 25)
+    turns: list[Quaternion] = [euler_quaternion((0.0, float(angle), 0.0)) for angle in angles]
+    ways = radius_m * np.stack([-np.sin(np.radians(angles)), 0 * angles, -np.cos(np.radians(angles))], axis=1)
+    positions: list[Vec3] = [(float(x), float(y), float(z)) for x, y, z in place + ways]
+    times_s = tuple((period_s * angles / 360.0).tolist())
+    return Camera(*RESOLUTION, 75.0, Keyframes(times_s, tuple(positions), tuple(turns)))

@@ -1,0 +1,85 @@
+"""The automatic camera: in closed rooms, and around everything else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clsim.scene import load_world
+from clsim.scene.framing import ORBIT_S
+from tests.scene.gltf_files import add, gltf, write_gltf
+
+FACES = ["021", "123", "456", "576", "014", "154", "263", "367", "042", "246", "135", "375"]
+SIDES = tuple(tuple(map(int, corners)) for corners in FACES)
+"""Faces of a box, which look outwards."""
+
+
+def box_of(size: tuple[float, float, float], inwards: bool) -> tuple[np.ndarray, np.ndarray]:
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], np.float64) * size
+    faces = np.array(SIDES)
+    return corners, faces[:, ::-1] if inwards else faces
+
+
+def write_obj(path: Path, *boxes: tuple[np.ndarray, np.ndarray]) -> Path:
+    lines, first = [], 1
+    for corners, faces in boxes:
+        lines += [f"v {x} {y} {z}" for x, y, z in corners]
+        lines += ["f " + " ".join(str(first + k) for k in face) for face in faces]
+        first += len(corners)
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_the_camera_stands_in_a_closed_room(tmp_path: Path) -> None:
+    world = load_world(write_obj(tmp_path / "room.obj", box_of((6.0, 3.0, 4.0), inwards=True)))
+    assert world.notes == ("room.obj: is a closed room: the camera stands in it",)
+    motion, (lamp,) = world.camera.motion, world.sphere_lights
+    assert motion.duration_s == ORBIT_S
+    poses = np.array([motion.pose(t) for t in np.linspace(0, ORBIT_S, 25)])
+    inside = (poses[:, :3, 3] > 0.3) & (poses[:, :3, 3] < (5.7, 2.7, 3.7))
+    assert inside.all() and np.ptp(poses[:, :3, 3], axis=0)[[0, 2]].min() > 0.1
+    np.testing.assert_allclose(poses[0], poses[-1], atol=1e-9)
+    ahead = -poses[:, :3, 2]
+    assert np.ptp(np.degrees(np.unwrap(np.arctan2(ahead[:, 0], ahead[:, 2])))) == pytest.approx(360.0)
+    away = poses[:, :3, 3] - poses[:-1, :3, 3].mean(axis=0)
+    assert (np.einsum("ij,ij->i", away, ahead) > 0).all(), "it looks out of its circle"
+    place = lamp.motion.pose(0.0)[:3, 3]
+    assert (place - lamp.radius_m > 0).all() and (place + lamp.radius_m < (6.0, 3.0, 4.0)).all()
+
+
+def test_solid_things_and_open_ones_are_seen_from_outside(tmp_path: Path) -> None:
+    corners, faces = box_of((6.0, 3.0, 4.0), inwards=True)
+    for name, boxes in (
+        ("solid", [box_of((6.0, 3.0, 4.0), inwards=False)]),
+        ("open", [(corners, faces[:-4])]),
+        ("two", [box_of((1.0, 1.0, 1.0), inwards=False), (corners + np.array([9.0, 0.0, 0.0]), faces[:, ::-1])]),
+    ):
+        world = load_world(write_obj(tmp_path / f"{name}.obj", *boxes))
+        eye = world.camera.motion.pose(0.0)[:3, 3]
+        assert world.notes == () and np.abs(eye - (3.0, 1.5, 2.0)).max() > 4.0, name
+
+
+def test_a_room_of_thick_walls_is_found_and_furniture_kept_clear_of(tmp_path: Path) -> None:
+    """Outside the walls look outwards; a pillar stands in the middle of the room."""
+    outer, inner = box_of((7.0, 4.0, 5.0), inwards=False), box_of((6.0, 3.0, 4.0), inwards=True)
+    pillar = box_of((1.0, 3.0, 1.0), inwards=False)
+    room = write_obj(tmp_path / "flat.obj", outer, (inner[0] + 0.5, inner[1]), (pillar[0] + (3.0, 0.5, 2.0), pillar[1]))
+    world = load_world(room)
+    assert world.notes == ("flat.obj: is a closed room: the camera stands in it",)
+    for t in np.linspace(0, ORBIT_S, 9):
+        x, y, z = world.camera.motion.pose(t)[:3, 3]
+        assert 0.5 < x < 6.5 and 0.5 < y < 3.5 and 0.5 < z < 4.5
+        assert not (3.0 <= x <= 4.0 and 2.0 <= z <= 3.0)
+
+
+def test_a_room_as_gltf(tmp_path: Path) -> None:
+    corners, faces = box_of((6.0, 3.0, 4.0), inwards=True)
+    tree = gltf(points=corners.astype("<f4"))
+    tree["accessors"][0]["count"] = 8
+    tree["bufferViews"][0]["byteLength"] = tree["buffers"][0]["byteLength"] = 96
+    tree["meshes"][0]["primitives"][0]["indices"] = add(tree, faces.ravel(), "<u2")
+    world = load_world(write_gltf(tmp_path, tree))
+    eye = world.camera.motion.pose(0.0)[:3, 3]
+    assert (eye > 0).all() and (eye < (6.0, 3.0, 4.0)).all()
+    assert "scene.gltf: is a closed room: the camera stands in it" in world.notes
+    assert (world.sphere_lights[0].motion.pose(0.0)[:3, 3] < (6.0, 3.0, 4.0)).all(), "and so does the lamp"
