@@ -13,6 +13,10 @@ Beyond DSEC, in the same manner: ``flow/forward_covisible/000000.png``, ``ids/ob
 ``poses/NAME.txt`` (TUM), ``imu.txt`` (ECD). Disparity is that of a second camera to the right by the baseline that the
 calibration tells.
 
+DSEC's own sequences are read too. Their depth and flow are those of the rectified view, while their events are not
+rectified: where ``rectify_map.h5`` is not the identity, pixels of one are not those of the other. Their images, of
+another camera and size, are left out.
+
 Source: https://dsec.ifi.uzh.ch/data-format/
 """
 
@@ -27,12 +31,11 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesink import FlushPolicy, naming_failures, unwritable
 from clsim.events.hdf5 import Hdf5Sink, index_at, open_source
 from clsim.truth.images import Pictures, with_images
-from clsim.truth.intrinsics import camera_of, opencv_numbers
+from clsim.truth.intrinsics import camera_of, opencv_numbers, yaml_numbers
 from clsim.truth.lines import Lines, imu_lines, rate_of, read_imu, read_track, tum_lines
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.png import read_png, write_png
@@ -189,8 +192,6 @@ def calibration(about: About) -> str:
         InputError: the camera has no intrinsics.
     """
     camera = about.camera
-    if "intrinsics_px" not in camera:
-        raise InputError("DSEC's calibration needs the camera's intrinsics, but they are not known")
     (fx, fy, cx, cy), told = opencv_numbers(camera)
     fisheye, coefficients = camera["model"] == "fisheye", ", ".join(map(repr, told))
     lines = ["intrinsics:"]
@@ -229,7 +230,7 @@ def read_recording(path: Path) -> Recording:
     """Open a folder of this layout; raises OSError, KeyError or ValueError where it is damaged."""
     camera, baseline_m = _read_calibration(path / "calibration" / "cam_to_cam.yaml")
     width, height = camera["width"], camera["height"]
-    times = _Times(path)
+    times = _Times(path, (height, width))
     names = {
         "image": bool(times.images),
         "depth": bool(times.disparity),
@@ -269,55 +270,63 @@ def read_recording(path: Path) -> Recording:
 
 
 class _Times:
-    """What there is for which time: the number of its file."""
+    """What there is for which time: its file, and the time that it leads to."""
 
-    def __init__(self, path: Path) -> None:
-        self.images = _numbers(path / "images" / "timestamps.txt", 1)
-        self.disparity = _numbers(path / "disparity" / "timestamps.txt", 1)
-        self.forward = _numbers(path / "flow" / "forward_timestamps.txt", 2)
-        self.backward = _numbers(path / "flow" / "backward_timestamps.txt", 2)
+    def __init__(self, path: Path, size: tuple[int, int]) -> None:
+        self.images = _files(path / "images/timestamps.txt", path / "images/left/rectified", 1)
+        if self.images and read_png(next(iter(self.images.values()))[0]).shape != size:
+            self.images = {}
+        self.disparity = _files(path / "disparity/timestamps.txt", path / "disparity/event", 1)
+        self.forward = _files(path / "flow/forward_timestamps.txt", path / "flow/forward", 2)
+        self.backward = _files(path / "flow/backward_timestamps.txt", path / "flow/backward", 2)
 
     def all(self) -> list[int]:
         """Return all times, in order."""
         return sorted({*self.images, *self.disparity, *self.forward, *self.backward})
 
 
-def _numbers(path: Path, columns: int) -> dict[int, tuple[int, int]]:
-    """Return the number of the line and its last time, by its first time."""
-    if not path.is_file():
+def _files(text: Path, folder: Path, columns: int) -> dict[int, tuple[Path, int]]:
+    """Return a line's file and its last time, by its first time.
+
+    Files belong to lines in the order of their names: DSEC leaves numbers out.
+    """
+    if not text.is_file():
         return {}
-    lines = [line for line in path.read_text("utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in text.read_text("utf-8").splitlines() if line.strip() and not line.startswith("#")]
     rows = [[int(word) for word in line.split(",")] for line in lines]
     if any(len(row) != columns for row in rows):
-        raise ValueError(f"{path} has a line of other than {columns} times")
-    return {row[0]: (number, row[-1]) for number, row in enumerate(rows)}
+        raise ValueError(f"{text} has a line of other than {columns} times")
+    files = sorted(folder.glob("*.png"))
+    if len(files) < len(rows):
+        raise ValueError(f"{folder} has {len(files)} pictures, expected {len(rows)}, as {text.name} has lines")
+    return {row[0]: (file, row[-1]) for row, file in zip(rows, files, strict=False)}
 
 
 def _read_shot(path: Path, times: _Times, time_us: int, focal_baseline: float, event_index: int) -> Shot:
     planes: dict[str, npt.NDArray[Any]] = {}
     before_us = after_us = time_us
     if time_us in times.images:
-        planes["image"] = read_png(path / "images/left/rectified" / f"{times.images[time_us][0]:06d}.png")
+        planes["image"] = read_png(times.images[time_us][0])
     if time_us in times.disparity:
-        name = f"{times.disparity[time_us][0]:06d}.png"
-        disparity = read_png(path / "disparity" / "event" / name) / 256.0
+        file, _ = times.disparity[time_us]
+        disparity = read_png(file) / 256.0
         with np.errstate(divide="ignore"):
             planes["depth"] = (focal_baseline / disparity).astype(np.float32)
         for key in ("object", "material"):
-            if (path / "ids" / key / name).is_file():
-                planes[key] = read_png(path / "ids" / key / name).astype(np.float32)
+            if (path / "ids" / key / file.name).is_file():
+                planes[key] = read_png(path / "ids" / key / file.name).astype(np.float32)
     if time_us in times.forward:
-        number, after_us = times.forward[time_us]
-        planes["flow"] = _read_flow(path / "flow", "forward", number)
+        file, after_us = times.forward[time_us]
+        planes["flow"] = _read_flow(file)
     if time_us in times.backward:
-        number, before_us = times.backward[time_us]
-        planes["backward-flow"] = _read_flow(path / "flow", "backward", number)
+        file, before_us = times.backward[time_us]
+        planes["backward-flow"] = _read_flow(file)
     return Shot(time_us, before_us, after_us, event_index, planes)
 
 
-def _read_flow(folder: Path, way: str, number: int) -> npt.NDArray[np.float32]:
-    coded = read_png(folder / way / f"{number:06d}.png").astype(np.float32)
-    seen = folder / f"{way}_covisible" / f"{number:06d}.png"
+def _read_flow(file: Path) -> npt.NDArray[np.float32]:
+    coded = read_png(file).astype(np.float32)
+    seen = file.parent.with_name(f"{file.parent.name}_covisible") / file.name
     covisible = read_png(seen).astype(np.float32) if seen.is_file() else np.zeros(coded.shape[:2], np.float32)
     valid = coded[..., 2:] > 0
     flow = np.where(valid, (coded[..., :2] - 32768.0) / 128.0, 0.0)
@@ -329,20 +338,21 @@ def _read_calibration(path: Path) -> tuple[dict[str, Any], float]:
     text = path.read_text("utf-8")
     rectified = text.partition("camRect0:")[2] or text
 
-    def numbers(key: str, text: str = rectified) -> list[float]:
-        found = re.search(rf"{key}:\s*\[([^\]]*)\]", text)
-        if found is None:
-            raise ValueError(f"{path} has no {key}")
-        return [float(word) for word in found[1].split(",")]
+    # The rectified left camera's own lines, up to the next one's name.
+    mine = re.split(r"\n\s*(?:cam\d|camRect\d|extrinsics):", rectified)[0]
 
-    width, height = map(int, numbers("resolution"))
-    fisheye = re.search(r"distortion_model:\s*equidistant", rectified) is not None
-    coefficients = numbers("distortion_coeffs") if "distortion_coeffs" in rectified else []
-    camera = camera_of((width, height), numbers("camera_matrix"), coefficients, fisheye=fisheye)
-    rows = re.findall(r"-\s*\[([^\]]*)\]", text.partition("cams_03:")[2])
-    if len(rows) < 4:
-        raise ValueError(f"{path} has no disparity_to_depth")
-    return camera, 1.0 / float(rows[3].split(",")[2])
+    def told(key: str, count: int, text: str = mine) -> list[float]:
+        found = yaml_numbers(text, key)
+        if len(found) < count:
+            raise ValueError(f"{path} has no {key}")
+        return found[:count]
+
+    width, height = map(int, told("resolution", 2))
+    fisheye = re.search(r"distortion_model:\s*equidistant", mine) is not None
+    coefficients = yaml_numbers(mine, "distortion_coeffs")
+    camera = camera_of((width, height), told("camera_matrix", 4), coefficients, fisheye=fisheye)
+    to_depth = told("cams_03", 16, text)
+    return camera, 1.0 / to_depth[14]
 
 
 def _read_names(path: Path) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ class EcdLayout(Layout):
     def __init__(self, path: Path, about: About) -> None:
         """Create the folder; raises InputError when it cannot be, or for a fisheye, which calib.txt cannot tell."""
         camera = about.camera
-        if camera["model"] == "fisheye":
+        if camera.get("model") == "fisheye":
             raise InputError(f"{path}: ECD's calibration knows no fisheye; expected another layout")
         self._path, self._count = path, 0
         self._pictures = Pictures()

@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+from clsim.errors import InputError
 
 _DISTORTION = {"perspective": ("k1", "k2", "p1", "p2", "k3"), "fisheye": ("k1", "k2", "k3", "k4")}
 
 
 def opencv_numbers(camera: Mapping[str, Any]) -> tuple[list[float], list[float]]:
-    """Return fx, fy, cx, cy and the coefficients of distortion, as OpenCV takes them for the camera's model."""
+    """Return fx, fy, cx, cy and the coefficients of distortion, as OpenCV takes them for the camera's model.
+
+    Raises:
+        InputError: they are not known.
+    """
+    if "intrinsics_px" not in camera:
+        raise InputError("this layout needs the camera's intrinsics, but the recording does not tell them")
     px, distortion = camera["intrinsics_px"], camera["distortion"]
     keys = _DISTORTION[camera["model"]]
     return [px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5], [float(distortion[key]) for key in keys]
+
+
+def yaml_numbers(text: str, key: str) -> list[float]:
+    """Return the numbers of a list, or of nested ones, under a key of a YAML file, in either of its styles."""
+    found = re.search(rf"^[ \t]*{key}:([\s\d.eE+,\[\]-]*)", text, re.MULTILINE)
+    return [] if found is None else [float(word) for word in re.findall(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?", found[1])]
 
 
 def camera_of(

@@ -15,6 +15,8 @@ Times are seconds. Source: Zhu et al., The Multivehicle Stereo Event Camera Data
 
 from __future__ import annotations
 
+import bisect
+import contextlib
 import json
 import os
 import zipfile
@@ -32,6 +34,7 @@ from clsim.events.filesink import naming_failures, unwritable
 from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5_growing import GrowingHdf5
 from clsim.truth.images import Pictures, with_images
+from clsim.truth.intrinsics import camera_of, yaml_numbers
 from clsim.truth.lines import microseconds, rate_of
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.poses import matrices
@@ -39,6 +42,7 @@ from clsim.truth.poses import rows as pose_rows
 from clsim.truth.record import About, ImuChunk, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 
+_STACKS = {"image": "image_raw", "depth": "depth_image_raw"}
 _GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
@@ -169,29 +173,36 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a folder of this layout, the left camera; raises OSError, KeyError or ValueError where it is damaged."""
+    """Open a folder of this layout, the left camera; raises OSError, KeyError or ValueError where it is damaged.
+
+    MVSEC's own are read too: their flow lies in the npz alone, and their camera in Kalibr's ``camchain*.yaml``, if that
+    is there.
+    """
     (data_file,) = path.glob("*_data.hdf5")
     truth_file = data_file.with_name(data_file.name.replace("_data.hdf5", "_gt.hdf5"))
-    keys = {"image": "image_raw", "imu": "imu"}
-    truth_keys = {"depth": "depth_image_raw", "flow": "flow_dist", "poses": "pose"}
+    flow_file = data_file.with_name(data_file.name.replace("_data.hdf5", "_gt_flow_dist.npz"))
     group = "davis/left"
-    with h5py.File(data_file, "r") as data, h5py.File(truth_file, "r") as truth:
-        names = {name for name, key in keys.items() if key in data[group]}
-        names |= {name for name, key in truth_keys.items() if key in truth.get(group, {})}
-        times = sorted(
-            {
-                *(microseconds(data[f"{group}/image_raw_ts"][:]).tolist() if "image" in names else ()),
-                *(microseconds(truth[f"{group}/depth_image_raw_ts"][:]).tolist() if "depth" in names else ()),
-                *(microseconds(truth[f"{group}/flow_dist_ts"][:]).tolist() if "flow" in names else ()),
-            }
-        )
-        camera = json.loads(data.attrs["camera"])
+    with h5py.File(data_file, "r") as data, _truth(truth_file) as truth:
+        left, known = data[group], truth.get(group, {})
+        names = {name for name, key in (("image", "image_raw"), ("imu", "imu")) if key in left}
+        names |= {name for name, key in (("depth", "depth_image_raw"), ("poses", "pose")) if key in known}
+        times = {name: microseconds(left[f"{_STACKS[name]}_ts"][:]) for name in names & {"image"}}
+        times |= {name: microseconds(known[f"{_STACKS[name]}_ts"][:]) for name in names & {"depth"}}
+        camera = _camera(path, data, next((stack.shape[1:] for stack in _stacks(left, known)), None))
+        if "flow_dist" in known:  # as clsim writes it, also where a run was killed before there was an npz
+            times["flow"] = microseconds(known["flow_dist_ts"][:])
+        elif flow_file.is_file():
+            with np.load(flow_file) as archive:
+                times["flow"] = microseconds(archive["timestamps"])
+    names |= times.keys()
+    size = camera["height"], camera["width"]
+    all_times = sorted({time_us for own in times.values() for time_us in own.tolist()})
     about = About(
         width=camera["width"],
         height=camera["height"],
         camera=camera,
         names=tuple(name for name in TRUTH_NAMES if name in names),
-        frame_rate=rate_of(times),
+        frame_rate=rate_of(all_times),
     )
 
     def events() -> Iterator[EventBatch]:
@@ -205,31 +216,27 @@ def read_recording(path: Path) -> Recording:
                 yield batch
 
     def shots() -> Iterator[Shot]:
-        with h5py.File(data_file, "r") as data, h5py.File(truth_file, "r") as truth:
-            stacks = {
-                name: (file[f"{group}/{key}"], microseconds(file[f"{group}/{key}_ts"][:]).tolist())
-                for name, key, file in (
-                    ("image", "image_raw", data),
-                    ("depth", "depth_image_raw", truth),
-                    ("flow", "flow_dist", truth),
-                )
-                if name in names
-            }
-            for k, time_us in enumerate(times):
-                after_us = times[k + 1] if k + 1 < len(times) else 2 * time_us - times[k - 1]
-                index = int(data[f"{group}/image_raw_event_inds"][k]) if "image" in names else 0
+        numbers = {name: {time_us: k for k, time_us in enumerate(own.tolist())} for name, own in times.items()}
+        with h5py.File(data_file, "r") as data, _truth(truth_file) as truth:
+            rows, stored_flow = data[f"{group}/events"], truth.get(f"{group}/flow_dist")
+            flows = _read_flow(flow_file, size) if stored_flow is None else iter(stored_flow)
+            for time_us in all_times:
                 planes = {}
-                for name, (stack, own) in stacks.items():
-                    if time_us in own:
-                        planes[name] = _plane(name, stack[own.index(time_us)])
-                yield Shot(time_us, time_us, after_us, index, planes)
+                for name, file in (("image", data), ("depth", truth)):
+                    if time_us in numbers.get(name, {}):
+                        stored = file[f"{group}/{_STACKS[name]}"][numbers[name][time_us]]
+                        planes[name] = stored if name == "image" else _depth(stored)
+                after_us = time_us
+                if time_us in numbers.get("flow", {}):
+                    planes["flow"], after_us = _flow(next(flows)), _following(times["flow"], numbers["flow"][time_us])
+                yield Shot(time_us, time_us, after_us, _index_at(rows, time_us), planes)
 
     def tracks() -> Iterator[TrackChunk]:
-        with h5py.File(truth_file, "r") as truth:
-            if "poses" in names:
+        if "poses" in names:
+            with _truth(truth_file) as truth:
                 poses, times_s = truth[f"{group}/pose"][:], truth[f"{group}/pose_ts"][:]
-                unknown = np.full((len(poses), 6), np.nan)
-                yield TrackChunk("camera", microseconds(times_s), pose_rows(poses), unknown)
+            unknown = np.full((len(poses), 6), np.nan)
+            yield TrackChunk("camera", microseconds(times_s), pose_rows(poses), unknown)
 
     def imu() -> Iterator[ImuChunk]:
         with h5py.File(data_file, "r") as data:
@@ -240,13 +247,74 @@ def read_recording(path: Path) -> Recording:
     return Recording(about, events, shots=shots, tracks=tracks, imu=imu)
 
 
-def _plane(name: str, stored: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    if name == "depth":
-        return np.where(np.isnan(stored), np.inf, stored).astype(np.float32)
-    if name == "flow":
-        known = np.any(stored != 0, axis=0)
-        return np.stack([*stored, known, np.zeros_like(known)], axis=-1).astype(np.float32)
-    return stored
+def _truth(path: Path) -> Any:
+    """Open the file of truth; where there is none, nothing is known."""
+    return h5py.File(path, "r") if path.is_file() else contextlib.nullcontext({})
+
+
+def _stacks(left: Any, known: Any) -> Iterator[Any]:
+    for group, name in ((left, "image"), (known, "depth")):
+        if _STACKS[name] in group:
+            yield group[_STACKS[name]]
+
+
+def _camera(path: Path, data: Any, size: tuple[int, int] | None) -> dict[str, Any]:
+    """Return the left camera: as clsim wrote it, by Kalibr's calibration, or at least how large it is."""
+    if "camera" in data.attrs:
+        told: dict[str, Any] = json.loads(data.attrs["camera"])
+        return told
+    for file in sorted(path.glob("camchain*.yaml")):
+        text = file.read_text("utf-8").partition("cam0:")[2].partition("cam1:")[0]
+        matrix, coefficients = (yaml_numbers(text, key) for key in ("intrinsics", "distortion_coeffs"))
+        shape = yaml_numbers(text, "resolution")
+        if len(matrix) != 4 or len(shape) != 2:
+            raise ValueError(f"{file} has no intrinsics or no resolution of cam0")
+        return camera_of((int(shape[0]), int(shape[1])), matrix, coefficients, fisheye="equidistant" in text)
+    if size is None:
+        raise ValueError(f"{path} has no picture, no depth and no camchain*.yaml that tell the sensor's size")
+    return {"width": size[1], "height": size[0]}
+
+
+def _index_at(rows: Any, time_us: int) -> int:
+    """Return the index of the first event at or after a time, of rows sorted by time."""
+    return bisect.bisect_left(range(len(rows)), time_us, key=lambda k: int(microseconds([rows[k, 2]])[0]))
+
+
+def _following(times_us: npt.NDArray[np.int64], number: int) -> int:
+    """Return the next of some times; after the last, as long after it as it is after the one before."""
+    if number + 1 < len(times_us):
+        return int(times_us[number + 1])
+    return int(2 * times_us[-1] - times_us[-2]) if len(times_us) > 1 else int(times_us[-1])
+
+
+def _read_flow(path: Path, size: tuple[int, int]) -> Iterator[npt.NDArray[np.float64]]:
+    """Yield flow ``[2, H, W]``, one frame in memory at a time, from an npz of x_flow_dist and y_flow_dist."""
+    with zipfile.ZipFile(path) as archive, contextlib.ExitStack() as opened:
+        columns = []
+        for name in ("x_flow_dist", "y_flow_dist"):
+            file = opened.enter_context(archive.open(f"{name}.npy"))
+            version = np.lib.format.read_magic(file)
+            shape, by_column, kind = (
+                np.lib.format.read_array_header_1_0(file)
+                if version == (1, 0)
+                else np.lib.format.read_array_header_2_0(file)
+            )
+            if by_column or shape[1:] != size or kind.kind != "f":
+                raise ValueError(f"{path} has {name} of {shape} {kind}, expected floats, frames of {size}")
+            columns.append((file, kind))
+        for _ in range(shape[0]):
+            yield np.stack(
+                [np.frombuffer(f.read(size[0] * size[1] * kind.itemsize), kind).reshape(size) for f, kind in columns]
+            )
+
+
+def _depth(stored: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    return np.where(np.isnan(stored), np.inf, stored).astype(np.float32)
+
+
+def _flow(stored: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    known = np.any(stored != 0, axis=0)
+    return np.stack([*stored, known, np.zeros_like(known)], axis=-1).astype(np.float32)
 
 
 def _column(file: Any, name: str, width: tuple[int, ...], kind: str, rows: int = 1 << 10) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import recordings
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
@@ -85,7 +87,6 @@ def test_tonic_reads_dsec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_calibration_is_yaml_that_leads_from_disparity_to_points(tmp_path: Path) -> None:
-    yaml = pytest.importorskip("yaml")
     recorded(tmp_path / "run.dsec", Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.0)))
     told = yaml.safe_load((tmp_path / "run.dsec/calibration/cam_to_cam.yaml").read_text())
     px = recordings.about().camera["intrinsics_px"]
@@ -209,6 +210,124 @@ def test_mvsec_is_as_its_users_read_it(tmp_path: Path) -> None:
         for shown, shot in zip(flow[name], expected.shots, strict=True):
             known = shot.planes["flow"][..., 2] > 0
             assert np.array_equal(shown, np.where(known, shot.planes["flow"][..., axis], 0))
+
+
+def original_dsec(path: Path, block_style: bool) -> recordings.Given:
+    """A sequence as DSEC publishes it: nothing beyond, numbers left out, images of another camera."""
+    source = path / "made.dsec"
+    expected = recorded(source)
+    home = path / "zurich_city_00_a.dsec"
+    shutil.copytree(source / "events", home / "events")
+    for folder in ("disparity/event", "flow/forward", "images/left/rectified"):
+        (home / folder).mkdir(parents=True)
+        for k, file in enumerate(sorted((source / folder).iterdir())):
+            shutil.copy(file, home / folder / f"{2 * k:06d}.png")
+    for text in ("disparity/timestamps.txt", "flow/forward_timestamps.txt", "images/timestamps.txt"):
+        shutil.copy(source / text, home / text)
+    for file in (home / "images/left/rectified").iterdir():
+        write_png(file, np.zeros((30, 40, 3), np.uint8))
+    with h5py.File(home / "events/left/rectify_map.h5", "r+") as file:
+        file["rectify_map"][...] += 1.5
+    focal = recordings.about().camera["intrinsics_px"]["fx"]
+
+    def camera(size: tuple[int, int], scale: float) -> dict[str, object]:
+        return {"camera_matrix": [scale * focal, scale * focal, 11.5, 7.5], "camera_model": "pinhole"} | {
+            "distortion_coeffs": [0.0, 0.0, 0.0, 0.0], "distortion_model": "radtan", "resolution": list(size)
+        }  # fmt: skip
+
+    told = {
+        "disparity_to_depth": {
+            "cams_03": [[1, 0, 0, -11.5], [0, 1, 0, -7.5], [0, 0, 0, focal], [0, 0, 10.0, 0]],
+            "cams_12": [[1, 0, 0, -1.5], [0, 1, 0, -1.5], [0, 0, 0, 9.0], [0, 0, 3.0, 0]],
+        },
+        "extrinsics": {"R_rect0": np.eye(3).tolist(), "T_10": np.eye(4).tolist()},
+        "intrinsics": {
+            "cam0": camera((recordings.WIDTH, recordings.HEIGHT), 1.1),
+            "cam1": camera((1440, 1080), 3.0),
+            "camRect0": camera((recordings.WIDTH, recordings.HEIGHT), 1.0),
+            "camRect1": camera((1440, 1080), 2.9),
+        },
+    }
+    (home / "calibration").mkdir()
+    text = yaml.safe_dump(told, default_flow_style=False if block_style else None)
+    (home / "calibration/cam_to_cam.yaml").write_text(text)
+    shutil.rmtree(source)
+    return expected
+
+
+@pytest.mark.parametrize("block_style", [False, True])
+def test_a_sequence_of_dsecs_own_is_read(tmp_path: Path, block_style: bool) -> None:
+    expected = original_dsec(tmp_path, block_style)
+    recording = read_recording(str(tmp_path / "zurich_city_00_a.dsec"))
+    assert recording.about.names == ("depth", "flow") and recording.about.width == recordings.WIDTH
+    assert recording.about.baseline_m == pytest.approx(0.1)
+    focal = recordings.about().camera["intrinsics_px"]["fx"]
+    assert recording.about.camera["intrinsics_px"] == pytest.approx({"fx": focal, "fy": focal, "cx": 12.0, "cy": 8.0})
+    for shot, given_shot in zip(recording.shots(), expected.shots, strict=True):
+        near = np.isfinite(given_shot.planes["depth"])
+        assert np.array_equal(np.isfinite(shot.planes["depth"]), near)
+        disparity = focal * 0.1 / shot.planes["depth"][near], focal * 0.1 / given_shot.planes["depth"][near]
+        assert np.abs(disparity[0] - disparity[1]).max() <= 0.5 / 256 + 1e-5
+        valid = shot.planes["flow"][..., 2] > 0
+        off = np.abs(shot.planes["flow"][..., :2] - given_shot.planes["flow"][..., :2])[valid]
+        assert off.max() <= 0.5 / 128 and (shot.time_us, shot.after_us) == (given_shot.time_us, given_shot.after_us)
+    count, left_out = convert_recording(str(tmp_path / "zurich_city_00_a.dsec"), str(tmp_path / "own.h5"))
+    assert count == len(expected.events) and not left_out
+
+
+@pytest.mark.parametrize("calibrated", [False, True])
+def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> None:
+    """No camera in the file, flow in the npz alone and at times of its own, pictures at others, epoch's seconds."""
+    expected = recorded(tmp_path / "made.mvsec")
+    start_s, shots = 1.5e9, expected.shots
+    home = tmp_path / "outdoor_day1.mvsec"
+    home.mkdir()
+    t = expected.events["t"] * 1e-6 + start_s
+    with h5py.File(home / "outdoor_day1_data.hdf5", "w") as data, h5py.File(home / "outdoor_day1_gt.hdf5", "w") as gt:
+        e = expected.events
+        data["davis/left/events"] = np.stack([e["x"], e["y"], t, np.where(e["on"], 1, -1)], axis=1)
+        data["davis/left/image_raw"] = np.stack([shot.planes["image"] for shot in shots])
+        data["davis/left/image_raw_ts"] = [start_s + shot.time_us * 1e-6 + 0.011 for shot in shots]
+        data["davis/left/image_raw_event_inds"] = [shot.event_index for shot in shots]
+        gt["davis/left/depth_image_raw"] = np.stack([shot.planes["depth"] for shot in shots])
+        gt["davis/left/depth_image_raw_ts"] = [start_s + shot.time_us * 1e-6 for shot in shots]
+        gt["davis/left/pose"] = np.tile(np.eye(4), (3, 1, 1))
+        gt["davis/left/pose_ts"] = start_s + np.arange(3) * 0.05
+    flows = np.stack([np.where(s.planes["flow"][..., 2:3] > 0, s.planes["flow"], 0) for s in shots]).astype(np.float64)
+    np.savez(
+        home / "outdoor_day1_gt_flow_dist.npz",
+        timestamps=np.array([start_s + shot.time_us * 1e-6 for shot in shots]),
+        x_flow_dist=flows[..., 0],
+        y_flow_dist=flows[..., 1],
+    )
+    if calibrated:
+        (home / "camchain-imucam-outdoor_day1.yaml").write_text(
+            "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [-0.03, 0.01, -0.02, 0.002]\n"
+            "  distortion_model: equidistant\n  intrinsics: [226.4, 226.2, 173.6, 133.7]\n"
+            f"  resolution: [{recordings.WIDTH}, {recordings.HEIGHT}]\n"
+            "cam1:\n  intrinsics: [1, 2, 3, 4]\n  resolution: [9, 9]\n"
+        )
+    recording = read_recording(str(home))
+    assert recording.about.names == ("image", "depth", "flow", "poses")
+    assert (recording.about.width, recording.about.height) == (recordings.WIDTH, recordings.HEIGHT)
+    found = list(recording.shots())
+    assert [shot.time_us for shot in found] == sorted(shot.time_us for shot in found) and len(found) == 2 * len(shots)
+    origin_us = round(start_s * 1e6)
+    for shot in found:
+        assert shot.event_index == np.count_nonzero(expected.events["t"] < shot.time_us - origin_us)
+    truths = [shot for shot in found if "flow" in shot.planes]
+    for shot, given_shot, flow in zip(truths, shots, flows, strict=True):
+        assert np.array_equal(shot.planes["depth"], given_shot.planes["depth"])
+        assert np.array_equal(shot.planes["flow"][..., :2], flow[..., :2].astype(np.float32))
+        assert abs(shot.after_us - shot.time_us - recordings.STEP_US) <= 1 and "image" not in shot.planes
+    assert np.array_equal(np.concatenate(list(recording.events()))["t"] - origin_us, expected.events["t"])
+    target = str(tmp_path / "other.ecd")
+    if calibrated:
+        assert recording.about.camera["intrinsics_px"]["cx"] == 174.1 and recording.about.camera["model"] == "fisheye"
+    else:
+        with pytest.raises(InputError, match="needs the camera's intrinsics"):
+            convert_recording(str(home), target)
+    convert_recording(str(home), str(tmp_path / "own.h5"))
 
 
 def same(a: Shot, b: Shot, exact: bool, levels: int = 0) -> None:
