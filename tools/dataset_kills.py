@@ -200,7 +200,7 @@ def main() -> None:
     print(f"undisturbed: {whole_s:.0f} s", flush=True)
     killed = Making(given.spec, given.folder / "killed", given.workers, given.count, given.apart)
     begun_s = time.monotonic()
-    kill_often(killed, given.kills, given.seed, 2 * whole_s / (given.kills + 1))
+    kill_often(killed, given.kills, given.seed, whole_s / 2)
     print(f"killed {given.kills} times: {time.monotonic() - begun_s:.0f} s", flush=True)
     expected, found = contents(undisturbed.folder), contents(killed.folder)
     differ = sorted(name for name in expected | found if expected.get(name) != found.get(name))

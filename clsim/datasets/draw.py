@@ -112,7 +112,7 @@ class Drawer:
             return self._value(template, path, stream)
         if isinstance(template, Mapping):
             return {
-                key: self.draw(each, f"{path}.{key}", "motion" if key in _MOTION and stream == "scene" else stream)
+                key: self.draw(each, f"{path}.{key}", "motion" if key in _MOTION else stream)
                 for key, each in template.items()
             }
         if isinstance(template, list):

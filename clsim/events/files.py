@@ -64,6 +64,8 @@ FORMATS = (
     FileFormat("bag", (".bag",), "bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
 )
 """Every format, in the order help texts list them."""
+BAGS = ("mcap", "db3", "bag")
+"""Those that are bags of ROS."""
 
 
 def promises() -> str:
@@ -105,16 +107,18 @@ def open_sink(
     return sink
 
 
-def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> EventSource:
-    """Open an event file for reading in bounded memory; see EventSource.
+def open_source(path: str | os.PathLike[str], *, format: str | None = None, topic: str | None = None) -> EventSource:
+    """Open an event file for reading in bounded memory; see EventSource. ``topic`` is one of a bag of ROS.
 
     Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
     """
     target = Path(path)
     chosen = format_named(format) if format else format_of(target)
+    if topic is not None and chosen.name not in BAGS:
+        raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
     chosen.check_library(target)
     with naming_damage(target):
-        source: EventSource = chosen.load().open_source(target)
+        source: EventSource = chosen.load().open_source(*((target,) if topic is None else (target, topic)))
     return source
 
 

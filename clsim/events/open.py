@@ -16,6 +16,8 @@ from clsim.values import read_value
 def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
     """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
 
+    ``stereo.bag#/davis/left/events`` is one topic of a bag of ROS that has several.
+
     Returns an iterator of EventBatch that reads on as it is asked, in bounded memory; its ``width`` and ``height`` are
     None for files that do not tell. A socket's iterator waits for events and ends when the sender does. Either can be
     closed early, or used in a ``with`` block.
@@ -33,6 +35,9 @@ def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
         return open_socket_source(name)
     from clsim.events.files import open_source
 
+    path, mark, topic = name.partition("#/")
+    if mark and not Path(name).exists():
+        return open_source(path, topic=f"/{topic}")
     return open_source(name)
 
 

@@ -11,7 +11,7 @@ from typing import Any, Literal
 from clsim.errors import InputError
 from clsim.events import Sink
 from clsim.events.address import is_address, is_standard_output, parse_address
-from clsim.events.files import FORMATS, format_named, format_of, open_sink
+from clsim.events.files import BAGS, FORMATS, format_named, format_of, open_sink
 from clsim.events.filesink import FlushPolicy
 from clsim.values import read_fields
 
@@ -19,8 +19,6 @@ TextTime = Literal["us", "s"]
 Encoding = Literal["mono", "evt3", "array"]
 LABELLED = ("hdf5", "parquet")
 """Formats that may hold labels of events."""
-BAGS = ("mcap", "db3", "bag")
-"""Formats that are bags of ROS."""
 
 
 @dataclass(frozen=True)

@@ -177,8 +177,8 @@ class BagSink(FileSink):
         self.bag.complete()
 
 
-def open_bag_source(path: Path) -> EventSource:
-    """Open a bag for its events; of several topics, that of ESIM's name or, without one, none: it must be the only one.
+def open_bag_source(path: Path, topic: str | None = None) -> EventSource:
+    """Open a bag for the events of a ``topic``; without one, of the topic of ESIM's name, or of the only one.
 
     Raises:
         InputError: it holds no events, or several topics of them.
@@ -186,7 +186,7 @@ def open_bag_source(path: Path) -> EventSource:
     open_binary(path).close()
     reader, ros = _reader(path)
     try:
-        connection = _chosen(path, reader.connections)
+        connection = _chosen(path, topic, reader.connections)
         decoder = messages.MessageDecoder(ros, connection.msgtype)
         raw = _messages(reader, connection)
         first = next((decoder.decode(data) for data in raw), None)
@@ -246,15 +246,20 @@ def _check_whole(path: Path) -> None:
         raise damaged(path, "it is truncated")
 
 
-def _chosen(path: Path, connections: Any) -> Any:
+def _chosen(path: Path, topic: str | None, connections: Any) -> Any:
     found = [connection for connection in connections if connection.msgtype in messages.EVENT_TYPES]
     if not found:
         held = ", ".join(sorted({connection.msgtype for connection in connections})[:8]) or "nothing"
         raise damaged(path, f"it holds no messages of events, but {held}")
-    named = [connection for connection in found if connection.topic == EVENT_TOPIC] or found
+    named = [connection for connection in found if connection.topic == (topic or EVENT_TOPIC)]
+    topics = ", ".join(sorted(connection.topic for connection in found)[:8])
+    if topic is not None and not named:
+        raise InputError(f"{path}: has no events of the topic {topic}; expected one of {topics}")
+    named = named or found
     if len(named) > 1:
-        topics = ", ".join(sorted(connection.topic for connection in found)[:8])
-        raise InputError(f"{path}: holds events of several topics: {topics}; expected one, or {EVENT_TOPIC} among them")
+        raise InputError(
+            f"{path}: holds events of several topics: {topics}; name one of them: '{path}#{found[0].topic}'"
+        )
     return named[0]
 
 

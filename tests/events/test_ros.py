@@ -13,6 +13,7 @@ from event_data import HEIGHT, WIDTH, events, read, split, write
 from hypothesis import given
 from hypothesis import strategies as st
 
+import clsim
 from clsim.errors import InputError
 from clsim.events import ros_messages as messages
 from clsim.events.files import open_source
@@ -180,8 +181,14 @@ def test_one_topic_of_several_is_that_of_esim(tmp_path):
         if chosen:
             np.testing.assert_array_equal(read(path), batch)
         else:
-            with pytest.raises(InputError, match="several topics: /left, /right"):
+            with pytest.raises(InputError, match=r"several topics: /left, /right; name one of them: '.*mcap#/left'"):
                 open_source(path)
+            for name, count in (("/left", 5), ("/right", 10)):
+                np.testing.assert_array_equal(clsim.open(f"{path}#{name}").read(), batch[:count])
+            with pytest.raises(InputError, match="no events of the topic /up; expected one of /left, /right"):
+                clsim.open(f"{path}#/up")
+            with pytest.raises(InputError, match=r"a\.npz: has no topics"):
+                clsim.open(f"{tmp_path / 'a.npz'}#/left")
 
 
 def test_a_bag_without_events_is_refused(tmp_path):
