@@ -23,10 +23,8 @@ STILL = 0.05
 """Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
 _INSIDE = 4
 """First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at …"""
-_INSIDE_PLAIN = 2
-"""… and where they are, and …"""
-_MOST_PLAIN = 3
-"""… no more than so many: they look for what is smaller than a pixel, and cost as much as all else in most pixels."""
+_INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
+"""… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -71,8 +69,8 @@ def looks_of(first_hit_rays: int, pixel_angle: float) -> Any:
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(_INSIDE, first_hit_rays)
     if first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = min(max(_INSIDE_PLAIN, first_hit_rays // 8), _MOST_PLAIN)
-        looks.by_edge = max(_INSIDE_PLAIN, first_hit_rays // 3)
+        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer)
+        looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays
     return looks
