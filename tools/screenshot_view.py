@@ -2,6 +2,7 @@
 
     python tools/screenshot_view.py events.aedat4 docs/images/view.png
     python tools/screenshot_view.py two-boxes view.png --live --wait 20 --theme light --spp 4
+    python tools/screenshot_view.py two-boxes view.png --live --truth depth,flow,ids --out run.h5
 
 Needs the [view] extra and a program called chromium (or chromium-browser, google-chrome).
 """
@@ -43,7 +44,8 @@ def arguments() -> argparse.Namespace:
 
 def serve(chosen: argparse.Namespace) -> tuple[subprocess.Popen[str], str]:
     """Start clsim and wait for the sentence that tells where the page is."""
-    command = ["live", "--loop", "--view", "web"] if chosen.live else ["view"]
+    loop = [] if "--truth" in chosen.options else ["--loop"]  # truth is of one pass
+    command = ["live", *loop, "--view", "web"] if chosen.live else ["view"]
     process = subprocess.Popen(
         [sys.executable, "-m", "clsim", *command, chosen.source, "--port", "0", *chosen.options],
         stderr=subprocess.PIPE,

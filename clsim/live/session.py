@@ -63,6 +63,8 @@ class Session:
     """The scene, unless frames were recorded."""
     footage: Footage | None = None
     """The video or pictures, if that is what is seen."""
+    truth_every: int = 0
+    """Rendered frames from one with truth to the next; 0 where there is none."""
     started: bool = False
 
     def start(self) -> None:
@@ -228,6 +230,7 @@ def open_live(
         level,
         governed,
         world,
+        truth_every=stages.render.truth_every if options.truth else 0,
     )
 
 

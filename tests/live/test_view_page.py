@@ -321,6 +321,34 @@ def test_frames_are_shown_noisy_and_denoised_and_throttled(sink: ViewSink) -> No
     assert denoised[0, 0] == 0 and (np.diff(denoised.ravel()[1:].astype(int)) >= 0).all() and denoised[-1, -1] > 200
 
 
+def test_truth_is_shown_beside_as_pictures_of_the_frames_that_have_it() -> None:
+    planes = np.zeros((9, HEIGHT, WIDTH), np.float32)
+    planes[3] = np.linspace(1, 5, WIDTH)
+    planes[3, 0] = np.inf
+    planes[4], planes[6], planes[7] = 3.0, 1.0, 1.0  # to the right
+    planes[8, :, 32:] = 2
+    names = ("R", "G", "B", "Z", *(f"Flow.forward.{part}" for part in ("X", "Y", "valid", "covisible")), "Id.object")
+    planes = np.concatenate([planes, planes[8:]])
+    sink = ViewSink("truth", WIDTH, HEIGHT, port=0, truth_every=2)
+
+    def act() -> None:
+        for index in (1, 2):
+            wait_until(sink.wants_frame)
+            sink.show_frame(Frame(planes, (*names, "Id.material"), time_us=index, index=index), None)
+
+    def images(messages: list[Any]) -> dict[int, bytes]:
+        return {decode(m)[0]: m for m in messages if isinstance(m, bytes)}
+
+    found = images(watch(sink.url, lambda m: {5, 6, 7} <= images(m).keys(), act))
+    sink.close()
+    assert {struct.unpack_from("<IIqqII", found[kind])[3] for kind in (5, 6, 7)} == {2}, "of the second frame alone"
+    shown = [np.frombuffer(found[kind], np.uint8, offset=32).reshape(HEIGHT, WIDTH, 3) for kind in (5, 6, 7)]
+    depth, flow, ids = (picture.astype(int) for picture in shown)
+    assert (depth[0] == 0).all() and depth[1, 5].sum() > depth[1, -5].sum() > 0, "near is light, nothing is black"
+    assert (flow == (255, 0, 0)).all(), "right is red"
+    assert (ids[:, :32] == 0).all() and ids[:, 32:].any(axis=2).all()
+
+
 def test_the_end_is_told_and_the_thread_ends() -> None:
     sink = ViewSink("short", WIDTH, HEIGHT, port=0)
     messages = watch(

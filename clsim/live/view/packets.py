@@ -9,6 +9,9 @@ kind name     body
 2    noisy    the frame the renderer made, u8 [height, width, 3]
 3    denoised the brightness the detector believes in, u8 [height, width, 1]
 4    seek     none: forget all events, time goes on from now_us
+5    depth    truth as a picture, u8 [height, width, 3]
+6    flow     likewise
+7    ids      likewise
 ==== ======== ==========================================================================================
 
 ``now_us`` is how far time has come, with or without events.
@@ -25,7 +28,7 @@ import numpy.typing as npt
 from clsim.events import EventBatch
 
 HEADER = struct.Struct("<IIqqII")
-EVENTS, NOISY, DENOISED, SEEK = 1, 2, 3, 4
+EVENTS, NOISY, DENOISED, SEEK, DEPTH, FLOW, IDS = range(1, 8)
 PACKET_EVENTS = 1 << 16
 _ON_BIT = np.uint16(1 << 15)
 

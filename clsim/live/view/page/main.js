@@ -7,7 +7,8 @@ import { Store } from "./store.js";
 import { percent, seconds, short, span } from "./text.js";
 
 const HEADER_BYTES = 32;
-const EVENTS = 1, NOISY = 2, DENOISED = 3, SEEK = 4;
+const EVENTS = 1, SEEK = 4;
+const IMAGES = { 2: "noisy", 3: "denoised", 5: "depth", 6: "flow", 7: "ids" };
 const RATE_OVER_US = 50_000;
 const SKIPPED = "Events that this browser was too slow to draw; files and streams have them all";
 
@@ -101,7 +102,7 @@ function takePacket(buffer) {
     store.clear(nowUs);
     shown = 0;
     heldUs = null;
-  } else if ((kind === NOISY || kind === DENOISED) && !(hello.live && paused)) {
+  } else if (kind in IMAGES && !(hello.live && paused)) {
     takeImage(kind, new Uint8Array(buffer, HEADER_BYTES), header.getUint32(24, true), header.getUint32(28, true), count);
   }
   dirty = true;
@@ -109,8 +110,8 @@ function takePacket(buffer) {
 
 function takeImage(kind, bytes, width, height, channels) {
   $("frames").hidden = false;
-  if (kind === DENOISED) $("denoised-figure").hidden = false;
-  const canvas = kind === NOISY ? $("noisy") : $("denoised");
+  $(`${IMAGES[kind]}-figure`).hidden = false;
+  const canvas = $(IMAGES[kind]);
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   const context = canvas.getContext("2d", { alpha: false });
   const picture = context.createImageData(width, height);
