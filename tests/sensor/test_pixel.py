@@ -144,6 +144,11 @@ def test_what_pixels_keep_for_ever_is_drawn_apart():
     assert abs(between[~np.eye(len(names), dtype=bool)]).max() < 5 / math.sqrt(4000)
 
 
+def test_no_threshold_is_less_than_a_tenth_of_the_nominal_one():
+    own = planes(Benchtop(with_stages(threshold={"mismatch": 0.2}), 4000), "P")
+    assert own["ON"].min() == pytest.approx(0.1 * ON) and own["OFF"].min() == pytest.approx(0.1 * OFF)
+
+
 def test_no_two_draws_share_a_number():
     # Of one pixel and time they would be one number: noise that passes one threshold would pass the other.
     first = {name: int(number) for name, number in re.findall(r"#define DRAW_(\w+) +(\d+)", _read("sensor_random.clh"))}

@@ -55,6 +55,18 @@ def test_a_bus_that_is_asked_for_more_than_it_can_loses_the_rest():
     assert np.diff(served["t"]).min() >= 1000
 
 
+def test_who_waits_exactly_as_long_as_may_be_is_served():
+    served, lost = bus(event_us=1.0, most_wait_us=2.0).run(requests_at([1000] * 4), END_NS)
+    assert served["t"].tolist() == [2000, 3000, 4000] and lost == 1
+
+
+def test_a_scan_reads_column_after_column():
+    asked = requests_at([1000] * 40, rows=8)
+    read = bus(scan_us=500.0).run(asked, END_NS)[0]
+    places = list(zip(read["x"].tolist(), read["y"].tolist(), strict=True))
+    assert places == sorted(set(zip(asked["x"].tolist(), asked["y"].tolist(), strict=True)))
+
+
 def test_another_row_takes_longer():
     same, other = (
         bus(event_us=1.0, row_us=3.0).run(requests_at([1000] * 10, rows=rows), END_NS)[0] for rows in (1, 64)
