@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -13,6 +14,10 @@ from clsim.cli.options import JSON
 from clsim.cli.words import dropped_text
 from clsim.errors import InputError
 
+if TYPE_CHECKING:
+    from clsim.scene import World
+
+_PICTURE_WIDTH, _PICTURE_SPP = 64, 64
 _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled:"}
 """What people read where a key of the JSON could be taken for something else."""
 
@@ -57,7 +62,29 @@ def _scene(what: str) -> dict[str, Any]:
     from clsim.scene import describe, load_world
 
     world = load_world(what)
-    return {"scene": describe(world), "renderer": describe_build(world, RenderOptions())}
+    facts = describe(world) | {"illuminance_lux": _illuminance_lux(world)}
+    return {"scene": facts, "renderer": describe_build(world, RenderOptions())}
+
+
+def _illuminance_lux(world: World) -> dict[str, float]:
+    """Return the illuminance of the sensor in the first frame: one pixel in a hundred is darker, one brighter.
+
+    Found in a small picture: noise of the renderer makes the range a little wider.
+    """
+    from clsim.detect.features import LUMINANCE_WEIGHTS
+    from clsim.frames import RADIANCE, Frame, page_aligned
+    from clsim.render import RenderOptions, SceneData, View
+
+    height = max(1, round(_PICTURE_WIDTH * world.camera.height / world.camera.width))
+    options = RenderOptions(spp=_PICTURE_SPP)
+    camera = replace(world.camera, width=_PICTURE_WIDTH, height=height)
+    view = View(SceneData(world, options.device, options.tree), options, camera=camera)
+    frame = Frame(page_aligned((len(view.names), height, _PICTURE_WIDTH)), view.names)
+    view.fill_at(0, 0, frame)
+    view.close()
+    luminance = np.tensordot(LUMINANCE_WEIGHTS["rec709"], [frame.plane(name) for name in RADIANCE], 1)
+    darkest, middle, brightest = np.percentile(luminance, (1, 50, 99)) * world.sensor.lux_per_unit
+    return {"dark": float(darkest), "median": float(middle), "bright": float(brightest)}
 
 
 def _frames(what: str) -> dict[str, Any]:

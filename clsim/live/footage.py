@@ -21,7 +21,7 @@ from clsim.footage.times import read_times_us
 from clsim.frames import Frame, SourceEnded, page_aligned
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule
-from clsim.live.sensors import RecordedSensor
+from clsim.live.sensors import RecordedSensor, cost_of
 from clsim.live.session import Session, now, open_sinks
 from clsim.live.sidecars import about_run
 from clsim.live.stages import detector_maker, unused_options
@@ -107,7 +107,7 @@ def open_footage_session(
         raise
     about = about_run(asdict(options) | {"transfer": source.transfer}, config, schedule.fps)
     about |= {"camera": {"width": source.width, "height": source.height}, "detector": asdict(config)}
-    warnings = (*source.warnings, *unused_options(config))
+    warnings = (*source.warnings, *unused_options(config), *cost_of(options.seen_by.sensor, *size))
     return Session(
         options.frames, *size, schedule, pipeline, about, warnings, (), *started, False, footage=source,
     )  # fmt: skip

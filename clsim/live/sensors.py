@@ -16,6 +16,9 @@ from clsim.values import read_fields
 DENSE_METHOD = "wlr-esim"
 """The method for sensors that follow brightness between events, where esim-ad would be taken: it knows all levels."""
 
+_DRAW_S = 5e-8
+"""CPU time of a draw of shot noise, measured."""
+
 
 def read_sensor(sensor: Any) -> Any:
     """Return what a preset's name or a file says of a sensor; anything else as it is."""
@@ -25,6 +28,17 @@ def read_sensor(sensor: Any) -> Any:
 def specimen_of(sensor: SensorSettings | None, seed: int, lux: float) -> Specimen | None:
     """Return a sensor of this kind, whose illuminance is ``lux`` where brightness is 0; None is the ideal one."""
     return None if sensor is None or sensor.is_ideal else Specimen(sensor, seed, lux)
+
+
+def cost_of(sensor: SensorSettings | None, width: int, height: int) -> tuple[str, ...]:
+    """Return a sentence on what shot noise of a sensor of this size costs, if it has any."""
+    if sensor is None or sensor.noise.shot == 0:
+        return ()
+    seconds = width * height * sensor.noise.draws_per_s(sensor.front_end.follower_s) * _DRAW_S
+    return (
+        f"`sensor` {sensor.name} draws shot noise, which takes some {seconds:.0f} s of CPU for each simulated second; "
+        "noise at rates (on_hz, off_hz) takes none to speak of",
+    )
 
 
 @dataclass(frozen=True)

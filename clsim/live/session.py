@@ -22,6 +22,7 @@ from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
+from clsim.live.sensors import cost_of
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
@@ -281,7 +282,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         schedule,
         pipeline,
         about,
-        unused_options(options.config),
+        (*unused_options(options.config), *cost_of(options.seen_by.sensor, source.width, source.height)),
         (),
         *started,
         solves,

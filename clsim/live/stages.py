@@ -11,7 +11,7 @@ from clsim.frames import InterestBoard, PixelTracer, rendered_planes
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
-from clsim.live.sensors import specimen_of
+from clsim.live.sensors import cost_of, specimen_of
 from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
 from clsim.scene import World, load_world
 from clsim.scene.modulation import missed
@@ -60,7 +60,9 @@ class Stages:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is asked for and will not be: by the scene, of what clsim lacks, and by options without use."""
-        return (*self.world.warnings, *unused_options(self.detector), *self._light_missed())
+        camera = self.world.camera
+        costs = cost_of(self.options.sensor, camera.width, camera.height)
+        return (*self.world.warnings, *unused_options(self.detector), *self._light_missed(), *costs)
 
     def _light_missed(self) -> list[str]:
         """Return sentences about light that changes and will not be seen as it is."""

@@ -150,8 +150,12 @@ class Noise(Stage):
             "RATE_SLOT_NS": float(round(1e9 * min(max(0.1 / most, 1e-3), 10.0))) if most > 0 else 1e9,
             "NOISE_SIGMA": self.shot,
             "NOISE_S": context.follower_s,
-            "NOISE_SLOT_NS": float(max(1000, round(NODES_APART * context.follower_s * 1e9))),
+            "NOISE_SLOT_NS": float(round(1e9 / self.draws_per_s(context.follower_s))),
         }
+
+    def draws_per_s(self, follower_s: float) -> float:
+        """Return how often a pixel draws shot noise behind a source follower of this time constant [1/s]."""
+        return 1 / max(1e-6, NODES_APART * follower_s)
 
 
 @dataclass(frozen=True)

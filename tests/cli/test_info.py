@@ -90,6 +90,8 @@ def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
     (tmp_path / "two-boxes").mkdir()
     facts = told(clsim, "two-boxes")
     assert facts["scene"]["triangles"] == facts["scene"]["mesh_triangles"] == 28
+    lux = facts["scene"]["illuminance_lux"]
+    assert 0 < lux["dark"] < lux["median"] < lux["bright"]
     assert (facts["renderer"]["device"], facts["renderer"]["tree"]) == ("cpu", "bvh8")
     empty = clsim("info", "./two-boxes")
     assert empty.status == 2 and "no EXR file" in empty.stderr
@@ -119,4 +121,15 @@ def test_warnings_of_a_scene_come_first_and_what_it_needs_not_is_no_lack(clsim, 
     assert lines[0].startswith("warning: dark: the scene has no light") and lines[1] == "scene"
     assert sum("has no light" in line for line in lines) == 1
     assert any(line.startswith("  not needed here, so not compiled: ") for line in lines)
-    assert told(clsim, tmp_path / "dark.toml")["scene"]["warnings"]
+    facts = told(clsim, tmp_path / "dark.toml")["scene"]
+    assert facts["warnings"] and set(facts["illuminance_lux"].values()) == {0.0}
+
+
+def test_the_light_on_the_sensor_is_told_in_lux(clsim, tmp_path):
+    """A sky of luminance 2, and nothing before it but a far corner."""
+    (tmp_path / "sky.toml").write_text(
+        "[sensor]\nlux_per_unit = 300.0\n[environment]\nradiance = [2, 2, 2]\n[camera]\nposition = [0, 0, 900]\n"
+        "[[objects]]\nshape = 'box'\n"
+    )
+    lux = told(clsim, tmp_path / "sky.toml")["scene"]["illuminance_lux"]
+    assert list(lux.values()) == pytest.approx([600] * 3)

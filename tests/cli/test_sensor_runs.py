@@ -13,6 +13,7 @@ from clsim.events import CAUSES
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
+from clsim.sensor.pixel_stages import FrontEnd, Noise
 
 SENSOR = """
 [threshold]
@@ -105,6 +106,13 @@ def test_a_preset_sets_the_picture_unless_a_resolution_is_given() -> None:
     assert (camera.width, camera.height) == (240, 180)
     camera = plan_stages(LiveOptions("two-boxes", sensor=load_sensor("davis240"), resolution=(64, 48))).world.camera
     assert (camera.width, camera.height, camera.fov_deg) == (64, 48, scene.fov_deg)
+
+
+def test_what_shot_noise_costs_is_told_before_a_run() -> None:
+    shot = SensorSettings("mine", front_end=FrontEnd(follower_hz=3000.0), noise=Noise(shot=0.05))
+    warnings = plan_stages(LiveOptions("two-boxes", sensor=shot)).warnings
+    assert any("`sensor` mine draws shot noise, which takes some 170 s of CPU" in each for each in warnings)
+    assert not any("shot noise" in each for each in plan_stages(LiveOptions("two-boxes", sensor="davis346")).warnings)
 
 
 def test_a_threshold_wins_over_the_sensors_and_that_over_the_scenes() -> None:
