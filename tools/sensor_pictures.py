@@ -2,11 +2,14 @@
 
 python tools/sensor_pictures.py stages docs/images/sensor-stages.png
 python tools/sensor_pictures.py scene docs/images/sensor-two-boxes.png
+python tools/sensor_pictures.py costs      # prints what a step of the disc costs with each stage [ms of CPU]
 """
 
 from __future__ import annotations
 
 import sys
+import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -85,6 +88,21 @@ def stages() -> Image.Image:
     return sheet(shown, 3)
 
 
+def costs(rounds: int = 2) -> None:
+    """Print the medians of all steps' CPU time, sensors taken in turn."""
+    sensors = STAGES | {"davis346, shot noise instead of rates": replace(STAGES["davis346"], noise=Noise(shot=0.05))}
+    taken: dict[str, list[float]] = {title: [] for title in sensors}
+    for _ in range(rounds):
+        for title, settings in sensors.items():
+            lab = Lab(settings, *SIZE, lux=DIM.get(title, 100.0))
+            for t in range(0, END_US + 1, STEP_US):
+                levels, began = disc(t), time.process_time()
+                lab.to(t, levels)
+                taken[title].append(time.process_time() - began)
+    for title, seconds in taken.items():
+        print(f"| {title} | {1e3 * float(np.median(seconds)):.1f} |")
+
+
 def scene() -> Image.Image:
     """Return 10 ms of a bundled scene, seen by the ideal sensor and by a camera's, through the same lens."""
     davis = load_sensor("davis346")
@@ -98,4 +116,7 @@ def scene() -> Image.Image:
 
 
 if __name__ == "__main__":
-    {"stages": stages, "scene": scene}[sys.argv[1]]().save(sys.argv[2], optimize=True)
+    if sys.argv[1] == "costs":
+        costs()
+    else:
+        {"stages": stages, "scene": scene}[sys.argv[1]]().save(sys.argv[2], optimize=True)

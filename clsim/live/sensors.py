@@ -71,13 +71,13 @@ class RecordedSensor:
     def detector(self, given: Mapping[str, Any], method: str) -> dict[str, Any]:
         """Return options of detection, by name: those ``given``, and what the sensor asks for beside them.
 
-        ``method`` is the one that would be taken. One that predicts levels between events is no good for a sensor that
-        follows them.
+        ``method`` is the one that would be taken. One that predicts levels between events is second best for a sensor
+        that follows them, or whose noise takes them for references.
         """
         if self.sensor is None:
             return dict(given)
-        threshold, front = self.sensor.threshold, self.sensor.front_end
+        threshold = self.sensor.threshold
         asked: dict[str, Any] = {"threshold_on": threshold.on, "threshold_off": threshold.off}
-        if method == "esim-ad" and front.macros():
+        if method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
             asked["method"] = DENSE_METHOD
         return {name: value for name, value in asked.items() if value is not None} | dict(given)

@@ -11,9 +11,10 @@ import clsim as library
 from clsim.errors import InputError
 from clsim.events import CAUSES
 from clsim.live.options import LiveOptions
+from clsim.live.sensors import RecordedSensor
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
-from clsim.sensor.pixel_stages import FrontEnd, Noise
+from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Threshold
 
 SENSOR = """
 [threshold]
@@ -113,6 +114,17 @@ def test_what_shot_noise_costs_is_told_before_a_run() -> None:
     warnings = plan_stages(LiveOptions("two-boxes", sensor=shot)).warnings
     assert any("`sensor` mine draws shot noise, which takes some 170 s of CPU" in each for each in warnings)
     assert not any("shot noise" in each for each in plan_stages(LiveOptions("two-boxes", sensor="davis346")).warnings)
+
+
+def test_a_sensor_that_follows_brightness_gets_all_of_it() -> None:
+    follows = {"front_end": FrontEnd(follower_hz=100.0)}, {"noise": Noise(1.0)}
+    does_not = {"leak": Leak(1.0)}, {"threshold": Threshold(0.3, 0.3)}
+    for expected, cases in (("wlr-esim", follows), (None, does_not)):
+        for stages in cases:
+            seen_by = RecordedSensor(SensorSettings(**stages))  # type: ignore[arg-type]
+            assert seen_by.detector({}, "esim-ad").get("method") == expected
+            assert seen_by.detector({}, "esim").get("method") is None
+            assert seen_by.detector({"method": "esim-ad"}, "esim-ad")["method"] == "esim-ad"
 
 
 def test_a_threshold_wins_over_the_sensors_and_that_over_the_scenes() -> None:
