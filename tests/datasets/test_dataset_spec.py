@@ -32,9 +32,11 @@ def spec_of(tmp_path, text=_TEXT, **options):
 
 
 def test_a_sequence_has_its_options_and_its_scene(tmp_path):
-    sample = spec_of(tmp_path).sample(4)
+    spec = spec_of(tmp_path)
+    sample = spec.sample(4)
     assert 0.15 <= sample.run["threshold"] <= 0.3
     assert sample.split in ("train", "test")
+    assert len({spec.sample(index).run["seed"] for index in range(5)}) == 5
     scene = tmp_path / "scene.toml"
     scene.write_text(scene_text(sample.scene))
     drawn, base = load_world(str(scene)), load_world("two-boxes")
@@ -62,7 +64,12 @@ def test_bundled_specifications_make_scenes(tmp_path, name):
 def test_the_hash_hangs_on_all_but_the_count(tmp_path):
     plain = spec_of(tmp_path)
     assert plain.job_hash(2) == spec_of(tmp_path, count=100).job_hash(2) != plain.job_hash(3)
-    for old, new in (("0.3", "0.31"), ("two-boxes", "cornell"), ("count = 6", "count = 6\nseeds = { noise = 1 }")):
+    for old, new in (
+        ("0.3", "0.31"),
+        ("two-boxes", "cornell"),
+        ("count = 6", "count = 6\nseeds = { noise = 1 }"),
+        ("count = 6", "count = 6\nreject = { nearest_m = 1.0 }"),
+    ):
         assert spec_of(tmp_path, _TEXT.replace(old, new)).digest != plain.digest
 
 

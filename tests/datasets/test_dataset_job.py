@@ -1,0 +1,94 @@
+"""A sequence's folder: what is there, what is made again, what killed ones left; simulation is a stand-in's."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from clsim.datasets import job
+from clsim.datasets.job import read_done, run_job, sequence_folder
+from clsim.datasets.measure import Figures
+from clsim.datasets.spec import Limits, load_spec
+
+_DATA = bytes(range(256)) * 5000  # more than a block
+
+
+@pytest.fixture
+def spec(tmp_path):
+    path = tmp_path / "a.toml"
+    path.write_text('[scene]\nbase = "still"\n')
+    return load_spec(str(path))
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Which samples were simulated."""
+    samples = []
+
+    def run(spec, sample, part, threads):
+        (part / "scene.toml").write_text("scene")
+        (part / f"attempt-{len(samples)}.h5").write_bytes(_DATA)
+        samples.append(sample)
+        return Figures(2, 1, 3, 0.1, 7, 4, float(len(samples)))
+
+    monkeypatch.setattr(job, "_run", run)
+    return samples
+
+
+def test_what_is_whole_is_not_made_again_unless_it_is_of_another_job(tmp_path, spec, made):
+    first = run_job(spec, 3, str(tmp_path), None)
+    assert run_job(spec, 3, str(tmp_path), None) == first == read_done(sequence_folder(tmp_path, 3), verify=True)
+    assert len(made) == 1
+    other = replace(spec, also=("a.csv",))
+    assert run_job(other, 3, str(tmp_path), None).job != first.job
+    assert len(made) == 2
+    assert read_done(sequence_folder(tmp_path, 3)).job == other.job_hash(3)
+
+
+def test_files_have_their_sizes_and_hashes(tmp_path, spec, made):
+    done = run_job(spec, 0, str(tmp_path), None)
+    assert done.files["attempt-0.h5"] == (len(_DATA), hashlib.sha256(_DATA).hexdigest())
+    assert set(done.files) == {"attempt-0.h5", "scene.toml"}
+    assert done.figures["events"] == 7 and done.cost["wall_s"] > 0
+
+
+def test_attempts_end_with_the_first_that_is_kept(tmp_path, spec, made):
+    done = run_job(replace(spec, reject=Limits(4, events_per_pixel_s=(2.5, 9.0))), 0, str(tmp_path), None)
+    assert done.kept and len(done.rejected) == 2
+    assert done.rejected[1] == "attempt 1: events_per_pixel_s is 2, expected 2.5 to 9"
+    assert set(done.files) == {"attempt-2.h5", "scene.toml"}
+    assert len({sample.run["seed"] for sample in made}) == 3
+
+
+def test_none_is_kept_when_all_are_rejected(tmp_path, spec, made):
+    done = run_job(replace(spec, reject=Limits(2, events_per_pixel_s=(99.0, 100.0))), 0, str(tmp_path), None)
+    assert not done.kept and done.files == {} and done.figures == {}
+    assert [each.name for each in sequence_folder(tmp_path, 0).iterdir()] == ["job.json"]
+
+
+def test_folders_of_killed_processes_go_and_those_of_others_stay(tmp_path, spec, made):
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    place = tmp_path / "sequences"
+    left, foreign, running = (
+        place / f".000000.{node}.{pid}.part"
+        for node, pid in ((platform.node(), ended.pid), ("elsewhere", ended.pid), (platform.node(), os.getppid()))
+    )
+    for each in (left, foreign, running):
+        each.mkdir(parents=True)
+    run_job(spec, 0, str(tmp_path), None)
+    assert not left.exists() and foreign.exists() and running.exists()
+
+
+def test_a_torn_sequence_gives_way(tmp_path, spec, made):
+    target = sequence_folder(tmp_path, 0)
+    target.mkdir(parents=True)
+    (target / "events.h5").write_bytes(b"torn")
+    done = run_job(spec, 0, str(tmp_path), None)
+    assert not (target / "events.h5").exists() and read_done(target, verify=True) == done

@@ -1,0 +1,65 @@
+"""Figures of a sequence against arrays that were written, and the limits on them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from clsim.datasets.measure import Figures, measure, reasons
+from clsim.datasets.spec import Limits
+
+_SUMMARY = SimpleNamespace(width=10, height=4, frames=6, simulated_s=0.5, events=400, on_events=100)
+
+
+def test_figures_are_those_of_the_arrays(tmp_path):
+    """Speeds of .05 to 9.95 px in even steps, of valid pixels; others are far faster."""
+    speed = np.arange(0.05, 10, 0.1)
+    flow = np.full((2, 4, 25, 2), 1000.0, np.float32)
+    valid = np.zeros((2, 4, 25), np.uint8)
+    for frame, half in enumerate((speed[:50], speed[50:])):
+        flow[frame, :2] = np.stack([0.6 * half, -0.8 * half], axis=-1).reshape(2, 25, 2)
+        valid[frame, :2] = 1
+    depth = np.full((2, 4, 25), 3.0, np.float32)
+    depth[1, 2, 7] = 0.25
+    with h5py.File(tmp_path / "events.h5", "w") as file:
+        file["frames/flow"], file["frames/flow_valid"], file["frames/depth"] = flow, valid, depth
+    figures = measure(tmp_path, _SUMMARY, SimpleNamespace(truth=("flow", "depth")))
+    assert figures.events_per_pixel_s == pytest.approx(400 / 40 / 0.5)
+    assert figures.flow_p95_px == pytest.approx(np.percentile(speed, 95), abs=1e-3)
+    assert figures.moving_share == pytest.approx(0.99)
+    assert figures.nearest_m == 0.25
+    assert (figures.frames, figures.duration_s, figures.on_events) == (6, 0.5, 100)
+
+
+def test_without_truth_nothing_is_told_of_it(tmp_path):
+    figures = measure(tmp_path, _SUMMARY, SimpleNamespace(truth=()))
+    assert (figures.flow_p95_px, figures.moving_share, figures.nearest_m) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "low", "high"),
+    [
+        ("events_per_pixel_s", 5.0, 0.9, 10.1),
+        ("flow_p95_px", 1.0, 0.99, 11.0),
+        ("moving_share", 10.0, 0.5, 10.5),
+    ],
+)
+def test_limits_keep_what_is_between_them(name, good, low, high):
+    limits = Limits(**{name: (1.0, 10.0)})
+    plain = Figures(1, 1, 1, 1.0, 1, 1, 1.0)
+    assert reasons(replace(plain, **{name: good}), limits) == []
+    for value in (low, high):
+        assert reasons(replace(plain, **{name: value}), limits) == [f"{name} is {value:.4g}, expected 1 to 10"]
+    if name != "events_per_pixel_s":
+        assert reasons(plain, limits) == [f"{name} is unknown, expected 1 to 10"]
+
+
+def test_a_camera_inside_of_something_is_refused():
+    limits, plain = Limits(nearest_m=0.2), Figures(1, 1, 1, 1.0, 1, 1, 1.0)
+    assert reasons(replace(plain, nearest_m=0.2), limits) == []
+    assert reasons(replace(plain, nearest_m=0.19), limits) == ["nearest_m is 0.19, expected at least 0.2"]
+    assert reasons(plain, limits) == ["nearest_m is unknown, expected at least 0.2"]
