@@ -17,6 +17,7 @@ from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
 
 _W, _H, _FRAME_US = 12, 9, 10_000
+_COST = {"cpu_s": 1.5, "wall_s": 2.5}
 
 
 def make_events(index):
@@ -45,7 +46,9 @@ def folder(tmp_path):
             file["frames/depth"] = np.arange(5)[:, None, None] + np.zeros((5, _H, _W), np.float32)
         data = path.read_bytes()
         files = {"events.h5": (len(data), hashlib.sha256(data).hexdigest())} if index != 3 else {}
-        done = Done(index, f"job {index}", "train" if index < 2 else "test", files, {"events": 500}, (), index != 3, {})
+        done = Done(
+            index, f"job {index}", "train" if index < 2 else "test", files, {"events": 500}, (), index != 3, _COST
+        )
         (place / "job.json").write_text(json.dumps(vars(done)))
     (sequence_folder(tmp_path, 4) / "events.h5").write_bytes(data[:-1])
     return tmp_path
@@ -69,6 +72,18 @@ def test_any_slice_of_time_has_its_events(folder):
         np.testing.assert_array_equal(sequence.events(), events)
         with pytest.raises(InputError, match="no truth 'flow', but depth, t"):
             sequence.truth("flow", 0)
+
+
+def test_times_of_a_file_may_begin_later(folder):
+    """As in DSEC: ``t`` counts from ``t_offset``."""
+    path, events = sequence_folder(folder, 0) / "events.h5", make_events(0)
+    with h5py.File(path, "r+") as file:
+        file["t_offset"][...] = 5_000_000
+    with Sequence(path) as sequence:
+        np.testing.assert_array_equal(sequence.events()["t"], events["t"] + 5_000_000)
+        few = sequence.events(5_012_345, 5_023_456)
+        assert len(few) == np.count_nonzero((events["t"] >= 12_345) & (events["t"] < 23_456))
+        assert sequence.end_us == events["t"][-1] + 5_000_000
 
 
 def test_slices_by_frames_bring_truth(folder):
@@ -135,6 +150,12 @@ def test_readers_in_workers_of_pytorch_share_sequences(folder, monkeypatch):
     for Loader.number in (0, 1):
         seen.append([each["sequence"] for each in Slices(folder, by="count", step=500)])
     assert seen == [[0, 2], [1]]
+    seen.clear()
+    for machine in (0, 1):
+        for Loader.number in (0, 1):
+            found = Slices(folder, by="count", step=500, worker=machine, workers=2)
+            seen.append([each["sequence"] for each in found])
+    assert seen == [[0], [1], [2], []]
 
 
 def test_shards_hold_the_same_slices(folder):
@@ -153,6 +174,13 @@ def test_shards_hold_the_same_slices(folder):
     assert set(samples[0]) >= {"events.h5", "json"}
 
 
+def test_shards_are_no_larger_than_asked_for(folder):
+    held = sum(sum(size for size, _ in done.files.values()) for done in scan(folder) if done.split == "train")
+    for size, count in ((held, 1), (held - 1, 2)):
+        shards = write_shards(folder, "parquet", size=size)
+        assert [each.name.startswith("train") for each in shards].count(True) == count
+
+
 def test_tables_of_events(folder):
     import pyarrow.parquet as parquet
 
@@ -169,6 +197,8 @@ def test_the_manifest_tells_what_is_whole(folder):
     assert [row["index"] for row in rows] == [0, 1, 2, 3]
     assert [row["kept"] for row in rows] == [True, True, True, False]
     assert rows[0]["path"] == "sequences/000000"
+    assert rows[0]["bytes"] == (sequence_folder(folder, 0) / "events.h5").stat().st_size
+    assert {name: rows[0][name] for name in (*_COST, "events")} == _COST | {"events": 500}
     assert [done.index for done in scan(folder)] == [0, 1, 2, 3]
 
 
