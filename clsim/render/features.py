@@ -27,6 +27,8 @@ class SceneFeatures:
         textures: some used material has a texture of any sort.
         checkers, images: some of these textures are checkerboards, or images.
         roughness_textures, emission_textures, normal_maps: some of them are of that use.
+        bump_maps: some used material's normals are bent by heights.
+        blends: some used material is a blend with another.
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
         mirrors: some used material has points with no lobe but perfectly smooth ones.
@@ -54,6 +56,8 @@ class SceneFeatures:
     roughness_textures: bool
     emission_textures: bool
     normal_maps: bool
+    bump_maps: bool
+    blends: bool
     alpha: bool
     transmission: bool
     mirrors: bool
@@ -119,6 +123,8 @@ class Features(SceneFeatures):
             (self.roughness_textures, "textures of roughness"),
             (self.emission_textures, "textures of emission"),
             (self.normal_maps, "normal maps"),
+            (self.bump_maps, "bump maps"),
+            (self.blends, "blends of materials"),
             (self.alpha, "cut-out and translucent surfaces"),
             (self.follow_specular, "features seen through mirrors and clear glass"),
             (self.dark_backs, "surfaces that are black behind"),
@@ -152,6 +158,10 @@ def _used_meshes(world: World) -> list[Mesh]:
 def _used_materials(world: World) -> list[Material]:
     meshes = _used_meshes(world)
     used = {int(i) for mesh in meshes for i in np.unique(mesh.material_ids)}
+    others = {world.materials[i].blend_with for i in used} - {-1}
+    while others - used:
+        used |= others
+        others = {world.materials[i].blend_with for i in used} - {-1}
     return [world.materials[i] for i in sorted(used)]
 
 
@@ -162,6 +172,8 @@ def textures_of(material: Material) -> dict[str, int]:
         "emission": material.emission_texture if max(material.emission) > 0 else -1,
         "roughness": material.roughness_texture if has_roughness(material) else -1,
         "normal": material.normal_texture,
+        "bump": material.bump_texture,
+        "blend": material.blend_texture if material.blend_with >= 0 else -1,
         "opacity": material.opacity_texture if material.alpha_mode != "opaque" else -1,
     }
     return {use: index for use, index in uses.items() if index >= 0}
@@ -233,7 +245,9 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         images=any(isinstance(texture, ImageTexture) for texture in textures),
         roughness_textures="roughness" in uses,
         emission_textures="emission" in uses,
-        normal_maps="normal" in uses,
+        normal_maps="normal" in uses or "bump" in uses,
+        bump_maps="bump" in uses,
+        blends=any(material.blend_with >= 0 for material in materials),
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),
         mirrors=any(may_be_mirror(material) for material in materials),

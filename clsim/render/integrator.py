@@ -13,6 +13,7 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.alpha import make_alpha
+from clsim.render.blends import FIRST, make_blends
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
@@ -68,6 +69,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     resolve, emitted, opacity, textured, resolve_mean = make_materials(features)
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
+    pick, mean_of_blend = make_blends(features, resolve, albedo_of)
     pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
     side = make_side(features)
     glossy = features.kinds != ("diffuse",)
@@ -177,9 +179,16 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 break
 
             point = face(surface_of(scene.geometry, hit, time), direction)
+            whole = point.material
+            if wp.static(features.blends):
+                chance = FIRST
+                if not only_look:
+                    chance = uniform2(stream, (depth + 1) * _DIMENSIONS + sampling.LOBE)[1]
+                point.material = pick(scene.materials, point, chance)
             if wp.static(features.normal_maps):
                 point.shading_normal = mapped_normal(scene.materials, point, -direction)
             bsdf = resolve(scene.materials, point)
+            point.material = whole
             followed = bool(False)
             looked_at = looking
             if looking:
@@ -188,9 +197,13 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 sample.depth = passed_m
                 sample.normal = point.shading_normal
                 sample.albedo = wp.cw_mul(tint, albedo_of(bsdf))
+                if wp.static(features.blends):
+                    sample.albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
                 looking = False
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
+                    if wp.static(features.blends):
+                        followed = followed and scene.materials.rows[whole].blend_with < 0
                     looking = followed
             if wp.static(features.triangle_lights):
                 radiance = emitted(scene.materials, point)

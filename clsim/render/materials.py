@@ -51,6 +51,11 @@ class MaterialRow:
     alpha_cutoff: float
     opacity: float
     normal_scale: float
+    bump_scale: float
+    blend_with: int
+    blend_share: float
+    blend_texture: int
+    bump_texture: int
     texture: int
     emission_texture: int
     roughness_texture: int
@@ -193,6 +198,8 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
         if wp.static(features.textures and not features.vertex_colors):
             row = materials.rows[material]
             found = row.texture >= 0 and row.roughness_texture < 0 and row.emission_texture < 0
+            if wp.static(features.blends):
+                found = found and row.blend_with < 0
         return found
 
     @wp.func

@@ -57,7 +57,8 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
     row.culled = int(material.back == "culled")
     row.alpha_mode = _ALPHA_MODES[material.alpha_mode]
     row.opacity = material.opacity
-    row.normal_scale = material.normal_scale
+    for name in ("normal_scale", "bump_scale", "bump_texture", "blend_with", "blend_share", "blend_texture"):
+        setattr(row, name, getattr(material, name))
     row.texture = material.texture
     row.emission_texture = material.emission_texture
     row.roughness_texture = material.roughness_texture if has_roughness(material) else -1

@@ -8,7 +8,16 @@ import numpy as np
 
 from clsim.scene.world import World
 
-TEXTURES = ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture")
+TEXTURES = (
+    "texture",
+    "emission_texture",
+    "roughness_texture",
+    "normal_texture",
+    "opacity_texture",
+    "bump_texture",
+    "blend_texture",
+)
+"""What of a material names a texture."""
 
 
 def describe(world: World) -> dict[str, Any]:

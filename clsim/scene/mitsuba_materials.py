@@ -52,6 +52,9 @@ class MaterialReader:
         if any(emission):
             # Mitsuba's area lights shine from the front alone, on whichever sides the bsdf scatters.
             material = replace(material, emission=emission, emission_texture=emission_texture, emits_behind=False)
+        return self._added(material)
+
+    def _added(self, material: Material) -> int:
         if material not in self._material_indices:
             self._material_indices[material] = len(self.materials)
             self.materials.append(material)
@@ -150,7 +153,14 @@ class MaterialReader:
         nested = self._nested(bsdf)
         if len(bsdf.of_kind("bsdf")) > 1:
             self._warn("a twosided bsdf with two sides of its own shows its first on both")
-        return replace(self._read(nested), back="same")
+        return self._twosided(self._read(nested))
+
+    def _twosided(self, material: Material) -> Material:
+        """Return a material that scatters behind as it does in front, and so does what it is a blend with."""
+        if material.blend_with >= 0:
+            other = self._twosided(self.materials[material.blend_with])
+            material = replace(material, blend_with=self._added(other))
+        return replace(material, back="same")
 
     def _read_mask(self, bsdf: Plugin) -> Material:
         """Opacity is the luminance of its texture's colours, as in Mitsuba, also where the image has an alpha."""
@@ -169,8 +179,29 @@ class MaterialReader:
         return replace(material, normal_texture=self._texture(texture, raw=True))
 
     def _read_bumpmap(self, bsdf: Plugin) -> Material:
-        self._warn("bump maps are left out")
-        return self._read(self._nested(bsdf))
+        material = self._read(self._nested(bsdf))
+        texture = next(iter(bsdf.of_kind("texture")), None)
+        if texture is None:
+            raise InputError(f"{bsdf.place}: the bsdf bumpmap has no texture")
+        if material.blend_with >= 0:
+            self._warn("bump maps of blends bend the first material alone")
+        return replace(material, bump_texture=self._texture(texture), bump_scale=bsdf.get("scale", 1.0))
+
+    def _read_blendbsdf(self, bsdf: Plugin) -> Material:
+        """The weight is that of the second."""
+        nested = bsdf.of_kind("bsdf")
+        if len(nested) != 2:
+            raise InputError(f"{bsdf.place}: the bsdf blendbsdf has {len(nested)} bsdfs inside, expected 2")
+        first, second = map(self._read, nested)
+        weight, texture = self._color(bsdf, "weight", 0.5)
+        share = min(max(_luminance(weight), 0.0), 1.0)
+        if first.blend_with >= 0:
+            if second.blend_with >= 0 or texture >= 0:
+                self._warn("of a blend within a blend, the first material stands in")
+                first = replace(first, blend_with=-1)
+            else:
+                first, second, share = second, first, 1.0 - share
+        return replace(first, blend_with=self._added(second), blend_share=share, blend_texture=texture)
 
     def _read_null(self, bsdf: Plugin) -> Material:
         return Material(alpha_mode="blend", opacity=0.0)

@@ -48,6 +48,9 @@ def _problems(world: World) -> Iterator[str]:
         yield from _motion_problems(name, instance.motion)
     for k, material in enumerate(world.materials):
         yield from _material_problems(f"material {material.name or k}", material, len(world.textures))
+        if not -1 <= material.blend_with < len(world.materials):
+            name = material.name or str(k)
+            yield f"material {name}: blends with {material.blend_with}, of {len(world.materials)} materials"
     for k, texture in enumerate(world.textures):
         yield from _texture_problems(f"texture {k}", texture)
     for k, light in enumerate(world.sphere_lights):
@@ -98,19 +101,28 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
         yield f"{name}: kind is {material.kind!r}, expected one of {', '.join(get_args(Kind))}"
     if material.alpha_mode not in get_args(AlphaMode):
         yield f"{name}: alpha_mode is {material.alpha_mode!r}, expected one of {', '.join(get_args(AlphaMode))}"
-    for key in ("texture", "emission_texture", "roughness_texture", "normal_texture", "opacity_texture"):
+    for key in (
+        "texture",
+        "emission_texture",
+        "roughness_texture",
+        "normal_texture",
+        "opacity_texture",
+        "bump_texture",
+        "blend_texture",
+    ):
         if not -1 <= getattr(material, key) < textures:
             yield f"{name}: {key} is {getattr(material, key)}, expected -1 or one of the {textures} textures"
     if not _within(material.color, 1.0):
         yield f"{name}: color is {material.color}, expected numbers from 0 to 1"
-    for key in ("alpha", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "opacity"):
+    for key in ("alpha", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "opacity", "blend_share"):
         if not _within((getattr(material, key),), 1.0):
             yield f"{name}: {key} is {getattr(material, key)}, expected a number from 0 to 1"
     # Beyond 1 a cut-off cuts everything, which glTF allows.
     if not _within((material.alpha_cutoff,)):
         yield f"{name}: alpha_cutoff is {material.alpha_cutoff}, expected a finite number from 0"
-    if not math.isfinite(material.normal_scale):
-        yield f"{name}: normal_scale is {material.normal_scale}, expected a finite number"
+    for key in ("normal_scale", "bump_scale"):
+        if not math.isfinite(getattr(material, key)):
+            yield f"{name}: {key} is {getattr(material, key)}, expected a finite number"
     if not 0 < material.ior < math.inf:
         yield f"{name}: ior is {material.ior}, expected a positive number"
     for key in ("emission", "eta", "k", "specular_color"):

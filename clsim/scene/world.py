@@ -121,6 +121,10 @@ class Material:
         specular_color: multiplies the specular lobe; of glass and panes what they reflect, of ``principled`` F0 and
             F90 of its dielectric layer.
         nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
+        bump_texture: its luminance is height over the surface, ``bump_scale`` metres for 1; it bends normals.
+        blend_with: index of another material of which this one is a blend; -1 for none. That may be one again.
+        blend_share: share of the other one; 0 … 1.
+        blend_texture: its luminance multiplies that share.
         alpha_mode: ``opaque``; ``mask`` cuts where opacity < ``alpha_cutoff``; ``blend`` lets that share through.
         opacity_texture: opacity is ``opacity`` times this texture's alpha channel.
     """
@@ -146,6 +150,11 @@ class Material:
     clearcoat_alpha: float = 0.0
     normal_texture: int = -1
     normal_scale: float = 1.0
+    bump_texture: int = -1
+    bump_scale: float = 1.0
+    blend_with: int = -1
+    blend_share: float = 0.5
+    blend_texture: int = -1
     alpha_mode: AlphaMode = "opaque"
     alpha_cutoff: float = 0.5
     opacity: float = 1.0

@@ -135,3 +135,32 @@ def test_sky_and_sun_alone(mi, tmp_path, kind):
     other = {"sky": "sun", "sun": "sky"}[kind]
     day = f'<emitter type="sunsky"><float name="{other}_scale" value="0"/></emitter>'
     assert_alike(mi, tmp_path, FLOOR + day, spp=1024, mean=0.02, block=0.05)
+
+
+ROUGH = """<bsdf type="roughconductor"><string name="material" value="Au"/><float name="alpha" value="0.2"/>
+    <string name="distribution" value="ggx"/></bsdf>"""
+SQUARES = """<texture type="checkerboard" name="weight"><rgb name="color0" value="0.9"/><rgb name="color1" value="0.1"/>
+    <transform name="to_uv"><scale value="4"/></transform></texture>"""
+
+
+@pytest.mark.parametrize("weight", ['<float name="weight" value="0.3"/>', SQUARES], ids=["even", "squares"])
+def test_blends(mi, tmp_path, weight):
+    """Gold over clay on a panel, evenly or in squares."""
+    place = '<transform name="to_world"><scale value="0.8"/><translate y="0.8"/></transform>'
+    clay = '<bsdf type="diffuse"><rgb name="reflectance" value="0.5, 0.2, 0.1"/></bsdf>'
+    both = f'<bsdf type="twosided"><bsdf type="blendbsdf">{weight}{clay}{ROUGH}</bsdf></bsdf>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + f'<shape type="rectangle">{place}{both}</shape>', spp=1024)
+
+
+def test_bump_maps(mi, tmp_path):
+    """Waves on a floor, under a lamp that grazes it: their slopes are seen."""
+    wave = np.sin(np.linspace(0, 12 * np.pi, 256, endpoint=False))
+    heights = np.rint(127.5 + 100 * wave[None, :] * np.ones((64, 1))).astype(np.uint8)
+    pytest.importorskip("PIL.Image").fromarray(heights).convert("RGB").save(tmp_path / "waves.png")
+    texture = """<texture type="bitmap" name="arbitrary"><string name="filename" value="waves.png"/>
+        <boolean name="raw" value="true"/></texture>"""
+    place = '<transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>'
+    bumpy = f'<bsdf type="bumpmap">{texture}<float name="scale" value="0.1"/>{DIFFUSE}</bsdf>'
+    sun = """<emitter type="directional"><vector name="direction" x="-1" y="-0.8" z="-0.3"/>
+        <rgb name="irradiance" value="3"/></emitter>"""
+    assert_alike(mi, tmp_path, f'<shape type="rectangle">{place}{bumpy}</shape>' + sun, spp=512)
