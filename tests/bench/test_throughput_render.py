@@ -42,6 +42,7 @@ def check(figures: dict[str, Any]) -> None:
     assert figures["build_s"] > 0
 
 
+@pytest.mark.slow
 def test_figures_are_there_and_both_trees_agree():
     figures = measure_world(bumpy_room(4_000, 24), spp=2, rounds=1, others={"another": lambda: 0.5})
     check(figures)

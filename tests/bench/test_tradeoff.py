@@ -160,6 +160,7 @@ def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch
     assert rendered == [8, 8] and len(measured) == 1, "points scored against another reference were taken for these"
 
 
+@pytest.mark.slow
 def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     renderings = [
         Rendering(4, "common", 0),

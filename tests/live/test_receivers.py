@@ -28,6 +28,7 @@ def sent(path: Path) -> np.ndarray:
     return events
 
 
+@pytest.mark.slow
 def test_the_faery_command_receives_a_run(tmp_path: Path) -> None:
     port, path = free_port(), tmp_path / "got.csv"
     command = f"-m faery input udp --dimensions {WIDTH}x{HEIGHT} 127.0.0.1:{port} output file {path}"

@@ -89,6 +89,7 @@ def test_shadows_let_their_share_of_light_through(light):
     assert np.all(hw.radiance(hw.render(shaded_floor(shut, **LIGHTS[light]), spp=64, max_depth=2)).mean() <= edge)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["mask", "blend"])
 def test_every_way_of_finding_light_agrees_behind_leaves(mode):
     """A lamp with holes of its own behind a screen with holes."""

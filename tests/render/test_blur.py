@@ -65,7 +65,7 @@ def swept_coverage(x, centre, shutter_s):
     return np.clip(np.minimum(end, half) - np.maximum(begin, -half), 0, None) / shutter_s
 
 
-@pytest.mark.parametrize("what", ["object", "camera"])
+@pytest.mark.parametrize("what", ["object", pytest.param("camera", marks=pytest.mark.slow)])
 def test_a_strip_in_uniform_motion_is_smeared_to_a_trapezium(what):
     """At frame 1 the strip is at x = .25 m, wherever it is the strip or the camera that moves."""
     if what == "object":
@@ -236,7 +236,11 @@ def test_blur_changes_nothing_where_nothing_moves():
     assert "motion blur" in describe_build(scene, RenderOptions())["left out"]
     sharp = hw.render(hw.with_camera(scene, view(shutter_s=0.0)), spp=4).planes
     np.testing.assert_array_equal(hw.render(scene, spp=4).planes, sharp)
-    # An object that rests while another moves stays as it was, bit for bit.
+
+
+@pytest.mark.slow
+def test_an_object_that_rests_while_another_moves_stays_as_it_was():
+    scene = strip(hw.IDENTITY, view())
     moving = replace(
         scene, meshes=(*scene.meshes, hw.ball(0.1)), instances=(*scene.instances, Instance(1, Glide((5, 0, -1))))
     )

@@ -16,6 +16,7 @@ from tools.golden_images import CHANNELS, block_means
 GOLDEN = Path(__file__).parent / "golden"
 
 
+@pytest.mark.usefixtures("anything")
 @pytest.mark.parametrize("scene", sorted(bundled_scenes()))
 def test_a_bundled_scene_looks_as_it_did(scene: str) -> None:
     golden = np.load(GOLDEN / f"{scene}.npy")

@@ -122,6 +122,7 @@ def test_what_cannot_be_traced_at_instants_is_told():
         Retracer(SceneData(blurred, instants=True), RenderOptions())
 
 
+@pytest.mark.slow
 def test_ways_on_the_image_are_those_of_the_pinhole():
     """A wall that goes to the right before a camera that goes back; at the pixels' middles, by plain projection."""
     wall = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))

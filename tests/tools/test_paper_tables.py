@@ -59,6 +59,7 @@ def test_the_table_says_what_detect_and_score_say(folder, monkeypatch, clsim):  
     assert (folder / plots[0]).read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_rendered_scene_against_its_own_reference(monkeypatch, capsys):
     make(monkeypatch, "rendered", "two-boxes", "--resolution", "12x8", "--frames", 3, "--spp", 2, "--reference-spp", 4,
          "--noise", "common", "--methods", "esim")  # fmt: skip
