@@ -11,6 +11,7 @@ from dataclasses import MISSING, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from clsim.errors import InputError
@@ -19,6 +20,25 @@ Options = TypeVar("Options")
 
 _LARGEST_WHOLE = (1 << 64) - 1
 _LONGEST_SHOWN = 200
+
+
+def read_text(path: Path, most_bytes: int, expected: str, name: str | None = None) -> str:
+    """Return the text of a user's file, which is ``expected``; ``name`` is what messages call it, if not by its path.
+
+    Raises:
+        InputError: it cannot be read, is larger than ``most_bytes``, or is no UTF-8.
+    """
+    name = name or str(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(most_bytes + 1)
+        if len(data) > most_bytes:
+            raise InputError(f"{name}: is larger than {most_bytes >> 20} MiB, expected {expected}")
+        return data.decode().replace("\r\n", "\n")
+    except OSError as error:
+        raise InputError(f"{name}: cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{name}: is not UTF-8 text (byte {error.start})") from None
 
 
 def from_plain(kind: type[Options], plain: Mapping[str, Any]) -> Options:

@@ -29,10 +29,12 @@ def main() -> None:
     hit = same & (expected["owner"] > 0)
     flow = test_truth.vectors(found, "Flow.forward.X", "Flow.forward.Y")
     normal = test_truth.vectors(found, "Truth.Nx", "Truth.Ny", "Truth.Nz")
+    albedo = test_truth.vectors(found, "Truth.Albedo.R", "Truth.Albedo.G", "Truth.Albedo.B")
     errors = {
         "depth, share of it": np.abs(found["Z"][hit] / expected["depth"][hit] - 1),
         "distance, share of it": np.abs(found["Truth.Depth"][hit] / expected["distance"][hit] - 1),
         "normal, difference of unit vectors": np.linalg.norm(normal - expected["normal"], axis=-1)[hit],
+        "albedo": np.abs(albedo - expected["albedo"]).max(axis=-1)[same],
         "flow [px]": np.linalg.norm(flow - expected["flow"], axis=-1)[same],
     }
     print("| plane | median | 99th percentile | largest |\n|---|---|---|---|")

@@ -15,8 +15,9 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.scene.driven import place_of
 from clsim.scene.motion import Motion
-from clsim.scene.trajectory import MAX_BYTES, Axes, Interpolation, Timed, joined, read_text, read_tum
+from clsim.scene.trajectory import MAX_BYTES, Axes, Interpolation, Timed, joined, read_tum
 from clsim.scene.world import World
+from clsim.values import read_text
 
 ENDINGS = (".txt", ".tum", ".csv", ".npz", ".glb", ".gltf")
 _UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -82,7 +83,7 @@ def _read_csv(path: Path) -> list[Timed]:
 
 def _rows(path: Path) -> list[list[str]]:
     try:
-        return list(csv.reader(read_text(path).splitlines()))
+        return list(csv.reader(read_text(path, MAX_BYTES, "a trajectory").splitlines()))
     except csv.Error as error:
         raise InputError(f"{path}: is not CSV ({error})") from None
 

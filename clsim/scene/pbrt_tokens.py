@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.files import named_file
+from clsim.values import read_text
 
 MAX_BYTES = 512 << 20
 MAX_INCLUDES = 1000
@@ -183,14 +184,7 @@ def fail(token: Token, expected: str) -> NoReturn:
 
 
 def _tokens(path: Path) -> Iterator[Token]:
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a pbrt scene")
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+    text = read_text(path, MAX_BYTES, "a pbrt scene")
     at, line = 0, 1
     while at < len(text):
         match = TOKEN.match(text, at)

@@ -53,6 +53,7 @@ from clsim.scene.world import (
     Vec3,
     World,
 )
+from clsim.values import read_text
 
 if TYPE_CHECKING:  # pydantic costs a third of the start-up, and only scenes from TOML need it
     from clsim.scene import schema
@@ -64,16 +65,9 @@ NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 def read_toml(path: Path) -> dict[str, Any]:
     """Read a TOML file; raises InputError that names the file and line."""
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
+    text = read_text(path, MAX_BYTES, "a scene's TOML")
     try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-        if len(data) > MAX_BYTES:
-            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a scene's TOML")
-        parsed: dict[str, Any] = tomllib.loads(data.decode())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
+        parsed: dict[str, Any] = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise InputError(f"{path}: is not valid TOML: {error}") from None
     return parsed

@@ -11,6 +11,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.motion import Keyframes, Matrix, Motion, Quaternion, Static, Vec3, compose, look_at, rotation_matrix
+from clsim.values import read_text
 
 MAX_BYTES = 256 << 20
 Interpolation = Literal["linear", "cubic"]
@@ -99,23 +100,11 @@ def read_tum(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation 
         InputError: naming file and line.
     """
     poses: list[Timed] = []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, MAX_BYTES, "a trajectory").splitlines(), start=1):
         words = line.split()
         if words and not words[0].startswith("#"):
             poses.append(_line(f"{path}:{number}", words))
     return joined(path, poses, axes, interpolation)
-
-
-def read_text(path: Path) -> str:
-    """Return a trajectory's text; raises InputError where it is none, or too large."""
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: is larger than {MAX_BYTES >> 20} MiB, expected a trajectory")
-        return path.read_text("utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: is not UTF-8 text (byte {error.start})") from None
 
 
 def joined(path: Path, poses: list[Timed], axes: Axes, interpolation: Interpolation) -> Motion:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from clsim.errors import InputError
 from clsim.truth.record import ImuNoise
+from clsim.values import read_text
 
 _MAX_BYTES = 1 << 20
 
@@ -18,15 +19,7 @@ def read_imu_noise(name: str) -> ImuNoise:
     Raises:
         InputError: the file cannot be read, or a density is missing or no number.
     """
-    path = Path(name)
-    try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise InputError(f"`imu_noise` {name}: is larger than {_MAX_BYTES >> 20} MiB, expected Kalibr's imu.yaml")
-        text = path.read_text("utf-8")
-    except OSError as error:
-        raise InputError(f"`imu_noise` {name}: cannot be read ({error.strerror})") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"`imu_noise` {name}: is not UTF-8 text (byte {error.start})") from None
+    text = read_text(Path(name), _MAX_BYTES, "Kalibr's imu.yaml", f"`imu_noise` {name}")
     lines = (line.split("#")[0].partition(":") for line in text.splitlines())
     told = {key.strip(): value.strip() for key, colon, value in lines if colon}
     found = {}

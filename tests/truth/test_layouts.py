@@ -280,6 +280,7 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
     """No camera in the file, flow in the npz alone and at times of its own, pictures at others, epoch's seconds."""
     expected = recorded(tmp_path / "made.mvsec")
     start_s, shots = 1.5e9, expected.shots
+    expected.events["t"][shots[1].event_index] = shots[1].time_us  # one at a frame's very time
     home = tmp_path / "outdoor_day1.mvsec"
     home.mkdir()
     t = expected.events["t"] * 1e-6 + start_s
@@ -315,6 +316,7 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
     origin_us = round(start_s * 1e6)
     for shot in found:
         assert shot.event_index == np.count_nonzero(expected.events["t"] < shot.time_us - origin_us)
+    assert shots[1].time_us + origin_us in [shot.time_us for shot in found]
     truths = [shot for shot in found if "flow" in shot.planes]
     for shot, given_shot, flow in zip(truths, shots, flows, strict=True):
         assert np.array_equal(shot.planes["depth"], given_shot.planes["depth"])
