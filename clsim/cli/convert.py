@@ -32,14 +32,22 @@ def convert(
     Examples: `clsim convert events.aedat4 events.h5`, `clsim convert tcp://127.0.0.1:7777 recording.aedat4`,
     `clsim convert run.h5 run.dsec`
     """
-    if layout_of(target) is not None and recording_kind(source) is not None:
+    layout = layout_of(target)
+    if layout is not None and recording_kind(source) is not None:
         return _convert_truth(source, target)
     from rich.console import Console
 
+    from clsim.errors import InputError
     from clsim.events import SinkError
     from clsim.events.copy import Copied, convert_events
+    from clsim.events.files import ENDINGS
     from clsim.events.outputs import FileOptions
 
+    if layout is not None and format is None and not target.lower().endswith(ENDINGS):
+        raise InputError(
+            f"{target}: is a layout of truth, and {source} is no recording with truth that can be read back; expected "
+            "an event file, such as events.h5"
+        )
     console = Console(stderr=True)
     size = None if resolution is None else parse.resolution(resolution)
     started_s = told_s = time.monotonic()

@@ -64,6 +64,8 @@ FORMATS = (
     FileFormat("bag", (".bag",), "bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
 )
 """Every format, in the order help texts list them."""
+ENDINGS = tuple(ending for each in FORMATS for ending in each.endings)
+"""Those of all their names."""
 BAGS = ("mcap", "db3", "bag")
 """Those that are bags of ROS."""
 
@@ -127,8 +129,9 @@ def format_of(path: Path) -> FileFormat:
     for candidate in FORMATS:
         if path.name.lower().endswith(candidate.endings):
             return candidate
-    endings = ", ".join(ending for candidate in FORMATS for ending in candidate.endings)
-    raise InputError(f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {endings}')
+    raise InputError(
+        f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {", ".join(ENDINGS)}'
+    )
 
 
 def format_named(name: str) -> FileFormat:

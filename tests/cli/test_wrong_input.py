@@ -95,6 +95,7 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", *SMALL, "--format", "evt2", "--out", "-"], "--format is for files"),
         (["detect", "{}/frames", "--text-time", "s", "--out", "{}/x.es"], "--text-time is for text"),
         (["convert", "{}/a.txt", "{}/x.es", "--text-time", "s"], "--text-time is for text"),
+        (["convert", "{}/a.txt", "{}/x.dsec"], "x.dsec: is a layout of truth"),
         (["live"], "which scene?"),
         (["detect"], "Missing"),
         (["live", "still", "--no-such-option"], "--no-such-option"),

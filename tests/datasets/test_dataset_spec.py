@@ -50,6 +50,13 @@ def test_a_bases_camera_gives_way_to_a_place_that_is_drawn(tmp_path):
     assert "fov_deg = 50.0" in text
 
 
+def test_objects_that_are_drawn_join_those_of_the_base(tmp_path):
+    more = {"name": "more", "shape": "box", "size": [0.1, 0.1, 0.1]}
+    path = tmp_path / "a.toml"
+    path.write_text(scene_text({"base": "two-boxes", "objects": [more]}))
+    assert len(load_world(str(path)).instances) == len(load_world("two-boxes").instances) + 1
+
+
 @pytest.mark.parametrize("name", sorted(bundled_specs()))
 def test_bundled_specifications_make_scenes(tmp_path, name):
     spec = load_spec(name)
