@@ -341,7 +341,9 @@ def test_the_build_is_described():
     ]
     lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "lens distortion"]
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "light kept on surfaces"]
-    assert facts["left out"] == [*(f"{kind} materials" for kind in others), *backs, *lenses, *sampling]
+    kinds = [f"{kind} materials" for kind in others]
+    maps = ["bump maps", "blends of materials"]
+    assert facts["left out"] == ["colours of vertices", *kinds, *maps, *backs, *lenses, *sampling]
     assert sampling[1] in describe_build(scene, RenderOptions(first_hit_rays=4))["built in"]
     mapped = replace(rich, environment_map=EnvironmentMap(np.ones((1, 1, 3), np.float32), np.eye(3)))
     assert "constant environment" in describe_build(mapped, RenderOptions())["left out"]
