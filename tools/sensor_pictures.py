@@ -1,26 +1,28 @@
-"""The pictures of docs/sensor.md: what each stage does to the same moving disc, and a scene seen by two sensors.
+"""The pictures of docs/sensor.md: what each stage does to the same moving disc, and the live view with two sensors.
 
 python tools/sensor_pictures.py stages docs/images/sensor-stages.png
-python tools/sensor_pictures.py scene docs/images/sensor-two-boxes.png
+python tools/sensor_pictures.py view docs/images/sensor-view.png      # needs Chromium
 python tools/sensor_pictures.py costs      # prints what a step of the disc costs with each stage [ms of CPU]
 """
 
 from __future__ import annotations
 
+import subprocess
 import sys
+import tempfile
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
-import clsim
 from clsim.sensor import SensorSettings, load_sensor
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
-from clsim.sensor.settings import Optics, Readout
+from clsim.sensor.settings import Readout
 
 SIZE = (160, 120)
 STEP_US, SHOWN_US, END_US = 1000, 15_000, 120_000
@@ -103,20 +105,25 @@ def costs(rounds: int = 2) -> None:
         print(f"| {title} | {1e3 * float(np.median(seconds)):.1f} |")
 
 
-def scene() -> Image.Image:
-    """Return 10 ms of a bundled scene, seen by the ideal sensor and by a camera's, through the same lens."""
-    davis = load_sensor("davis346")
-    size = (davis.optics.width or 0, davis.optics.height or 0)
-    shown = []
-    for settings in (SensorSettings(optics=Optics(*size, None, davis.optics.fov_deg)), davis):
-        with clsim.stream("two-boxes", duration_s=0.2, sensor=settings) as run:
-            events = np.concatenate(list(run))
-        shown.append(titled(picture(events[events["t"] > 190_000], size), settings.name, 2))
-    return sheet(shown, 2)
+def view() -> Image.Image:
+    """Return the live view's page before the ideal sensor and before a camera's, through the same lens."""
+    optics = load_sensor("davis346").optics
+    with tempfile.TemporaryDirectory() as folder:
+        ideal = Path(folder, "ideal.toml")
+        ideal.write_text(f"[optics]\nwidth = {optics.width}\nheight = {optics.height}\nfov_deg = {optics.fov_deg}\n")
+        shown = []
+        for sensor in (str(ideal), "davis346"):
+            shot = Path(folder, "page.png")
+            how = ("--live", "--wait", "25", "--size", "1100x760", "--theme", "light", "--sensor", sensor)
+            script = Path(__file__).with_name("screenshot_view.py")
+            subprocess.run([sys.executable, str(script), "two-boxes", str(shot), *how], check=True)
+            shown.append(Image.open(shot).convert("RGB"))
+    out = sheet(shown, 2)
+    return out.resize((1800, 1800 * out.height // out.width), Image.Resampling.LANCZOS).quantize(128, dither=0)
 
 
 if __name__ == "__main__":
     if sys.argv[1] == "costs":
         costs()
     else:
-        {"stages": stages, "scene": scene}[sys.argv[1]]().save(sys.argv[2], optimize=True)
+        {"stages": stages, "view": view}[sys.argv[1]]().save(sys.argv[2], optimize=True)

@@ -19,9 +19,12 @@ _HOT_SIGMAS = 5.0
 _SMALLEST_SIGMA = 0.1 * _DECADE
 _FEWEST_OF_HOT = 10
 _FEWEST_EVENTS = 100
+_FEW_EACH = 4
+"""Events of a median pixel, below which their number says little of its rate."""
+_USUAL_SIGMA, _CHANCE = 0.25 * _DECADE, 1e-9
+_ROUNDS = 5
+"""In which the mean without hot pixels settles."""
 _RESAMPLED = 100
-_ROUNDED = 1 / 6
-"""Variance of the number of periods, from a phase at random, in a time that is no whole number of them."""
 _FEW = 1e-3
 """Noise events in a period of leak, below which they change nothing."""
 
@@ -139,12 +142,29 @@ def fit_still(counts: Counts) -> StillFit:
 
 def _hot_pixels(counts: Counts) -> npt.NDArray[np.bool_]:
     total = (counts.on + counts.off).astype(np.float64)
+    if np.median(total) < _FEW_EACH:
+        return _hot_of_few(total)
     # Pixels that never fired are as quiet as those that fired once, for all that is known.
     logs = np.log(np.maximum(total, 1.0))
     low, middle = np.quantile(logs, [0.16, 0.5])
     # Of the quiet side alone: hot pixels lie on the other. Counting itself spreads by the root of the count.
     sigma = max(middle - low, _SMALLEST_SIGMA, math.exp(-middle / 2))
     return np.asarray((total >= _FEWEST_OF_HOT) & (logs > middle + _HOT_SIGMAS * sigma))
+
+
+def _hot_of_few(total: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which pixels are hot where most fired so seldom that their counts do not tell how rates spread.
+
+    Rates are taken to spread as a measured camera's: a pixel is hot that fires more often than chance lets one do whose
+    rate is `_HOT_SIGMAS` of that above the mean of those that are not hot.
+    """
+    from scipy.special import pdtrik
+
+    hot = np.zeros(total.shape, bool)
+    for _ in range(_ROUNDS):
+        highest = total[~hot].mean() * math.exp(_HOT_SIGMAS * _USUAL_SIGMA)
+        hot = total >= max(_FEWEST_OF_HOT, pdtrik(1 - _CHANCE, highest))
+    return hot
 
 
 def _rates(on: FloatArray, off: FloatArray, seconds: float) -> tuple[float, float, float, float]:
@@ -157,10 +177,18 @@ def _rates(on: FloatArray, off: FloatArray, seconds: float) -> tuple[float, floa
     if leaked <= 0:
         return noise_hz, noise_sigma / _DECADE, 0.0, 0.0
     of_noise = noise + noise**2 * math.expm1(noise_square)
-    leak_square = math.log1p(max(on.var() - of_noise - _ROUNDED, 0.0) / leaked**2)
+    leak_square = math.log1p(max(on.var() - of_noise - _rounded(leaked), 0.0) / leaked**2)
     start = math.log(leaked / seconds) - leak_square / 2, max(math.sqrt(leak_square), 0.01)
     leak_hz, leak_sigma = _leak_of(on.mean(), on.var(), seconds, 2 * noise_hz, noise_sigma, start)
     return noise_hz, noise_sigma / _DECADE, leak_hz, leak_sigma / _DECADE
+
+
+def _rounded(periods: float) -> float:
+    """Return the variance of the number of periods, from a phase at random, in a time of so many of them, on average.
+
+    Over times of many kinds it is 1/6; in less than a period there is one or none.
+    """
+    return min(1 / 6, periods * (1 - periods)) if periods < 1 else 1 / 6
 
 
 def _leak_of(
@@ -182,7 +210,8 @@ def _leak_of(
         rate, fano = _on_events(noise, np.exp(guess[0] + guess[1] * nodes))
         counts = rate * seconds
         found = (both * counts).sum()
-        spread = (both * counts**2).sum() - found**2 + (both * fano).sum() * seconds + _ROUNDED
+        periods = float((weights * np.exp(guess[0] + guess[1] * nodes)).sum()) * seconds
+        spread = (both * counts**2).sum() - found**2 + (both * fano).sum() * seconds + _rounded(periods)
         return np.array([found / mean - 1, (spread - variance) / mean**2])
 
     found = least_squares(misses, start, bounds=([-np.inf, 0.0], [np.inf, np.inf]), x_scale=(1.0, 0.1)).x

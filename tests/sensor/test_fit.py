@@ -85,6 +85,26 @@ def test_hot_pixels_are_found(still):
     assert abs(still.hot_decades[0] - 0.3) < 4 * still.hot_decades[1] < 0.3
 
 
+def test_hot_pixels_are_found_in_half_a_second():
+    # Pixels fire once in ten seconds, and 20 of them 200 times a second: most never fire.
+    generator, shape = np.random.default_rng(2), (100, 200)
+    rates = 0.1 * 10 ** generator.normal(0, 0.25, shape)
+    rates[::5, ::200] = 200.0
+    found = fit_still(Counts(*generator.poisson(0.3 * rates, (2, *shape)), 0.6))
+    np.testing.assert_array_equal(found.hot, rates == 200)
+    assert found.noise_hz[0] == pytest.approx(0.05, rel=0.3) and found.hot_hz[0] == pytest.approx(200, rel=0.1)
+
+
+def test_a_leak_is_found_in_less_than_its_period():
+    # 0.1 Hz over 0.6 s: one pixel in seventeen fires once.
+    settings = SensorSettings(noise=Noise(0.02, 0.02), leak=Leak(0.1, 0.1))
+    counts = Counts.of_size(240, 180)
+    lab = Lab(settings, 240, 180)
+    counts.add([lab.to(t, 0.0).events for t in (0, 600_000)])
+    found = fit_still(counts)
+    assert found.leak_hz[0] == pytest.approx(0.1, rel=0.15) and near(found.noise_hz, 0.02, rel=0.05)
+
+
 def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
     found = flicker
     assert found.frequency_hz == pytest.approx(LAMP_HZ, rel=1e-4)

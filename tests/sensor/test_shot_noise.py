@@ -140,6 +140,29 @@ def test_noise_fires_about_as_often_as_v2e_found(ratio):
     assert V2E[ratio] < per_hz < 1.16 * V2E[ratio]
 
 
+@pytest.mark.slow
+def test_noise_against_light_has_the_shape_that_was_measured():
+    # Of an unnamed camera, by the arrays of IEBCS (0.1 lux: 5.0 Hz ON, 3.7 Hz OFF of a median pixel, a quarter of a
+    # decade of spread; 161 lux and 3 klux: 0.1 Hz ON, and 0.2 % and none of the pixels with an OFF event).
+    settings = SensorSettings(
+        threshold=Threshold(0.2, 0.2, mismatch=0.022),
+        front_end=FrontEnd(0.1, 300.0, 30.0),
+        noise=Noise(shot=0.11),
+        leak=Leak(0.1, 0.25),
+    )
+    for lux, seconds in ((0.1, 20), (161.0, 60), (3000.0, 60)):
+        bench = Benchtop(settings, 900, on=THETA, off=THETA)
+        level = math.log(lux / 100)
+        bench.along([0, 1_000_000], [level] * 2)
+        events = bench.along([1_000_000 + seconds * 200_000 * k for k in range(1, 6)], [level] * 5)
+        on, off = (np.bincount(events["x"][events["on"] == up], minlength=900) / seconds for up in (True, False))
+        if lux == 0.1:
+            assert np.median(on) == pytest.approx(5.0, rel=0.3) and np.median(off) == pytest.approx(3.7, rel=0.3)
+            assert (on + off > 0).all() and 0.15 < np.std(np.log10(on + off)) < 0.35
+        else:
+            assert np.median(on) == pytest.approx(0.1, rel=0.2) and (off > 0).mean() < 0.003
+
+
 def test_a_step_amid_noise_is_late_by_a_jitter_that_theory_gives():
     # σ τ / (s - θ): noise over how steep the filter's output is where it crosses.
     sigma, step = 0.01, 0.5
