@@ -18,7 +18,7 @@ _CELL_PX = 4.0
 """Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
 _CELLS_PER_PIXEL = 8
 _LARGEST_TABLE = 1 << 22
-"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 256 MiB."""
+"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
 
 

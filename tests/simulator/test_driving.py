@@ -1,6 +1,7 @@
 """What is set from outside: poses, light, and the clock."""
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from clsim.driving import Driving
 from clsim.errors import Error, InputError
 from clsim.render import SceneData
 from clsim.render.placement import place
-from clsim.scene import Camera, Material
+from clsim.scene import Camera, Material, load_world
 from clsim.scene.driven import Driven, place_of, placed
 from clsim.scene.motion import Static, compose, look_at, rotation_matrix
 from clsim.scene.shapes import box
@@ -51,6 +52,19 @@ def test_pixels_traced_between_frames_are_driven_too(tmp_path: Path) -> None:
             by_hand.set_pose("box", pose)
             parts.append(by_hand.step(at_us).tobytes())
     assert b"".join(parts) == expected and len(expected) > 10_000
+
+
+def test_poses_of_the_whole_exposure_are_kept(tmp_path: Path) -> None:
+    """A frame that exposes for longer than a step needs poses of steps before."""
+    world = load_world(str(scene(tmp_path)))
+    world = replace(world, camera=replace(world.camera, shutter_s=0.01))
+    driving = Driving(world)
+    for k in range(30):
+        driving.set_place("box", ((0.1 * k, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0), 1000 * k, None)
+    driving.forget_before(20_000)
+    for time_us in (10_000, 15_500, 20_000, 29_000):
+        assert driving.pose("box", time_us)[0, 3] == pytest.approx(1e-4 * time_us)
+    assert driving.pose("box", 8_000)[0, 3] == pytest.approx(1.0), "older ones are let go"
 
 
 def test_poses_turn_by_slerp_and_grow_evenly() -> None:
