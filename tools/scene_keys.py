@@ -193,6 +193,12 @@ that to what your sensor should see. The ground below the horizon is black: give
 A value such as `$spp` for which a file has no default is given after its name, in every command:
 `clsim live 'scene.xml#spp=64&width=320'`.
 
+## Large scenes
+
+Objects that stand still are one mesh, those that move share the triangles of their file. A height field of 10 million
+triangles takes 1.9 GB in all and 15 seconds of one core until its first frame, and then .6 million paths a second and
+core (8 paths a pixel, 96×72; 1 million triangles: .43 GB, 4 s, 1.0 million).
+
 ## What glass does to light
 
 Point, spot and directional lights do not shine through glass, neither panes nor solid glass (Mitsuba and pbrt agree):

@@ -18,12 +18,12 @@ def instanced(**arrays):
 
 
 def test_copies_of_a_mesh_stand_where_the_file_says(tmp_path):
-    """A quarter turn about z, twice as large, two to the right, within the node; and one that is stretched."""
+    """Twice as wide, then a quarter turn about z, then two to the right, within the node; and one that is stretched."""
     half = 0.5**0.5
     tree = instanced(
         TRANSLATION=[(2.0, 0.0, 0.0), (0.0, 1.0, 0.0)],
         ROTATION=[(0.0, 0.0, half, half), (0.0, 0.0, 0.0, 1.0)],
-        SCALE=[(2.0, 2.0, 2.0), (1.0, 3.0, 1.0)],
+        SCALE=[(2.0, 1.0, 1.0), (1.0, 3.0, 1.0)],
     )
     world = load_gltf(write_gltf(tmp_path, tree))
     assert [instance.name for instance in world.instances] == ["node[0]", "node[1]"] and world.warnings == ()
@@ -31,7 +31,7 @@ def test_copies_of_a_mesh_stand_where_the_file_says(tmp_path):
         world.meshes[each.mesh].vertices @ each.motion.pose(0.0)[:3, :3].T + each.motion.pose(0.0)[:3, 3]
         for each in world.instances
     ]
-    np.testing.assert_allclose(corners[0], [(2, 0, 5), (2, 4, 5), (0, 0, 5)], atol=1e-6)
+    np.testing.assert_allclose(corners[0], [(2, 0, 5), (2, 4, 5), (1, 0, 5)], atol=1e-6)
     np.testing.assert_allclose(corners[1], [(0, 1, 5), (2, 1, 5), (0, 4, 5)], atol=1e-6)
     assert world.instances[0].mesh != world.instances[1].mesh, "what is stretched is a mesh of its own"
 

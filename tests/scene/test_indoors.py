@@ -47,6 +47,13 @@ def test_the_camera_stands_in_a_closed_room(tmp_path: Path) -> None:
     assert (place - lamp.radius_m > 0).all() and (place + lamp.radius_m < (6.0, 3.0, 4.0)).all()
 
 
+def test_the_camera_stands_where_most_room_is(tmp_path: Path) -> None:
+    """Of the places at shares of .3, .5, .7, and .4 or .6 of the height, the middle of a high room is 2 m from all."""
+    world = load_world(write_obj(tmp_path / "hall.obj", box_of((6.0, 6.0, 4.0), inwards=True)))
+    places = np.array([world.camera.motion.pose(t)[:3, 3] for t in np.linspace(0, ORBIT_S, 25)[:-1]])
+    np.testing.assert_allclose(places.mean(axis=0), (3.0, 2.4, 2.0), atol=1e-6)
+
+
 def test_solid_things_and_open_ones_are_seen_from_outside(tmp_path: Path) -> None:
     corners, faces = box_of((6.0, 3.0, 4.0), inwards=True)
     for name, boxes in (
