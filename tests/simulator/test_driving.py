@@ -208,17 +208,27 @@ def test_every_sort_of_light_has_its_own(tmp_path: Path) -> None:
     assert data.scene.lights.punctual.intensity.numpy().tolist() == [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]
 
 
+def drive(run: clsim.Simulator) -> list[bytes]:
+    """Move the box sideways, and return the events of each step of 5 ms."""
+    events = []
+    for number in range(1, 4):
+        run.set_pose("box", ((0.02 * number, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+        events.append(run.step(5_000 * number).tobytes())
+    return events
+
+
+@pytest.mark.slow
+def test_flow_to_the_next_frames_time_does_not_fix_what_is_there_then(tmp_path: Path) -> None:
+    """For its sake the scene is moved to that time before the pose that will be there is set."""
+    options: dict[str, Any] = {"clock": "caller", "fps": 200.0}
+    with simulator(tmp_path, **options) as plain, simulator(tmp_path, truth=("flow",), **options) as run:
+        events = drive(run)
+        assert events == drive(plain) and len(b"".join(events)) > 100
+
+
 @pytest.mark.slow
 def test_truth_follows_what_is_set_and_changes_no_event(tmp_path: Path) -> None:
     """The box goes sideways across the view, so its front moves by focal length × way ÷ depth."""
-
-    def drive(run: clsim.Simulator) -> list[bytes]:
-        events = []
-        for number in range(1, 4):
-            run.set_pose("box", ((0.02 * number, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
-            events.append(run.step(5_000 * number).tobytes())
-        return events
-
     with simulator(tmp_path) as plain, simulator(tmp_path, truth=("depth", "ids", "backward-flow")) as run:
         events = drive(run)
         assert events == drive(plain) and len(b"".join(events)) > 100
