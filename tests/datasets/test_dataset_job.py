@@ -12,6 +12,7 @@ from dataclasses import replace
 import pytest
 
 from clsim.datasets import job
+from clsim.datasets.engine import Progress, _missing
 from clsim.datasets.job import read_done, run_job, sequence_folder
 from clsim.datasets.measure import Figures
 from clsim.datasets.spec import Limits, load_spec
@@ -92,3 +93,14 @@ def test_a_torn_sequence_gives_way(tmp_path, spec, made):
     (target / "events.h5").write_bytes(b"torn")
     done = run_job(spec, 0, str(tmp_path), None)
     assert not (target / "events.h5").exists() and read_done(target, verify=True) == done
+
+
+def test_what_is_there_is_counted_before_more_is_made(tmp_path, spec, made):
+    picky = replace(spec, count=4, reject=Limits(1, events_per_pixel_s=(2.0, 9.0)))
+    for index in (0, 1):  # the stand-in's first one is rejected
+        run_job(picky, index, str(tmp_path), None)
+    run_job(replace(spec, count=4), 2, str(tmp_path), None)  # of another specification
+    progress = Progress(4)
+    assert _missing(picky, tmp_path, False, progress) == [2, 3]
+    assert (progress.whole, progress.found, progress.rejected) == (2, 2, 1)
+    assert not sequence_folder(tmp_path, 2).exists()

@@ -153,6 +153,20 @@ def test_any_bytes_are_events_or_a_value_error(data, ros, kind):
             messages.MessageDecoder(ros, kind).decode(start + data)
 
 
+def test_ns_of_a_packet_and_its_base_are_added_before_they_become_us():
+    """Cameras' clocks do not tick in whole µs: 1.5 + .7 µs is 2 µs."""
+    words = np.array([700, 400 | 3 << 32 | 5 << 48 | 1 << 63], "<u8")
+    data = messages.packet_bytes(2, messages.Sensor(9, 8), 0, 1, "mono", words.tobytes())
+    at = data.index((1000).to_bytes(8, "little"))
+    data = data[:at] + (1500).to_bytes(8, "little") + data[at + 8 :]
+    found = messages.MessageDecoder(2, messages.PACKET).decode(data)
+    assert found.tolist() == [(2, 0, 0, False), (1, 3, 5, True)]
+
+
+def test_the_last_us_of_a_second():
+    assert messages.stamp(1_999_999) == (1, 999_999_000)
+
+
 def test_silence_at_the_end_is_told(tmp_path):
     from clsim.events.files import open_sink
 
