@@ -7,9 +7,11 @@ import importlib.util
 import itertools
 import json
 import logging
+import math
 import os
 import shutil
 import tempfile
+import time
 import uuid
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
@@ -27,6 +29,8 @@ _ROUNDS = 3
 """How often what is missing is tried, after tasks that ended badly."""
 _AHEAD = 4
 """Tasks for each worker that wait at the scheduler."""
+_ASK_S = 2.0
+"""How often the scheduler is asked how many workers there are: they come and go."""
 _LOST = "the scheduler has gone; what is whole is kept, and the same command with a new one goes on"
 
 
@@ -222,10 +226,13 @@ def _round(
     of: dict[Any, int] = {}
     again: list[int] = []
     running = as_completed()
+    workers, asked_s = 0, -math.inf
 
     def submit() -> None:
-        ahead = _AHEAD * max(1, len(client.scheduler_info(n_workers=-1)["workers"])) - len(of)
-        for index in itertools.islice(waiting, max(0, ahead)):
+        nonlocal workers, asked_s
+        if time.monotonic() - asked_s > _ASK_S:
+            workers, asked_s = len(client.scheduler_info(n_workers=-1)["workers"]), time.monotonic()
+        for index in itertools.islice(waiting, max(0, _AHEAD * max(1, workers) - len(of))):
             key = f"clsim-{spec.job_hash(index)}-{uuid.uuid4()}"  # tasks of one key are made once
             future = client.submit(run_task, spec, index, str(out), threads, key=key)
             of[future] = index
