@@ -72,8 +72,8 @@ def test_sequences_outside_the_limits_are_told_with_reasons(tmp_path):
 
 
 def test_flow_is_learnt_from_events(tmp_path):
-    """Truth and events belong together: a least-squares fit of flow on events is better on sequences that it never saw
-    than the mean flow of those that it saw."""
+    """Truth and events belong together: a least-squares fit of flow on events errs on sequences that it never saw by
+    less than a third of what the mean flow of those that it saw does (in squares)."""
     spec = load_spec(str(Path(__file__).with_name("moving.toml")))
     for index in range(spec.count):
         run_job(spec, index, str(tmp_path), None)
@@ -82,7 +82,7 @@ def test_flow_is_learnt_from_events(tmp_path):
         assert len(seen) >= 5
         weights = np.linalg.lstsq(seen, seen_flow, rcond=None)[0]
         error = np.square(new @ weights - new_flow).sum()
-        assert error < 0.85 * np.square(seen_flow.mean(axis=0) - new_flow).sum()
+        assert error < 0.3 * np.square(seen_flow.mean(axis=0) - new_flow).sum()
 
 
 def _mean_flows(folder, split):
@@ -101,11 +101,11 @@ def _sharpest(events):
     t = (events["t"] - events["t"][0]) / (events["t"][-1] - events["t"][0])
     sign = np.where(events["on"], 1.0, -1.0)
     best = (-1.0, 0.0, 0.0)
-    for u in np.linspace(-4, 4, 17):
-        for v in np.linspace(-4, 4, 17):
+    for u in np.linspace(-6, 6, 25):
+        for v in np.linspace(-6, 6, 25):
             x, y = np.rint(events["x"] - u * t).astype(int), np.rint(events["y"] - v * t).astype(int)
-            inside = (x >= 0) & (x < 32) & (y >= 0) & (y < 24)
-            image = np.zeros((24, 32))
+            inside = (x >= 0) & (x < 48) & (y >= 0) & (y < 36)
+            image = np.zeros((36, 48))
             np.add.at(image, (y[inside], x[inside]), sign[inside])
             best = max(best, (image.var(), u, v))
     return best[1:]
