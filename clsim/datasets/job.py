@@ -20,6 +20,7 @@ from typing import Any
 from clsim.datasets.measure import Figures, measure, reasons
 from clsim.datasets.scene_file import scene_text
 from clsim.datasets.spec import Sample, Spec
+from clsim.events.filesink import process_runs
 from clsim.live.options import LiveOptions
 from clsim.version import VERSION
 
@@ -138,7 +139,7 @@ def _part_of(target: Path) -> Iterator[Path]:
     begin = f".{target.name}.{platform.node()}."
     for left in target.parent.glob(f"{begin}*.part"):
         pid = re.fullmatch(re.escape(begin) + r"(\d+)\.part", left.name)
-        if pid is not None and not _runs(int(pid[1])):
+        if pid is not None and not process_runs(int(pid[1])):
             shutil.rmtree(left, ignore_errors=True)
     part = target.with_name(f"{begin}{os.getpid()}.part")
     shutil.rmtree(part, ignore_errors=True)
@@ -199,13 +200,3 @@ def _sync(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _runs(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:  # it is somebody else's
-        pass
-    return True

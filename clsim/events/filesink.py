@@ -336,7 +336,7 @@ def _remove_left_parts(folder: Path, begin: str) -> None:
     with contextlib.suppress(OSError):  # the attempt to write will tell what is wrong with the folder
         for entry in os.scandir(folder):
             match = name.fullmatch(entry.name)
-            if not match or _runs(int(match[1])):
+            if not match or process_runs(int(match[1])):
                 continue
             if match[2] == "events" and entry.is_dir(follow_symlinks=False):
                 shutil.rmtree(entry, ignore_errors=True)
@@ -344,7 +344,8 @@ def _remove_left_parts(folder: Path, begin: str) -> None:
                 os.unlink(entry)
 
 
-def _runs(pid: int) -> bool:
+def process_runs(pid: int) -> bool:
+    """Tell whether a process of this machine runs, so that what it has begun is not to be removed."""
     if os.name != "posix":
         return True  # elsewhere signal 0 is a real one
     try:
