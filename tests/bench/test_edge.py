@@ -11,9 +11,8 @@ from clsim.render import RenderOptions
 SIZE = (32, 24)
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=[pytest.mark.slow] if kind == "geometric" else []) for kind in KINDS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
 def test_what_is_rendered_is_the_closed_form(kind):
     scene = edge_scene(kind, 100.0, *SIZE, 60.0)
     errors = []

@@ -189,6 +189,7 @@ def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) ->
     assert results["points"][0]["events"] == sum(len(batch) for batch in live) > 0
 
 
+@pytest.mark.slow
 def test_pixels_that_take_turns_are_a_setting_of_their_own(tmp_path: Path) -> None:
     """Uniform, where no map is asked for, and adaptive, where pixels near an event do not wait."""
     given = {"sampler": "sobol", "first_hit_rays": 4}

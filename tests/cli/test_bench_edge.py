@@ -2,12 +2,14 @@
 
 import json
 
+import pytest
 from typer.testing import CliRunner
 
 from clsim.bench import edge
 from clsim.cli.app import app
 
 
+@pytest.mark.slow
 def test_the_figures_of_all_edges_are_told(monkeypatch):
     monkeypatch.setattr(edge, "KINDS", ("geometric",))
     monkeypatch.setattr(edge, "QUALITIES", ("draft",))

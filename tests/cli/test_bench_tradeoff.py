@@ -20,6 +20,7 @@ POINTS = [
 ]
 
 
+@pytest.mark.slow
 def test_the_files_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., Any]) -> None:
     monkeypatch.setattr(tradeoff, "quick_points", lambda seed, still: POINTS)
     files = {name: tmp_path / f"out.{name}" for name in ("csv", "plot", "markdown")}

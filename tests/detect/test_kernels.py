@@ -185,8 +185,8 @@ def test_directions_of_which_rounding_leaves_nothing_are_left_out():
 @pytest.mark.parametrize(
     ("lanes", "options"),
     [
-        (1, {}),
         (16, {}),
+        pytest.param(1, {}, marks=pytest.mark.slow),
         pytest.param(8, {"history": 2, "stride": 2}, marks=pytest.mark.slow),
         pytest.param(8, {}, marks=pytest.mark.slow),
         pytest.param(8, {"precision": "float64"}, marks=pytest.mark.slow),

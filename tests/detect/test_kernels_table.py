@@ -14,7 +14,10 @@ FRAMES = Path(__file__).resolve().parents[3] / "shared" / "frames" / "two-boxes"
 ALLOWED_F1 = 0.01
 """How far below the prototype's figure F1 may be: it had another solver."""
 
-pytestmark = pytest.mark.skipif(not FRAMES.is_dir(), reason="the recorded two-boxes frames are not on this machine")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not FRAMES.is_dir(), reason="the recorded two-boxes frames are not on this machine"),
+]
 
 SEQUENCES = ("8spp", "32spp", "common-8spp")
 ROWS = [

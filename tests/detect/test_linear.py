@@ -69,6 +69,7 @@ def test_the_pixels_share_is_what_noise_leaves_of_the_residual(scale):
         assert share.min() > 0.3 and share.max() < 0.7
 
 
+@pytest.mark.slow
 def test_float32_shrinks_as_float64():
     frame = random_frames(2, count=1, height=17, width=23)[0]
     for method in ("wlr-esim", "esim-ad"):

@@ -237,6 +237,7 @@ def test_damaged_bytes_never_raise_anything_but_input_errors(tmp_path, ending):
     assert refused or ending == ".evt3.raw"  # which drops what a camera may send by mistake
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", [each for each in ENDINGS if each != ".csv"])
 def test_a_file_larger_than_memory_would_stream(tmp_path, ending):
     # Text is slow under tracemalloc, but takes ten times the memory if it is held as Python numbers.

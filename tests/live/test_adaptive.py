@@ -126,7 +126,9 @@ def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:
 
 
 def test_light_is_not_kept_where_a_lamp_moves() -> None:
-    with pytest.raises(InputError, match="nothing but the camera moves, but in moving-light more does"):
+    with pytest.raises(
+        InputError, match="nothing but the camera moves and no light changes, but in moving-light more does"
+    ):
         events_of("moving-light", sampling="cached", quality="balanced")
 
 

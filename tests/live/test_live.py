@@ -209,6 +209,7 @@ def test_processor_time_counts_processes_that_a_run_begins(tmp_path: Path) -> No
     assert summary.cpu_s >= 1.5 and time.process_time() - before_s < summary.cpu_s - 1.2
 
 
+@pytest.mark.slow
 def test_an_interrupt_while_kernels_are_built(tmp_path: Path) -> None:
     caches = {"WARP_CACHE_PATH": tmp_path / "warp", "POCL_CACHE_DIR": tmp_path / "pocl", "XDG_CACHE_HOME": tmp_path}
     (tmp_path / "pocl").mkdir()

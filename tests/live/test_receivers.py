@@ -90,6 +90,7 @@ np.save(sys.argv[2], np.concatenate(parts))
 """
 
 
+@pytest.mark.slow
 def test_dv_processings_network_reader_receives_a_run(tmp_path: Path) -> None:
     """By the clock, the first events come half a second after the port opens: time for the reader to connect."""
     port = free_port()

@@ -102,6 +102,7 @@ def test_a_material_uses_the_set_of_coordinates_of_its_first_texture(tmp_path, b
         assert len(world.warnings) == material
 
 
+@pytest.mark.slow
 @needs_assets
 def test_flight_helmet_has_its_textures_once_each():
     world = load_world(ASSETS / "FlightHelmet" / "FlightHelmet.gltf")

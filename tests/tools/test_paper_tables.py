@@ -32,6 +32,7 @@ def cells(text, start):
     return [cell.strip() for cell in line.split("|")[1:-1]]
 
 
+@pytest.mark.slow
 def test_the_table_says_what_detect_and_score_say(folder, monkeypatch, clsim):  # noqa: F811
     monkeypatch.chdir(folder)
     out = folder / "table.md"

@@ -40,6 +40,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(manabe, name, value)
 
 
+@pytest.mark.slow
 def test_a_peer_is_set_beside_the_points(tmp_path: Path, few_samples: None, monkeypatch: pytest.MonkeyPatch) -> None:
     results = run(tmp_path, "manabe")
     first, second = results["peers"]
