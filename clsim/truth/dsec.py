@@ -227,7 +227,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a folder of this layout; raises OSError, KeyError or ValueError where it is damaged."""
+    """Open a folder of this layout; may raise anything where it is damaged."""
     camera, baseline_m = _read_calibration(path / "calibration" / "cam_to_cam.yaml")
     width, height = camera["width"], camera["height"]
     times = _Times(path, (height, width))

@@ -139,7 +139,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a folder of this layout; raises OSError, KeyError or ValueError where it is damaged."""
+    """Open a folder of this layout; may raise anything where it is damaged."""
     images, depths = (
         read_files(path / text) if (path / text).is_file() else {} for text in ("images.txt", "depthmaps.txt")
     )

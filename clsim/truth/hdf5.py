@@ -199,7 +199,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a file of this layout; raises OSError, KeyError or ValueError where it is damaged."""
+    """Open a file of this layout; may raise anything where it is damaged."""
     import h5py
 
     with h5py.File(path, "r") as file:
@@ -224,13 +224,13 @@ def read_recording(path: Path) -> Recording:
     def labels() -> Iterator[npt.NDArray[np.void]]:
         with h5py.File(path, "r") as file:
             events = file["events"]
-            count = min(len(events[key]) for key in ("object", "flow", "t")) if "object" in events else 0
+            names = [name for name in LABEL_DTYPE.names or () if name in events]  # older versions had no causes
+            count = min(len(events[key]) for key in ("t", *names)) if "object" in names else 0
             for start in range(0, count, CHUNK_EVENTS):
                 stop = min(start + CHUNK_EVENTS, count)
                 part = np.zeros(stop - start, LABEL_DTYPE)
-                for name in LABEL_DTYPE.names or ():
-                    if name in events:  # causes are not in files of older versions
-                        part[name] = events[name][start:stop]
+                for name in names:
+                    part[name] = events[name][start:stop]
                 yield part
 
     def imu() -> Iterator[ImuChunk]:

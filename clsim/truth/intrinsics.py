@@ -17,11 +17,12 @@ def opencv_numbers(camera: Mapping[str, Any]) -> tuple[list[float], list[float]]
     Raises:
         InputError: they are not known.
     """
-    if "intrinsics_px" not in camera:
-        raise InputError("this layout needs the camera's intrinsics, but the recording does not tell them")
-    px, distortion = camera["intrinsics_px"], camera["distortion"]
-    keys = _DISTORTION[camera["model"]]
-    return [px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5], [float(distortion[key]) for key in keys]
+    try:
+        px, distortion = camera["intrinsics_px"], camera["distortion"]
+        keys = _DISTORTION[camera["model"]]
+        return [px["fx"], px["fy"], px["cx"] - 0.5, px["cy"] - 0.5], [float(distortion[key]) for key in keys]
+    except (KeyError, TypeError, ValueError):
+        raise InputError("this layout needs the camera's intrinsics, but the recording does not tell them") from None
 
 
 def yaml_numbers(text: str, key: str) -> list[float]:

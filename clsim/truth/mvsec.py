@@ -173,7 +173,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a folder of this layout, the left camera; raises OSError, KeyError or ValueError where it is damaged.
+    """Open a folder of this layout, the left camera; may raise anything where it is damaged.
 
     MVSEC's own are read too: their flow lies in the npz alone, and their camera in Kalibr's ``camchain*.yaml``, if that
     is there.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -15,10 +14,12 @@ import numpy.typing as npt
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.filesink import PartFile
+from clsim.events.filesource import naming_damage
 from clsim.truth.layouts import LAYOUTS, LayoutKind, check_place, layout_of
 from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
 
 T = TypeVar("T")
+_LARGEST_SIDE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -53,31 +54,45 @@ def read_recording(name: str) -> Recording:
     if kind is None:
         endings = ", ".join(ending for each in LAYOUTS for ending in each.endings)
         raise InputError(f"{name}: is no recording with truth; expected one that ends in {endings}")
-    with _naming(name):
-        found: Recording = kind.load().read_recording(Path(name))
-    return found
+    path = Path(name)
+    with naming_damage(path):
+        found: Recording = kind.load().read_recording(path)
+        width, height = found.about.width, found.about.height
+        if not (0 < width <= _LARGEST_SIDE and 0 < height <= _LARGEST_SIDE):
+            raise ValueError(f"its sensor has {width}x{height} pixels")
+    return Recording(
+        found.about,
+        _named(path, found.events),
+        _named(path, found.labels),
+        _named(path, lambda: _of_size(found.shots(), (height, width))),
+        _named(path, found.tracks),
+        _named(path, found.imu),
+    )
 
 
-@contextlib.contextmanager
-def _naming(name: str) -> Iterator[None]:
-    """Tell of what is wrong with a recording in one sentence."""
-    try:
-        yield
-    except (OSError, KeyError, ValueError, RuntimeError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{name}: is damaged ({error})") from None
+def _named(path: Path, begin: Callable[[], Iterator[T]]) -> Callable[[], Iterator[T]]:
+    """Return a function that reads as ``begin`` does, and tells in one sentence what is wrong with the recording."""
+
+    def parts() -> Iterator[T]:
+        with naming_damage(path):
+            inner = begin()
+        while True:
+            with naming_damage(path):
+                part = next(inner, None)
+            if part is None:
+                return
+            yield part
+
+    return parts
 
 
-def _read(name: str, begin: Callable[[], Iterator[T]]) -> Iterator[T]:
-    with _naming(name):
-        parts = begin()
-    while True:
-        with _naming(name):
-            part = next(parts, None)
-        if part is None:
-            return
-        yield part
+def _of_size(shots: Iterator[Shot], size: tuple[int, int]) -> Iterator[Shot]:
+    """Yield shots; raises ValueError where a plane is not of the sensor's size."""
+    for shot in shots:
+        for name, plane in shot.planes.items():
+            if plane.shape[:2] != size:
+                raise ValueError(f"{name} at {shot.time_us} µs is {list(plane.shape)}, expected {list(size)}")
+        yield shot
 
 
 def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
@@ -101,7 +116,7 @@ def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
         shutil.rmtree(part, ignore_errors=True)
         try:
             part.mkdir()
-            count = _copy(source, recording, kind, part / final.name, about)  # files may be called as the folder is
+            count = _copy(recording, kind, part / final.name, about)  # files may be called as the folder is
             if final.exists():
                 final.rmdir()  # it is empty, or check_place had refused it
             (part / final.name).rename(final)
@@ -110,28 +125,28 @@ def convert_recording(source: str, target: str) -> tuple[int, tuple[str, ...]]:
     else:
         beside = PartFile(Path(target), ending=kind.endings[0])
         try:
-            count = _copy(source, recording, kind, beside.part, about)
+            count = _copy(recording, kind, beside.part, about)
             beside.complete()
         finally:
             beside.discard()
     return count, tuple(sorted(left))
 
 
-def _copy(source: str, recording: Recording, kind: LayoutKind, path: Path, about: About) -> int:
+def _copy(recording: Recording, kind: LayoutKind, path: Path, about: About) -> int:
     layout = kind.load().open_layout(path, about)
     count = 0
     try:
-        for batch in _read(source, recording.events):
+        for batch in recording.events():
             if len(batch):
                 layout.events(batch, int(batch["t"][-1]))
                 count += len(batch)
-        for labels in _read(source, recording.labels):
+        for labels in recording.labels():
             layout.labels(labels)
-        for chunk in _read(source, recording.tracks):
+        for chunk in recording.tracks():
             layout.track(chunk)
-        for samples in _read(source, recording.imu):
+        for samples in recording.imu():
             layout.imu(samples)
-        for shot in _read(source, recording.shots):
+        for shot in recording.shots():
             layout.shot(shot)
     finally:
         layout.close()

@@ -162,7 +162,7 @@ def is_recording(path: Path) -> bool:
 
 
 def read_recording(path: Path) -> Recording:
-    """Open a folder of this layout, the left camera; raises OSError, KeyError or ValueError where it is damaged."""
+    """Open a folder of this layout, the left camera; may raise anything where it is damaged."""
     (events,) = path.glob("*-events_left.h5")
     camera = _read_calibration(path / _CALIBRATION)
     texts = {"poses": path / "mocap_data.txt", "imu": path / "imu_data.txt"}

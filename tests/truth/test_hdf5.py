@@ -16,7 +16,7 @@ import recordings
 import clsim
 from clsim.events import hdf5_growing
 from clsim.truth.hdf5 import Hdf5Layout
-from clsim.truth.recording import convert_recording
+from clsim.truth.recording import convert_recording, read_recording
 
 
 def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
@@ -105,6 +105,15 @@ def test_a_kill_leaves_what_was_flushed(tmp_path: Path) -> None:
         assert np.array_equal(file["frames/depth"][:], np.stack([s.planes["depth"] for s in expected.shots]))
         assert np.array_equal(file["imu/t"][:], expected.imu.times_us)
         assert np.array_equal(file["events/t"][:], expected.events["t"])
+
+
+def test_labels_are_read_as_far_as_all_of_them_came(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    given = recordings.feed(Hdf5Layout(path, recordings.about()))
+    with h5py.File(path, "r+") as file:
+        file["events/cause"].resize((300,))
+    (labels,) = read_recording(str(path)).labels()
+    assert np.array_equal(labels, given.labels[:300])
 
 
 @pytest.mark.slow

@@ -1,0 +1,62 @@
+"""Recordings with truth that are damaged or were made to do harm: each ends in one sentence."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import recordings
+from PIL import Image
+
+from clsim.errors import InputError
+from clsim.truth.layouts import open_layout
+from clsim.truth.recording import convert_recording, read_recording
+
+
+def recorded(path: Path) -> None:
+    recordings.feed(open_layout(str(path), recordings.about()))
+
+
+def test_a_damaged_recording_is_told_in_a_sentence(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.dsec")
+    (tmp_path / "a.dsec/flow/forward/000002.png").write_bytes(b"\x89PNG\r\n\x1a\nrubbish")
+    with pytest.raises(InputError, match=r"000002\.png: is no PNG"):
+        convert_recording(str(tmp_path / "a.dsec"), str(tmp_path / "b.h5"))
+    (tmp_path / "a.dsec/calibration/cam_to_cam.yaml").write_text("nothing: here\n")
+    with pytest.raises(InputError, match=r"a\.dsec: is damaged or of another format \(.*has no resolution"):
+        convert_recording(str(tmp_path / "a.dsec"), str(tmp_path / "b.h5"))
+    recorded(tmp_path / "a.ecd")
+    (tmp_path / "a.ecd/images.txt").write_text("0.0 ../../secret.png\n")
+    with pytest.raises(InputError, match="expected a time and a file beside"):
+        convert_recording(str(tmp_path / "a.ecd"), str(tmp_path / "b.h5"))
+    assert not (tmp_path / "b.h5").exists()
+
+
+def test_whatever_is_wrong_with_a_recording_is_one_sentence(tmp_path: Path) -> None:
+    recorded(tmp_path / "a.tumvie")
+    calibration, images = (tmp_path / "a.tumvie" / name for name in ("camera-calibration.json", "left_images"))
+    told = calibration.read_text()
+    value = json.loads(told)["value0"]
+    for wrong in (
+        "[]",
+        '{"value0": {"intrinsics": []}}',
+        '{"value0": []}',
+        json.dumps({"value0": value | {"resolution": [[0, 9]]}}),
+    ):
+        calibration.write_text(wrong)
+        with pytest.raises(InputError, match=r"a\.tumvie: is damaged or of another format"):
+            read_recording(str(tmp_path / "a.tumvie"))
+    calibration.write_text(told)
+    Image.fromarray(np.zeros((9, 9), np.uint8)).save(images / "00001.jpg")
+    with pytest.raises(InputError, match=r"image at \d+ µs is \[9, 9\], expected \[16, 24\]"):
+        convert_recording(str(tmp_path / "a.tumvie"), str(tmp_path / "b.h5"))
+    assert not (tmp_path / "b.h5").exists()
+    recorded(tmp_path / "c.h5")
+    with h5py.File(tmp_path / "c.h5", "r+") as file:
+        camera = json.loads(file.attrs["camera"])
+        file.attrs["camera"] = json.dumps({"intrinsics_px": camera["intrinsics_px"], "model": "perspective"})
+    with pytest.raises(InputError, match="needs the camera's intrinsics"):
+        convert_recording(str(tmp_path / "c.h5"), str(tmp_path / "d.tumvie"))

@@ -1,0 +1,58 @@
+"""PNG images, against OpenCV's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from clsim.errors import InputError
+from clsim.truth.png import read_png, write_png
+
+
+@given(
+    arrays.arrays(
+        st.sampled_from([np.uint8, np.uint16]),
+        st.one_of(
+            st.tuples(st.integers(1, 9), st.integers(1, 9)),
+            st.tuples(st.integers(1, 9), st.integers(1, 9), st.just(3)),
+        ),
+    )
+)
+@settings(max_examples=40, deadline=None)
+def test_png_is_opencvs(tmp_path_factory: pytest.TempPathFactory, image: np.ndarray) -> None:
+    cv2 = pytest.importorskip("cv2")
+    path = tmp_path_factory.getbasetemp() / "a.png"
+    write_png(path, image)
+    theirs = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert np.array_equal(theirs[..., ::-1] if image.ndim == 3 else theirs, image)
+    assert theirs.dtype == image.dtype and np.array_equal(read_png(path), image)
+    # OpenCV chooses among all filters.
+    cv2.imwrite(str(path), image[..., ::-1] if image.ndim == 3 else image, [cv2.IMWRITE_PNG_STRATEGY, 0])
+    assert np.array_equal(read_png(path), image)
+
+
+def test_all_filters_of_png_are_undone(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    y, x = np.mgrid[:40, :50]
+    image = np.stack([y * 900 + x, x * 1200, (x + y) * 700], axis=-1).astype(np.uint16)
+    for flag in ("NONE", "SUB", "UP", "AVG", "PAETH"):
+        value = getattr(cv2, f"IMWRITE_PNG_FILTER_{flag}", None) or getattr(cv2, f"IMWRITE_PNG_{flag}_FILTER", None)
+        if value is None:
+            continue
+        cv2.imwrite(str(tmp_path / "a.png"), image[..., ::-1], [cv2.IMWRITE_PNG_FILTER, value])
+        assert np.array_equal(read_png(tmp_path / "a.png"), image), flag
+
+
+@given(st.binary(max_size=300))
+@settings(max_examples=60, deadline=None)
+def test_rubbish_is_no_png(tmp_path_factory: pytest.TempPathFactory, rubbish: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "rubbish.png"
+    for head in (b"", b"\x89PNG\r\n\x1a\n"):
+        path.write_bytes(head + rubbish)
+        with pytest.raises(InputError):
+            read_png(path)
