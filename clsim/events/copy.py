@@ -13,6 +13,7 @@ from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.events.address import is_address
 from clsim.events.closing import close_at_once
+from clsim.events.files import split_topic
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
@@ -85,7 +86,7 @@ def convert_events(
 
 def _same_file(source: str, target: str) -> bool:
     try:
-        return Path(target).samefile(source)
+        return Path(target).samefile(split_topic(source)[0])
     except OSError:
         return False
 

@@ -109,12 +109,12 @@ def open_sink(
     return sink
 
 
-def open_source(path: str | os.PathLike[str], *, format: str | None = None, topic: str | None = None) -> EventSource:
-    """Open an event file for reading in bounded memory; see EventSource. ``topic`` is one of a bag of ROS.
+def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> EventSource:
+    """Open an event file for reading in bounded memory; see EventSource and, for a topic of a bag, `split_topic`.
 
     Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
     """
-    target = Path(path)
+    target, topic = split_topic(path)
     chosen = format_named(format) if format else format_of(target)
     if topic is not None and chosen.name not in BAGS:
         raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
@@ -122,6 +122,12 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None, topi
     with naming_damage(target):
         source: EventSource = chosen.load().open_source(*((target,) if topic is None else (target, topic)))
     return source
+
+
+def split_topic(name: str | os.PathLike[str]) -> tuple[Path, str | None]:
+    """Return a file, and the topic that is named behind it: ``stereo.bag#/davis/left/events``; None without one."""
+    path, mark, topic = os.fspath(name).partition("#/")
+    return (Path(path), f"/{topic}") if mark and not Path(name).exists() else (Path(name), None)
 
 
 def format_of(path: Path) -> FileFormat:

@@ -35,9 +35,6 @@ def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
         return open_socket_source(name)
     from clsim.events.files import open_source
 
-    path, mark, topic = name.partition("#/")
-    if mark and not Path(name).exists():
-        return open_source(path, topic=f"/{topic}")
     return open_source(name)
 
 

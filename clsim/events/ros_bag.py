@@ -186,9 +186,9 @@ def open_bag_source(path: Path, topic: str | None = None) -> EventSource:
     open_binary(path).close()
     reader, ros = _reader(path)
     try:
-        connection = _chosen(path, topic, reader.connections)
-        decoder = messages.MessageDecoder(ros, connection.msgtype)
-        raw = _messages(reader, connection)
+        connections = _chosen(path, topic, reader.connections)
+        decoder = messages.MessageDecoder(ros, connections[0].msgtype)
+        raw = _messages(reader, connections)
         first = next((decoder.decode(data) for data in raw), None)
     except BaseException:
         reader.close()
@@ -197,9 +197,9 @@ def open_bag_source(path: Path, topic: str | None = None) -> EventSource:
     return EventSource(path, *size, _read(reader, decoder, first, raw), lambda: decoder.dropped_events)
 
 
-def _messages(reader: Any, connection: Any) -> Iterator[bytes]:
+def _messages(reader: Any, connections: list[Any]) -> Iterator[bytes]:
     try:
-        for _, _, data in reader.messages([connection]):
+        for _, _, data in reader.messages(connections):
             yield data
     except MemoryError:
         raise ValueError("a record is larger than memory") from None
@@ -246,21 +246,23 @@ def _check_whole(path: Path) -> None:
         raise damaged(path, "it is truncated")
 
 
-def _chosen(path: Path, topic: str | None, connections: Any) -> Any:
+def _chosen(path: Path, topic: str | None, connections: Any) -> list[Any]:
+    """Return the connections of a topic: bags of ROS 1 have one for each node that published there."""
     found = [connection for connection in connections if connection.msgtype in messages.EVENT_TYPES]
     if not found:
         held = ", ".join(sorted({connection.msgtype for connection in connections})[:8]) or "nothing"
         raise damaged(path, f"it holds no messages of events, but {held}")
-    named = [connection for connection in found if connection.topic == (topic or EVENT_TOPIC)]
-    topics = ", ".join(sorted(connection.topic for connection in found)[:8])
-    if topic is not None and not named:
-        raise InputError(f"{path}: has no events of the topic {topic}; expected one of {topics}")
-    named = named or found
-    if len(named) > 1:
-        raise InputError(
-            f"{path}: holds events of several topics: {topics}; name one of them: '{path}#{found[0].topic}'"
-        )
-    return named[0]
+    topics = sorted({connection.topic for connection in found})
+    told = ", ".join(topics[:8])
+    if topic is None and len(topics) > 1 and EVENT_TOPIC not in topics:
+        raise InputError(f"{path}: holds events of several topics: {told}; name one of them: '{path}#{topics[0]}'")
+    wanted = topic or (EVENT_TOPIC if EVENT_TOPIC in topics else topics[0])
+    named = [connection for connection in found if connection.topic == wanted]
+    if not named:
+        raise InputError(f"{path}: has no events of the topic {topic}; expected one of {told}")
+    if len({connection.msgtype for connection in named}) > 1:
+        raise damaged(path, f"its topic {wanted} has messages of several types")
+    return named
 
 
 def _read(

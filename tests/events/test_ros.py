@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import clsim
 from clsim.errors import InputError
 from clsim.events import ros_messages as messages
+from clsim.events.copy import convert_events
 from clsim.events.files import open_source
 from clsim.events.ros_bag import EVENT_TOPIC, Bag, typestore
 
@@ -203,6 +204,22 @@ def test_one_topic_of_several_is_that_of_esim(tmp_path):
                 clsim.open(f"{path}#/up")
             with pytest.raises(InputError, match=r"a\.npz: has no topics"):
                 clsim.open(f"{tmp_path / 'a.npz'}#/left")
+            before = path.read_bytes()
+            with pytest.raises(InputError, match="is the file to read"):
+                convert_events(f"{path}#/left", str(path))
+            assert path.read_bytes() == before
+
+
+def test_a_topic_that_several_nodes_published_on_is_read_whole(tmp_path):
+    from rosbags.rosbag1 import Writer
+
+    batch, types = events(10), typestore(1)
+    with Writer(tmp_path / "a.bag") as bag:
+        for k, (part, node) in enumerate(((batch[:4], "/one"), (batch[4:], "/two"))):
+            connection = bag.add_connection("/left", messages.ARRAY, typestore=types, callerid=node)
+            bag.write(connection, k, messages.array_bytes(1, messages.Sensor(WIDTH, HEIGHT), k, 1, part))
+    for name in ("a.bag", "a.bag#/left"):
+        np.testing.assert_array_equal(clsim.open(str(tmp_path / name)).read(), batch)
 
 
 def test_a_bag_without_events_is_refused(tmp_path):
