@@ -36,7 +36,7 @@ class FileOptions:
     labels: bool = False
     """Whether HDF5 and Parquet files get the cause of each event (`clsim.events.CAUSES`) in a column."""
     objects: bool = False
-    """Whether they get the number of the object at each event's pixel too; only a run with `truth` labels can."""
+    """Whether they get the number of the object at each event's pixel too; follows from `truth` of a live run."""
 
     def __post_init__(self) -> None:
         """Refuse values of other types."""
@@ -56,6 +56,8 @@ class FileOptions:
             raise InputError("`ros_events` is for bags of ROS, but no output is one; name one, such as events.mcap")
         if self.labels and not set(LABELLED) & set(formats):
             raise InputError("`labels` go into HDF5 and Parquet, but no output is one; name one, such as events.h5")
+        if self.objects:
+            raise InputError("`objects` follows from `truth` of a live run; expected it to be left out")
         if self.frames and "aedat4" not in [self.format_of(name) for name in names if not is_address(name)]:
             raise InputError("`frames` go into an AEDAT4 file, but no output is one; name one, such as events.aedat4")
 

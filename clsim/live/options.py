@@ -269,11 +269,13 @@ class LiveOptions:
         if not self.files.labels or "labels" not in self.truth:
             if self.files.labels and layouts:
                 raise InputError("`labels` of outputs with `truth` are part of that; add labels to `truth`")
-            self.files.check(plain)
-            return
-        alone = [name for name in plain if self.files.format_of(name) in LABELLED]
-        files = replace(self.files, labels=bool(alone), objects=bool(alone))
-        files.check(plain)
+            files = replace(self.files, objects=False)
+            files.check(plain)
+        else:
+            alone = any(self.files.format_of(name) in LABELLED for name in plain)
+            files = replace(self.files, labels=alone, objects=False)
+            files.check(plain)
+            files = replace(files, objects=alone)
         object.__setattr__(self, "files", files)
 
     def _check_sampling(self) -> None:

@@ -157,3 +157,11 @@ def test_what_is_written_must_be_an_array_of_events(tmp_path: Path) -> None:
         for events, end_us in (([], 3), (np.zeros(2), 3), (np.zeros(0, clsim.EVENT_DTYPE), "3")):
             with pytest.raises(clsim.InputError):
                 out.write(events, end_us)
+
+
+def test_objects_beside_events_follow_from_truth_alone() -> None:
+    given = {"scene": "two-boxes", "outputs": ("a.parquet", "a.h5"), "files": {"labels": True, "objects": True}}
+    assert not LiveOptions(**given).files.objects
+    assert LiveOptions(**given, truth="labels").files.objects
+    with pytest.raises(clsim.InputError, match="`objects` follows from `truth`"):
+        FileOptions(labels=True, objects=True).check(["a.parquet"])
