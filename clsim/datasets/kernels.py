@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import platform
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,12 +45,17 @@ class KernelCaches:
 
     @contextlib.contextmanager
     def shared(self) -> Iterator[None]:
-        """Take what others have compiled; give them afterwards what was compiled here."""
-        copy_missing(self._shared, self._own)
+        """Take what others have compiled; give them afterwards what was compiled here.
+
+        Where the user's cache cannot be read or written, all is compiled here.
+        """
+        with contextlib.suppress(OSError):
+            copy_missing(self._shared, self._own)
         try:
             yield
         finally:
-            copy_missing(self._own, self._shared)
+            with contextlib.suppress(OSError):
+                copy_missing(self._own, self._shared)
 
 
 def copy_missing(source: Path, target: Path) -> int:
@@ -63,7 +69,7 @@ def copy_missing(source: Path, target: Path) -> int:
                 if name.startswith(_UNFINISHED):
                     continue
                 place.mkdir(parents=True, exist_ok=True)
-                part = place / f".part-{os.getpid()}-{name}"
+                part = place / f".part-{platform.node()}-{os.getpid()}-{name}"
                 shutil.copyfile(Path(folder) / name, part)
                 os.replace(part, place / name)
                 copied += 1

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from clsim.datasets.kernels import copy_missing
+from types import SimpleNamespace
+
+import pytest
+
+from clsim.datasets.kernels import KernelCaches, copy_missing
 
 
 def test_kernels_that_lack_are_copied_and_others_are_left_alone(tmp_path):
@@ -21,3 +25,20 @@ def test_kernels_that_lack_are_copied_and_others_are_left_alone(tmp_path):
     assert (other / "warp/1/b/k.o").read_text() == "one warp/1/b/k.o"
     assert copy_missing(one, other) == 0
     assert copy_missing(tmp_path / "none", other) == 0
+
+
+def test_a_cache_that_cannot_be_written_costs_no_sequence(tmp_path, monkeypatch):
+    for variable in ("XDG_CACHE_HOME", "CLSIM_USER_CACHE", "POCL_MAX_PTHREAD_COUNT"):
+        monkeypatch.setenv(variable, "")
+    for variable in ("WARP_CACHE_PATH", "POCL_CACHE_DIR", "PYOPENCL_CACHE_DIR"):
+        monkeypatch.delenv(variable, raising=False)
+    (tmp_path / "clsim").write_text("no folder")
+    monkeypatch.setenv("CLSIM_USER_CACHE", str(tmp_path))
+    caches = KernelCaches("spec", 1)
+    caches.setup(SimpleNamespace(local_directory=str(tmp_path / "worker")))
+    with caches.shared():
+        made = tmp_path / "worker/kernels/warp/k.o"
+        made.parent.mkdir(parents=True)
+        made.write_text("kernel")
+    with pytest.raises(ZeroDivisionError), caches.shared():
+        _ = 1 / 0
