@@ -46,13 +46,13 @@ def info(
 
 
 def _facts(what: str) -> dict[str, Any]:
-    from clsim.events.files import FORMATS
+    from clsim.events.files import ENDINGS, split_topic
     from clsim.scene import bundled_scenes
 
-    name = what.lower()
+    name = str(split_topic(what)[0]).lower()
     if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
         return {"frames": _frames(what)}
-    if name.endswith(tuple(ending for each in FORMATS for ending in each.endings)):
+    if name.endswith(ENDINGS):
         return {"events": _events(what)}
     return _scene(what)
 
@@ -120,7 +120,7 @@ def _frames(what: str) -> dict[str, Any]:
 
 def _events(what: str) -> dict[str, Any]:
     """Return the figures of an event file, read in bounded memory."""
-    from clsim.events.files import format_of, open_source
+    from clsim.events.files import format_of, open_source, split_topic
 
     count = on = right = bottom = last_us = 0
     first_us: int | None = None
@@ -134,7 +134,7 @@ def _events(what: str) -> dict[str, Any]:
         resolution = None if source.width is None or source.height is None else [source.width, source.height]
     span_us = last_us - (first_us or 0)
     return {
-        "format": format_of(Path(what)).name,
+        "format": format_of(split_topic(what)[0]).name,
         "resolution": resolution,
         "events": count,
         "first_us": first_us,

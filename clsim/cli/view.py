@@ -128,12 +128,12 @@ def _in_page(
         announce(page.url)
         _pump(source, page)
         return
-    from clsim.events.files import format_of, open_source
+    from clsim.events.files import format_of, open_source, split_topic
     from clsim.live.view.player import Player
 
     source.close()
     frames: Callable[[], TimedImages] | None = None
-    if format_of(Path(name)).name == "aedat4":
+    if format_of(split_topic(name)[0]).name == "aedat4":
         from clsim.events.aedat4 import read_frames
 
         frames = partial(read_frames, Path(name))

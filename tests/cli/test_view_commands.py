@@ -10,6 +10,7 @@ import threading
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -264,3 +265,27 @@ def test_a_port_lost_while_outputs_are_opened_cannot_be(
     assert outcome.status == 2 and "an output that cannot be opened" in outcome.stderr and seen == [port]
     assert list(tmp_path.iterdir()) == []
     socket.create_server(("127.0.0.1", port)).close()
+
+
+def test_a_topic_of_a_bag_is_shown(
+    clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sink = open_sink(tmp_path / "a.bag", 20, 10)
+    sink.write(EVENTS, end_of(EVENTS))
+    sink.close()
+    seen = []
+
+    class Page:
+        url, warning = "here", None
+
+        def __init__(self, open_source: Callable[[], Any], title: str, *size: int, **more: object):
+            seen.append((len(open_source().read()), size, more["read_frames"]))
+
+        def wait(self, timeout_s: float) -> None:
+            raise KeyboardInterrupt
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("clsim.live.view.player.Player", Page)
+    assert clsim("view", f"{tmp_path / 'a.bag'}#/cam0/events").status == 130
+    assert seen == [(len(EVENTS), (20, 10), None)]

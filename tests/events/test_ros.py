@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import json
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ import test_kill as kills
 from event_data import HEIGHT, WIDTH, events, read, split, write
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 import clsim
+from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.events import ros_messages as messages
 from clsim.events.copy import convert_events
@@ -208,6 +211,8 @@ def test_one_topic_of_several_is_that_of_esim(tmp_path):
             with pytest.raises(InputError, match="is the file to read"):
                 convert_events(f"{path}#/left", str(path))
             assert path.read_bytes() == before
+            told = json.loads(CliRunner().invoke(app, ["info", f"{path}#/right", "--json"]).stdout)["events"]
+            assert (told["format"], told["events"]) == ("mcap", 10)
 
 
 def test_a_topic_that_several_nodes_published_on_is_read_whole(tmp_path):
