@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.footage import Transfer
-from clsim.footage.source import Footage
+from clsim.footage.source import Footage, Reading
 from clsim.footage.transfer import decode
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray
@@ -47,7 +47,7 @@ class Arrays(Footage):
         whole = first.dtype.kind == "u"
         steps = int(np.iinfo(first.dtype).max) if whole else None
         chosen = transfer or ("srgb" if whole else "linear")
-        super().__init__("arrays", (first.shape[1], first.shape[0]), chosen, steps, None, fps, offset)
+        super().__init__("arrays", (first.shape[1], first.shape[0]), steps, chosen, Reading(fps=fps, offset=offset))
 
     def _read(self, index: int, out_rgb: FloatArray) -> int | None:
         array = next(self._arrays, None)

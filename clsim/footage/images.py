@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import glob
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 from clsim.errors import InputError
-from clsim.footage import Transfer
 from clsim.footage.pixels import PixelFormat, pixel_format, to_light
-from clsim.footage.source import Footage
+from clsim.footage.source import AS_TOLD, Footage, Reading
 from clsim.footage.video import first_frame, open_media
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray
@@ -22,22 +20,15 @@ _HDR = ("pq", "hlg")
 class Pictures(Footage):
     """Pictures of a folder or glob pattern, in the order of the numbers in their names."""
 
-    def __init__(
-        self,
-        path: str | Path,
-        transfer: Transfer | None = None,
-        *,
-        times_us: Sequence[int] | None = None,
-        fps: float | None = None,
-        offset: float = 0.0,
-    ) -> None:
-        """List the files and decode the first; where no ``transfer`` is given, whole numbers are sRGB, others linear.
+    def __init__(self, path: str | Path, reading: Reading = AS_TOLD) -> None:
+        """List the files and decode the first; without a transfer function whole numbers are sRGB, others linear.
 
         Raises:
             InputError: there is none, one cannot be read, their times are not given, or are not as many.
         """
         self._files = picture_files(path)
-        if times_us is None and fps is None:
+        times_us = reading.times_us
+        if times_us is None and reading.fps is None:
             raise InputError(f"{path}: pictures carry no times; give `fps` or `times`")
         if times_us is not None and len(times_us) != len(self._files):
             raise InputError(f"{path}: has {len(self._files)} pictures, but there are {len(times_us)} times")
@@ -46,11 +37,12 @@ class Pictures(Footage):
             frame, _ = first_frame(container, where)
             self._kind: PixelFormat = pixel_format(frame, where)
             size = frame.width, frame.height
+        transfer = reading.transfer
         if transfer is None:
             # What libav tells of pictures is a guess of its decoders, but for HDR.
             told = self._kind.transfer if self._kind.transfer in _HDR else None
             transfer = told or ("linear" if self._kind.steps is None else "srgb")
-        super().__init__(where, size, transfer, self._kind.steps, times_us, fps, offset)
+        super().__init__(where, size, self._kind.steps, transfer, reading)
         self.frame_count = len(self._files)
         if times_us is not None and len(times_us) > 1:
             self.fps = 1e6 * (len(times_us) - 1) / (times_us[-1] - times_us[0])

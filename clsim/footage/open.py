@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Sequence
 from pathlib import Path
 
-from clsim.footage import Transfer
 from clsim.footage.images import ENDINGS, Pictures
-from clsim.footage.source import Footage
+from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 
 
@@ -22,10 +20,8 @@ def is_footage(name: str) -> bool:
     return ".exr" not in endings and bool(endings & set(ENDINGS))
 
 
-def open_footage(
-    name: str, transfer: Transfer | None, times_us: Sequence[int] | None, fps: float | None, offset: float = 0.0
-) -> Footage:
-    """Open a video, or the pictures of a folder or glob pattern; ``times_us`` or ``fps`` replace its own times.
+def open_footage(name: str, reading: Reading) -> Footage:
+    """Open a video, or the pictures of a folder or glob pattern.
 
     Raises:
         InputError: it cannot be read.
@@ -33,4 +29,4 @@ def open_footage(
     path = Path(name)
     several = path.is_dir() or glob.has_magic(name) or path.suffix.lower() in ENDINGS
     kind = Pictures if several else Video
-    return kind(name, transfer, times_us=times_us, fps=fps, offset=offset)
+    return kind(name, reading)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 
 from clsim.errors import InputError
@@ -17,6 +18,27 @@ from clsim.frames.frame import FloatArray
 MAX_PIXELS = 1 << 26
 """Largest picture that is decoded."""
 _GREEN = 1
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a caller tells of footage, in place of what its files tell.
+
+    Attributes:
+        transfer: the transfer function that is undone; None is as the files tell.
+        times_us: of the frames [µs]; None are the files' own.
+        fps: frames per second; None takes times.
+        offset: what is added to the light.
+    """
+
+    transfer: Transfer | None = None
+    times_us: Sequence[int] | None = None
+    fps: float | None = None
+    offset: float = 0.0
+
+
+AS_TOLD = Reading()
+"""All as the files tell."""
 
 
 class Footage(ABC):
@@ -40,15 +62,21 @@ class Footage(ABC):
     fps: float = 30.0
 
     def __init__(
-        self, where: str, size: tuple[int, int], transfer: Transfer, steps: int | None, times_us: Sequence[int] | None,
-        fps: float | None, offset: float, warnings: tuple[str, ...] = (),
-    ) -> None:  # fmt: skip
-        """Prepare; ``times_us`` or ``fps`` replace the file's own times, ``offset`` is added to the light."""
+        self,
+        where: str,
+        size: tuple[int, int],
+        steps: int | None,
+        transfer: Transfer,
+        reading: Reading,
+        warnings: tuple[str, ...] = (),
+    ) -> None:
+        """Prepare to undo ``transfer``: that of ``reading``, or what was found where it tells none."""
+        times_us, fps = reading.times_us, reading.fps
         self.width, self.height = size
         check_size(where, *size)
         self.transfer, self.steps, self.warnings = transfer, steps, warnings
         self.displacement = Displacement(*size)
-        self._where, self._times_us, self._offset = where, times_us, offset
+        self._where, self._times_us, self._offset = where, times_us, reading.offset
         self._given_fps = fps
         if fps is not None:
             self.fps = fps

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.footage import Transfer
 from clsim.footage.pixels import PixelFormat, pixel_format, to_light
-from clsim.footage.source import Footage, check_size, whole_us
+from clsim.footage.source import AS_TOLD, Footage, Reading, check_size, whole_us
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
 
@@ -22,15 +21,7 @@ from clsim.frames.frame import FloatArray, page_aligned
 class Video(Footage):
     """A video file. Its times are those of its stream, from the first frame on; rates may vary."""
 
-    def __init__(
-        self,
-        path: str | Path,
-        transfer: Transfer | None = None,
-        *,
-        times_us: Sequence[int] | None = None,
-        fps: float | None = None,
-        offset: float = 0.0,
-    ) -> None:
+    def __init__(self, path: str | Path, reading: Reading = AS_TOLD) -> None:
         """Open the file and decode its first frame.
 
         Raises:
@@ -46,18 +37,18 @@ class Video(Footage):
             self._turns = int(first.rotation) // 90 % 4
             stored = (first.width, first.height)
             size = (stored[1], stored[0]) if self._turns % 2 else stored
-            chosen, warnings = transfer or self._kind.transfer, tuple[str, ...]()
+            chosen, warnings = reading.transfer or self._kind.transfer, tuple[str, ...]()
             if chosen is None:
                 chosen = "bt709"
                 warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
-            super().__init__(where, size, chosen, self._kind.steps, times_us, fps, offset, warnings)
+            super().__init__(where, size, self._kind.steps, chosen, reading, warnings)
         except BaseException:
             self.close()
             raise
         self._stored = stored
         self._scratch = page_aligned((3, stored[1], stored[0])) if self._turns else None
         stream = self._container.streams.video[0]
-        if fps is None and stream.average_rate:
+        if reading.fps is None and stream.average_rate:
             self.fps = float(stream.average_rate)
         start = time_of(first)
         self._start = start if start is not None and start < 0 else Fraction(0)

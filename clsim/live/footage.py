@@ -16,7 +16,7 @@ from clsim.footage import Convention, TimeUnit, Transfer
 from clsim.footage.arrays import Arrays
 from clsim.footage.conventions import CONVENTIONS, PLAIN, Settings
 from clsim.footage.open import open_footage
-from clsim.footage.source import Footage
+from clsim.footage.source import Footage, Reading
 from clsim.footage.times import read_times_us
 from clsim.frames import Frame, SourceEnded, page_aligned
 from clsim.live.pipeline import Pipeline
@@ -67,7 +67,8 @@ class FootageOptions:
         """Open the footage; raises InputError."""
         times_us = None if self.times is None else read_times_us(self.times, self.time_unit)
         settings = self.settings
-        return open_footage(self.frames, self.transfer or settings.transfer, times_us, self.fps, offset=settings.offset)
+        reading = Reading(self.transfer or settings.transfer, times_us, self.fps, settings.offset)
+        return open_footage(self.frames, reading)
 
 
 def footage_detector(source: Footage, settings: Settings, given: Mapping[str, Any]) -> DetectorConfig:
@@ -150,7 +151,7 @@ def events_from(
     chosen = transfer or settings.transfer
     if isinstance(frames, str):
         times = None if times_us is None else [int(time) for time in times_us]
-        source: Footage = open_footage(frames, chosen, times, fps, settings.offset)
+        source: Footage = open_footage(frames, Reading(chosen, times, fps, settings.offset))
     else:
         source = Arrays(frames, times_us, chosen, fps=fps, offset=settings.offset)
     seen_by = from_plain(RecordedSensor, {"sensor": sensor, "seed": seed, "lux_per_unit": lux_per_unit})

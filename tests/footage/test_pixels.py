@@ -7,6 +7,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.footage.images import Pictures
+from clsim.footage.source import Reading
 from clsim.footage.video import Video
 from clsim.frames import RADIANCE, Frame, page_aligned
 from tests.footage.clips import encode, write_clip
@@ -32,7 +33,7 @@ def test_colour_bars_of_bt709(tmp_path, colour):
     y, cb, cr = _BARS[colour]
     planes = (flat(y), flat(cb, (4, 8)), flat(cr, (4, 8)))
     path = write_clip(tmp_path / "a.mkv", [planes], [0], pixels="yuv420p", matrix=1, limited=True)
-    rgb = first(Video(path, "as-is"))
+    rgb = first(Video(path, Reading("as-is")))
     np.testing.assert_allclose(rgb.mean(axis=(1, 2)), 0.75 * np.array(_COLOURS[colour]), atol=0.006)
 
 
@@ -51,7 +52,7 @@ def test_ranges(tmp_path, pixels, limited, black, white, dtype):
     luma[:, 8:] = white
     grey = flat(1 << (bits - 1), (4, 8), dtype)
     path = write_clip(tmp_path / "a.mkv", [(luma, grey, grey)], [0], pixels=pixels, limited=limited)
-    rgb = first(Video(path, "as-is"))
+    rgb = first(Video(path, Reading("as-is")))
     np.testing.assert_allclose(rgb[:, :, :8], 0.0, atol=1e-6)
     np.testing.assert_allclose(rgb[:, :, 8:], 1.0, atol=1e-6)
 
@@ -92,7 +93,7 @@ def test_pictures_of_8_and_16_bits(tmp_path, dtype, ending, colour):
     top = np.iinfo(dtype).max
     picture = rng.integers(0, top + 1, (6, 10, 3) if colour else (6, 10)).astype(dtype)
     cv2.imwrite(str(tmp_path / f"a1{ending}"), picture[..., ::-1] if colour else picture)
-    light = first(Pictures(tmp_path, "linear", fps=10))
+    light = first(Pictures(tmp_path, Reading("linear", fps=10)))
     expected = np.moveaxis(picture, 2, 0) if colour else picture
     np.testing.assert_allclose(light, np.broadcast_to(expected / top, (3, 6, 10)), atol=1e-6)
 
@@ -101,7 +102,7 @@ def test_floating_point_pictures_are_linear(tmp_path):
     cv2 = pytest.importorskip("cv2")
     picture = np.linspace(0, 40, 180, dtype=np.float32).reshape(6, 10, 3)
     cv2.imwrite(str(tmp_path / "a.tif"), picture[..., ::-1])
-    source = Pictures(tmp_path, fps=10)
+    source = Pictures(tmp_path, Reading(fps=10))
     assert (source.transfer, source.floor(0.2)) == ("linear", None)
     np.testing.assert_allclose(first(source), np.moveaxis(picture, 2, 0))
 
@@ -110,7 +111,7 @@ def test_jpeg_has_full_range(tmp_path):
     from PIL import Image
 
     Image.fromarray(flat((250, 10, 130), (16, 16, 3))).save(tmp_path / "a.jpg", quality=100)
-    light = first(Pictures(tmp_path, "as-is", fps=10))
+    light = first(Pictures(tmp_path, Reading("as-is", fps=10)))
     np.testing.assert_allclose(light.mean(axis=(1, 2)), np.array([250, 10, 130]) / 255, atol=0.01)
 
 
@@ -119,7 +120,7 @@ def test_pictures_are_ordered_by_their_numbers(tmp_path):
 
     for number in (1, 2, 10):
         Image.fromarray(flat(number)).save(tmp_path / f"view{number}.png")
-    source = Pictures(tmp_path, "linear", fps=10)
+    source = Pictures(tmp_path, Reading("linear", fps=10))
     frame = Frame(page_aligned((3, 8, 16)), RADIANCE)
     seen = []
     for index in range(3):

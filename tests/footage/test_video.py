@@ -11,6 +11,7 @@ import clsim
 from clsim.errors import InputError
 from clsim.events.batch import gather
 from clsim.footage.arrays import Arrays
+from clsim.footage.source import Reading
 from clsim.footage.video import Video
 from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
 from tests.footage.clips import HEIGHT, WIDTH, encode, grating, grating_events, write_clip
@@ -19,7 +20,7 @@ _FRAMES, _FPS = 114, 200
 
 
 def frame_times(path, **options):
-    source = Video(path, "linear", **options)
+    source = Video(path, Reading("linear", **options))
     frame = Frame(page_aligned((3, source.height, source.width)), RADIANCE)
     times = []
     try:
