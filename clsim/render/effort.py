@@ -22,7 +22,8 @@ TIMELY = 0.25
 STILL = 0.05
 """Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
 _INSIDE = 4
-"""First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at …"""
+"""First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at; an eighth of
+all, where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 ENOUGH_FOR_EDGES = 8
@@ -63,12 +64,18 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float) -> Any:
-    """Return how many first-hit rays a pixel gets by what it shows, and their spacing, at most ``first_hit_rays``."""
+def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool) -> Any:
+    """Return how many first-hit rays a pixel gets by what it shows.
+
+    Args:
+        first_hit_rays: largest number.
+        pixel_angle: width of a pixel seen from the camera [rad].
+        sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
+    """
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
-    looks.inside = min(_INSIDE, first_hit_rays)
-    if first_hit_rays >= ENOUGH_FOR_EDGES:
+    looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
+    if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer)
         looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
@@ -86,11 +93,18 @@ class Steerer:
     """
 
     def __init__(
-        self, width: int, height: int, effort: Effort, pixel_angle: float, board: InterestBoard | None, device: Any
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        pixel_angle: float,
+        sharp: bool,
+        board: InterestBoard | None,
+        device: Any,
     ) -> None:
-        """Allocate what is kept from frame to frame; a pixel is ``pixel_angle`` wide, seen from the camera [rad]."""
+        """Allocate what is kept from frame to frame; see `looks_of` for ``pixel_angle`` and ``sharp``."""
         pixels = width * height
-        self._pixel_angle = pixel_angle
+        self._pixel_angle, self._sharp = pixel_angle, sharp
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -126,7 +140,7 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self._pixel_angle)
+        steering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:

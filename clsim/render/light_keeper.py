@@ -31,7 +31,7 @@ class LightKeeper:
         paths: paths traced so far.
     """
 
-    def __init__(self, width: int, height: int, effort: Effort, pixel_angle: float, device: Any) -> None:
+    def __init__(self, width: int, height: int, effort: Effort, pixel_angle: float, sharp: bool, device: Any) -> None:
         """Allocate a table without cells.
 
         Args:
@@ -39,13 +39,14 @@ class LightKeeper:
             height: of the frames [pixels].
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
             pixel_angle: width of a pixel seen from the camera [rad].
+            sharp: whether the picture has no blur.
             device: Warp's device.
         """
         pixels = width * height
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
-        self._pixel_angle = pixel_angle
+        self._pixel_angle, self._sharp = pixel_angle, sharp
         self._frames = 0
         self._update = 0
         self._used: Any = wp.zeros(1, dtype=wp.int32, device=device)
@@ -75,7 +76,7 @@ class LightKeeper:
         if effort.spp != self._found["out_lights"].shape[0]:
             self._make_room(effort.spp)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle)
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
         self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN

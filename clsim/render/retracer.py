@@ -71,7 +71,7 @@ class Retracer:
         self._settings.stream = stream_state(options.seed, None)
         if self._first_hits:
             self._settings.samples = self._first_hits
-            self._looks = looks_of(self._first_hits, math.radians(camera.fov_deg) / camera.width)
+            self._looks = looks_of(self._first_hits, math.radians(camera.fov_deg) / camera.width, features.sharp)
         size = options.tile_pixels or tile_size(self._settings.samples, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
 

@@ -110,15 +110,15 @@ class View:
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
-            pixel_angle = math.radians(camera.fov_deg) / camera.width
+            size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
-                self._steerer = LightKeeper(camera.width, camera.height, effort, pixel_angle, self._device)
+                self._steerer = LightKeeper(*size, effort, pixel_angle, self._sharp, self._device)
             else:
-                self._steerer = Steerer(camera.width, camera.height, effort, pixel_angle, board, self._device)
+                self._steerer = Steerer(*size, effort, pixel_angle, self._sharp, board, self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass

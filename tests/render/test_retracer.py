@@ -113,6 +113,15 @@ def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, ray
     compare(busy_world(*moving), RenderOptions(spp=2, first_hit_rays=rays), left_out)
 
 
+@pytest.mark.slow
+def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
+    """No corner tells there what a pixel shows, and none is looked at."""
+    world = busy_world()
+    lens = replace(world.camera.lens, aperture_radius_m=0.05, focus_distance_m=2.0)
+    blurred = replace(world, camera=replace(world.camera, lens=lens))
+    compare(blurred, RenderOptions(spp=1, sampler="sobol", first_hit_rays=16), left_out=("R", "G", "B", "Samples"))
+
+
 def test_what_cannot_be_traced_at_instants_is_told():
     world = busy_world(size=(2, 2))
     blurred = replace(world, camera=replace(world.camera, shutter_s=0.01))
