@@ -148,6 +148,9 @@ def sun_at(latitude_deg: float, longitude_deg: float, time: datetime, zone_h: fl
         longitude_deg: east of Greenwich.
         time: the clock's there.
         zone_h: by how much that is ahead of Greenwich.
+
+    Raises:
+        OverflowError: the time in Greenwich is before year 1 or after 9999.
     """
     utc = time - timedelta(hours=zone_h)
     days = (utc - datetime(2000, 1, 1, 12)).total_seconds() / 86400.0
@@ -162,9 +165,8 @@ def sun_at(latitude_deg: float, longitude_deg: float, time: datetime, zone_h: fl
     sidereal_h = 6.6974243242 + 0.0657098283 * days + hours
     angle = math.radians(15 * sidereal_h + longitude_deg) - ascension
     latitude = math.radians(latitude_deg)
-    zenith = math.acos(
-        math.cos(latitude) * math.cos(angle) * math.cos(declination) + math.sin(declination) * math.sin(latitude)
-    )
+    height = math.cos(latitude) * math.cos(angle) * math.cos(declination) + math.sin(declination) * math.sin(latitude)
+    zenith = math.acos(min(max(height, -1.0), 1.0))
     azimuth = math.atan2(
         -math.sin(angle), math.tan(declination) * math.cos(latitude) - math.sin(latitude) * math.cos(angle)
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import datetime, timedelta
 
 import numpy as np
 
@@ -15,8 +15,11 @@ from clsim.scene.motion import Matrix
 KINDS = ("sunsky", "sky", "sun")
 _LATER_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """From +y up to +z up, as skies have it since version 3; before, they had +y up."""
+_SMALLEST_DEG = 1e-3
+"""A sun without size is one that small."""
 _TOKYO = {"latitude": 35.6894, "longitude": 139.6917, "timezone": 9.0}
-_THEN = {"year": 2010, "month": 7, "day": 10, "hour": 15, "minute": 0, "second": 0}
+_DATE = {"year": 2010.0, "month": 7.0, "day": 10.0}
+_TIME = {"hour": 15.0, "minute": 0.0, "second": 0.0}
 
 
 def read_daylight(emitter: Plugin, turn: Matrix, legacy: bool) -> tuple[Daylight, Matrix]:
@@ -28,30 +31,32 @@ def read_daylight(emitter: Plugin, turn: Matrix, legacy: bool) -> tuple[Daylight
         legacy: whether the file is of version 0.6.
 
     Raises:
-        InputError: the date or the direction to the sun is none.
+        InputError: the date, the direction to the sun or the ground's reflectance is none.
     """
     to_world = turn if legacy else turn @ _LATER_UP
-    turbidity, ground = emitter.get("turbidity", 3.0), emitter.values.get("albedo", 0.3)
-    if isinstance(ground, Color):
-        ground = float(np.mean(ground.rgb))
-    direction = emitter.values.get("sun_direction")
-    if direction is not None:
+    albedo = emitter.values.get("albedo")
+    ground = float(np.mean(albedo.rgb)) if isinstance(albedo, Color) else emitter.get("albedo", 0.3)
+    if "sun_direction" in emitter.values:
+        direction = emitter.get("sun_direction", np.zeros(3))
         length = float(np.linalg.norm(direction))
         if not length > 0:
             raise InputError(f"{emitter.place}: sun_direction has no length")
         x, y, z = (to_world.T @ (direction / length)).tolist()
     else:
-        place = {name: emitter.get(name, value) for name, value in _TOKYO.items()}
-        date = {name: int(emitter.get(name, float(value))) for name, value in _THEN.items()}
+        place, date, time = (
+            {name: emitter.get(name, value) for name, value in values.items()} for values in (_TOKYO, _DATE, _TIME)
+        )
         try:
-            year, month, day, hour, minute, second = date.values()
-            time = datetime(year, month, day, hour, minute, second)
-        except ValueError as error:
-            raise InputError(f"{emitter.place}: there is no such date and time: {error}") from None
-        x, y, z = sun_at(place["latitude"], place["longitude"], time, place["timezone"])
+            year, month, day = map(int, date.values())
+            hours, minutes, seconds = time.values()
+            clock = datetime(year, month, day) + timedelta(hours=hours, minutes=minutes, seconds=seconds)
+            x, y, z = sun_at(place["latitude"], place["longitude"], clock, place["timezone"])
+        except (ValueError, OverflowError) as error:
+            reason = "it is not in the years 1 to 9999" if isinstance(error, OverflowError) else error
+            raise InputError(f"{emitter.place}: there is no such date and time: {reason}") from None
         if not legacy:  # since version 3 the south is along +x, and the west along +y
             x, y, z = z, y, x
-    return Daylight((x, y, z), turbidity, float(ground)), to_world
+    return Daylight((x, y, z), emitter.get("turbidity", 3.0), ground), to_world
 
 
 def scales(emitter: Plugin) -> tuple[float, float]:
@@ -62,6 +67,12 @@ def scales(emitter: Plugin) -> tuple[float, float]:
 
 
 def sun_deg(emitter: Plugin) -> float:
-    """Return the angle under which the sun is seen; another one than the true one changes nothing of its power."""
-    seen: float = emitter.get("sun_aperture", SUN_DEG)
-    return float(seen * max(emitter.get("sun_radius_scale", 1.0), 1e-3))
+    """Return the angle under which the sun is seen; another one than the true one changes nothing of its power.
+
+    Raises:
+        InputError: it is no angle from 0 to 180°.
+    """
+    seen: float = emitter.get("sun_aperture", SUN_DEG) * emitter.get("sun_radius_scale", 1.0)
+    if not 0 <= seen <= 180:
+        raise InputError(f"{emitter.place}: the sun is seen under {seen:g}°, expected an angle from 0 to 180")
+    return max(seen, _SMALLEST_DEG)

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from datetime import datetime
+from datetime import datetime, timezone
 from typing import Annotated, Literal
 
-from pydantic import Field, Strict
+from pydantic import AfterValidator, Field, Strict
 
 from clsim.scene.schema_base import Flag, NonNegative, NonNegatives, Number, Positive, Share, Table
+
+
+def _in_greenwich(time: datetime) -> datetime:
+    """Return the same time in Greenwich, without an offset."""
+    try:
+        return time if time.tzinfo is None else time.astimezone(timezone.utc).replace(tzinfo=None)
+    except OverflowError:
+        raise ValueError("expected a time in the years 1 to 9999 of Greenwich") from None
 
 
 class SineTable(Table):
@@ -59,7 +67,7 @@ class DaylightTable(Table):
     azimuth_deg: Number = Field(180.0, description="of the sun, from north, which is −z, by east, which is +x")
     latitude_deg: Annotated[float, Strict(), Field(ge=-90, le=90)] | None = Field(None, description="north is positive")
     longitude_deg: Annotated[float, Strict(), Field(ge=-180, le=180)] = Field(0.0, description="east is positive")
-    time: Annotated[datetime, Strict()] | None = Field(
+    time: Annotated[datetime, Strict(), AfterValidator(_in_greenwich)] | None = Field(
         None, description="a date and time such as 2024-06-21T14:00:00+02:00; Greenwich's without an offset"
     )
     turbidity: Annotated[float, Strict(), Field(ge=1, le=10)] = Field(

@@ -55,6 +55,9 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     yield from _modulation_conflicts("environment", environment)
     if _has(environment, "map", "daylight"):
         yield "environment: has map and daylight, expected one of them"
+    for key in ("map_scale", "map_rotation_deg", "map_turn_deg_per_s"):
+        if _has(environment, "daylight", key):
+            yield f"environment: has daylight and {key}, which belongs to map"
     daylight = environment.get("daylight") if isinstance(environment, dict) else None
     if isinstance(daylight, dict) and ("elevation_deg" in daylight) == _has(daylight, "latitude_deg", "time"):
         yield "environment.daylight: expected either elevation_deg, or latitude_deg and time"

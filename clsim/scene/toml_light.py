@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from datetime import timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,7 +59,4 @@ def _to_sun(table: schema.DaylightTable) -> Vec3:
         return math.cos(height) * math.sin(turn), math.sin(height), -math.cos(height) * math.cos(turn)
     if table.latitude_deg is None or table.time is None:
         raise ValueError("expected a place and a time, which the schema asks for")
-    time = table.time
-    if time.tzinfo is not None:
-        time = time.astimezone(timezone.utc).replace(tzinfo=None)
-    return sun_at(table.latitude_deg, table.longitude_deg, time)
+    return sun_at(table.latitude_deg, table.longitude_deg, table.time)

@@ -103,7 +103,7 @@ def load_toml(path: Path) -> World:
         environment_map = builder.environment_map(scene.environment)
     if scene.environment.daylight is not None and not problems:
         environment_map, suns = read_daylight(scene.environment.daylight, path, builder.meshes, builder.instances)
-        lights += suns
+        lights += [replace(sun, modulation=read_modulation(scene.environment.modulation)) for sun in suns]
     camera: Camera | None = None
     with _collecting(problems, f"{path}: camera"):
         camera = _camera(scene.camera, path.parent)

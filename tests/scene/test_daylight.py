@@ -124,6 +124,21 @@ def test_a_sun_without_a_place_or_with_two_is_refused(tmp_path: Path, text: str)
         load_world(toml(tmp_path, text))
     with pytest.raises(InputError, match="has map and daylight, expected one of them"):
         load_world(toml(tmp_path, 'elevation_deg = 3.0\n[environment]\nmap = "a.exr"\n'))
+    with pytest.raises(InputError, match="has daylight and map_turn_deg_per_s, which belongs to map"):
+        load_world(toml(tmp_path, "elevation_deg = 3.0\n[environment]\nmap_turn_deg_per_s = 3.0\n"))
+
+
+def test_the_sun_changes_as_the_sky_does(tmp_path: Path) -> None:
+    dusk = 'modulation = { kind = "keyframes", keyframes = [{ time_s = 0.0, factor = 0.5 }] }'
+    world = load_world(toml(tmp_path, f"elevation_deg = 30.0\n[environment]\n{dusk}\n"))
+    (sun,) = world.sphere_lights
+    assert sun.modulation == world.environment_modulation and sun.modulation is not None
+    assert sun.modulation.mean(0.0, 0.0).tolist() == [0.5, 0.5, 0.5]
+
+
+def test_times_beyond_the_calendar_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"daylight\.time: expected a time in the years 1 to 9999 of Greenwich"):
+        load_world(toml(tmp_path, "latitude_deg = 3.0\ntime = 0001-01-01T00:30:00+02:00\n"))
 
 
 def mitsuba(folder: Path, emitter: str, version: str = "3.0.0") -> Path:
@@ -150,3 +165,32 @@ def test_mitsubas_suns_stand_as_they_do_there(tmp_path: Path) -> None:
     scaled = '<emitter type="sun"><float name="scale" value="2"/><integer name="month" value="13"/></emitter>'
     with pytest.raises(InputError, match="there is no such date and time: month must be in"):
         load_world(mitsuba(tmp_path, scaled, "0.6.0"))
+
+
+@pytest.mark.parametrize(
+    ("inside", "part"),
+    [
+        ('<float name="year" value="1e300"/>', "there is no such date and time: it is not in the years 1 to 9999"),
+        ('<float name="timezone" value="1e12"/>', "there is no such date and time: it is not in the years 1 to 9999"),
+        ('<string name="albedo" value="x"/>', "sunsky.albedo is 'x', expected a float"),
+        ('<string name="sun_direction" value="x"/>', "sunsky.sun_direction is 'x', expected a"),
+        ('<float name="sun_aperture" value="720"/>', "the sun is seen under 720°, expected an angle from 0 to 180"),
+    ],
+)
+def test_what_cannot_be_a_day_gets_one_sentence(tmp_path: Path, inside: str, part: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{inside}</emitter>'))
+    assert part in str(caught.value)
+
+
+def test_mitsubas_hours_may_have_parts_and_its_suns_no_size(tmp_path: Path) -> None:
+    half, minutes = (
+        load_world(mitsuba(tmp_path, f'<emitter type="sun">{inside}</emitter>')).sphere_lights[0].motion.pose(0.0)
+        for inside in (
+            '<float name="hour" value="14.5"/>',
+            '<integer name="hour" value="14"/><float name="minute" value="30"/>',
+        )
+    )
+    np.testing.assert_array_equal(half, minutes)
+    point = load_world(mitsuba(tmp_path, '<emitter type="sun"><float name="sun_aperture" value="0"/></emitter>'))
+    assert point.sphere_lights[0].radius_m > 0
