@@ -15,7 +15,7 @@ from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
 F64 = npt.NDArray[np.float64]
 
 MAX_TRIANGLES = 300_000
-"""Larger scenes are not looked into: it would take seconds."""
+"""Larger scenes are not looked into: it would take more than some seconds."""
 ENCLOSED = 0.9
 """Share of the directions in which a wall's front must be seen for a place to be in a room."""
 _RAYS = 48
@@ -30,9 +30,7 @@ _LAMP_RADIANCE: Vec3 = (100.0, 96.0, 90.0)
 def stand_inside(
     meshes: Sequence[Mesh], instances: Sequence[Instance], center: Vec3, size: F64, period_s: float
 ) -> tuple[Camera, SphereLight] | None:
-    """Return a camera in the roomiest place of a closed room, that turns about there, and a lamp above it.
-
-    None where there is no room.
+    """Return a camera in the roomiest place of a closed room, that turns about there, and a lamp above it; else None.
 
     A place is in a room where nearly all ways lead to the fronts of faces: out of a closed body they lead to backs.
 
@@ -44,16 +42,15 @@ def stand_inside(
     """
     if sum(len(meshes[instance.mesh].triangles) for instance in instances) > MAX_TRIANGLES:
         return None
-    corners = np.concatenate([_corners(meshes[instance.mesh], instance) for instance in instances])
+    faces = _Faces(np.concatenate([_corners(meshes[instance.mesh], instance) for instance in instances]))
     low = np.asarray(center) - size / 2
     best, roomiest = None, 0.0
     for up in _HEIGHTS:
         for right in _PLACES:
             for ahead in _PLACES:
                 place = low + size * (right, up, ahead)
-                distances, fronts = _seen(corners, place)
-                if fronts >= ENCLOSED and distances > roomiest:
-                    best, roomiest = place, distances
+                if room_m := faces.room_m(place, roomiest):
+                    best, roomiest = place, room_m
     if best is None:
         return None
     above = best + np.array([0.0, _LAMP_UP * roomiest, 0.0])
@@ -67,25 +64,36 @@ def _corners(mesh: Mesh, instance: Instance) -> F64:
     return np.asarray(points[mesh.triangles])
 
 
-def _seen(corners: F64, place: F64) -> tuple[float, float]:
-    """Return the distance of the nearest face around a place, and the share of ways that lead to fronts of faces."""
-    a, b, c = (corners[:, k] - place for k in range(3))
-    edge1, edge2 = b - a, c - a
-    normal = np.cross(edge1, edge2)
-    nearest, fronts = math.inf, 0
-    for ray in _directions(_RAYS):
-        # Möller and Trumbore, JGT 1997, for all triangles at once.
-        p, q = np.cross(ray, edge2), np.cross(-a, edge1)
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            scale = 1.0 / np.einsum("ij,ij->i", edge1, p)
-            u, v = -np.einsum("ij,ij->i", a, p) * scale, (q @ ray) * scale
-            t = np.einsum("ij,ij->i", edge2, q) * scale
-            hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
-        if hit.any():
+class _Faces:
+    """Triangles, and how far one sees among them."""
+
+    def __init__(self, corners: F64) -> None:
+        """Take the corners ``[n, 3, 3]``."""
+        self._start = corners[:, 0]
+        self._edges = corners[:, 1] - self._start, corners[:, 2] - self._start
+        self._normals = np.cross(*self._edges)
+
+    def room_m(self, place: F64, least_m: float) -> float:
+        """Return the distance of the nearest face around a place; 0 where it is in no room, or ``least_m`` or less.
+
+        Möller and Trumbore, JGT 1997, with the products of three written so that each ray takes three of two.
+        """
+        away = self._start - place
+        across, along = np.cross(away, self._edges[1]), np.cross(self._edges[0], away)
+        heights = np.einsum("ij,ij->i", self._edges[1], along)
+        nearest_m, misses = math.inf, 0
+        for ray in _directions(_RAYS):
+            facing = self._normals @ ray
+            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                u, v, t = -(across @ ray) / facing, -(along @ ray) / facing, -heights / facing
+                hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
             first = int(np.argmin(np.where(hit, t, math.inf)))
-            nearest = min(nearest, float(t[first]))
-            fronts += int(normal[first] @ ray < 0)
-    return nearest, fronts / _RAYS
+            if hit[first]:
+                nearest_m = min(nearest_m, float(t[first]))
+            misses += not (hit[first] and facing[first] < 0)
+            if misses > (1 - ENCLOSED) * _RAYS or nearest_m <= least_m:
+                return 0.0
+        return nearest_m
 
 
 def _directions(count: int) -> F64:
