@@ -6,18 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.scene.world import World
-
-TEXTURES = (
-    "texture",
-    "emission_texture",
-    "roughness_texture",
-    "normal_texture",
-    "opacity_texture",
-    "bump_texture",
-    "blend_texture",
-)
-"""What of a material names a texture."""
+from clsim.scene.world import TEXTURES, World
 
 
 def describe(world: World) -> dict[str, Any]:

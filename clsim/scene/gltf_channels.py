@@ -23,9 +23,10 @@ WIDTHS: dict[Property, int] = {
     "emissive strength": 1,
 }
 """Numbers per keyframe; weights have as many as there are morph targets."""
-_NODE = r"/nodes/(\d+)/"
-_LAMP = r"/extensions/KHR_lights_punctual/lights/(\d+)/"
-_MATERIAL = r"/materials/(\d+)/"
+_NUMBER = "([0-9]{1,9})"
+_NODE = f"/nodes/{_NUMBER}/"
+_LAMP = f"/extensions/KHR_lights_punctual/lights/{_NUMBER}/"
+_MATERIAL = f"/materials/{_NUMBER}/"
 POINTERS: tuple[tuple[str, Property], ...] = (
     (_NODE + "translation", "translation"),
     (_NODE + "rotation", "rotation"),

@@ -15,7 +15,7 @@ from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
 F64 = npt.NDArray[np.float64]
 
 MAX_TRIANGLES = 300_000
-"""Larger scenes are not looked into: it would take more than some seconds."""
+"""Larger scenes are not looked into: it would take more than 3 s."""
 ENCLOSED = 0.9
 """Share of the directions in which a wall's front must be seen for a place to be in a room."""
 _RAYS = 48

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
-from clsim.scene.world import Camera, Instance, Material, Mesh, PunctualLight, Texture
+from clsim.scene.world import TEXTURES, Camera, Instance, Material, Mesh, PunctualLight, Texture
 
 
 @dataclass(frozen=True)
@@ -32,15 +33,5 @@ def with_textures_from(material: Material, first: int) -> Material:
     """Return a material whose textures stand in a longer list, ``first`` places on."""
     if not first:
         return material
-
-    def shift(index: int) -> int:
-        return index + first if index >= 0 else -1
-
-    return replace(
-        material,
-        texture=shift(material.texture),
-        emission_texture=shift(material.emission_texture),
-        roughness_texture=shift(material.roughness_texture),
-        normal_texture=shift(material.normal_texture),
-        opacity_texture=shift(material.opacity_texture),
-    )
+    places: dict[str, Any] = {name: getattr(material, name) for name in TEXTURES}
+    return replace(material, **{name: index + first for name, index in places.items() if index >= 0})

@@ -72,9 +72,13 @@ def load_pbrt(path: Path) -> World:
 
 def _is_old(path: Path) -> bool:
     """Tell whether a file has the directive that version 4 has left out; it stands at its end."""
-    with path.open("rb") as file:
-        file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
-        return re.search(rb"(?m)^\s*WorldEnd\b", file.read(_TAIL_BYTES)) is not None
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+            tail = file.read(_TAIL_BYTES)
+    except OSError:
+        return False
+    return re.search(rb"(?m)^\s*WorldEnd\b", tail) is not None
 
 
 class _Reader:

@@ -12,7 +12,7 @@ from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Motion
-from clsim.scene.world import AlphaMode, Camera, CheckerTexture, Kind, Material, Mesh, Texture, World, Wrap
+from clsim.scene.world import TEXTURES, AlphaMode, Camera, CheckerTexture, Kind, Material, Mesh, Texture, World, Wrap
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
@@ -101,15 +101,7 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
         yield f"{name}: kind is {material.kind!r}, expected one of {', '.join(get_args(Kind))}"
     if material.alpha_mode not in get_args(AlphaMode):
         yield f"{name}: alpha_mode is {material.alpha_mode!r}, expected one of {', '.join(get_args(AlphaMode))}"
-    for key in (
-        "texture",
-        "emission_texture",
-        "roughness_texture",
-        "normal_texture",
-        "opacity_texture",
-        "bump_texture",
-        "blend_texture",
-    ):
+    for key in TEXTURES:
         if not -1 <= getattr(material, key) < textures:
             yield f"{name}: {key} is {getattr(material, key)}, expected -1 or one of the {textures} textures"
     if not _within(material.color, 1.0):

@@ -162,6 +162,18 @@ class Material:
     name: str = ""
 
 
+TEXTURES = (
+    "texture",
+    "emission_texture",
+    "roughness_texture",
+    "normal_texture",
+    "opacity_texture",
+    "bump_texture",
+    "blend_texture",
+)
+"""What of a material names a texture."""
+
+
 @dataclass(frozen=True)
 class SphereLight:
     """An analytic spherical emitter; its pose's translation is its centre, ``modulation`` how its light changes."""

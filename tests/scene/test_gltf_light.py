@@ -101,6 +101,8 @@ def test_what_is_not_played_is_named_and_what_is_wrong_refused(tmp_path):
     cone = file((LAMP + "spot/outerConeAngle", [0.0, 1.0], [0.1, 0.2], "LINEAR"))
     warnings = load_gltf(write_gltf(tmp_path, cone)).warnings
     assert warnings == (f"scene.gltf: animations of {LAMP}spot/outerConeAngle are not played",)
+    long = file((LAMP.replace("0", "1" * 5000) + "color", [0.0], [1.0, 1.0, 1.0], "LINEAR"))
+    assert "are not played" in load_gltf(write_gltf(tmp_path, long)).warnings[0]
     with pytest.raises(InputError, match=r"uses lights\[7\], of 1"):
         load_gltf(write_gltf(tmp_path, file((LAMP.replace("0", "7") + "intensity", [0.0], [1.0], "LINEAR"))))
     with pytest.raises(InputError, match="has 2 numbers, expected 2 keyframes of 1 × 3"):

@@ -370,6 +370,11 @@ def test_checkerboards_shift_by_the_files_own_offset(tmp_path):
     np.testing.assert_allclose(np.array(world.textures[0].uv_matrix) @ (0.25, 0.5, 1), (1.25 / 2, 0.75 / 2))
 
 
+def test_a_file_that_cannot_be_read_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"none\.pbrt: cannot be read"):
+        load_pbrt(tmp_path / "none.pbrt")
+
+
 def test_files_of_older_versions_are_named_as_such(tmp_path):
     path = tmp_path / "old.pbrt"
     path.write_text('WorldBegin\nMaterial "glass"\nShape "sphere"\nWorldEnd\n')
