@@ -17,7 +17,7 @@ from clsim.errors import InputError
 if TYPE_CHECKING:
     from clsim.scene import World
 
-_PICTURE_WIDTH, _PICTURE_SPP = 64, 64
+_PICTURE_SIDE, _PICTURE_SPP = 64, 64
 _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled:"}
 """What people read where a key of the JSON could be taken for something else."""
 
@@ -75,11 +75,12 @@ def _illuminance_lux(world: World) -> dict[str, float]:
     from clsim.frames import RADIANCE, Frame, page_aligned
     from clsim.render import RenderOptions, SceneData, View
 
-    height = max(1, round(_PICTURE_WIDTH * world.camera.height / world.camera.width))
+    scale = _PICTURE_SIDE / max(world.camera.width, world.camera.height)
+    width, height = (max(1, round(scale * side)) for side in (world.camera.width, world.camera.height))
     options = RenderOptions(spp=_PICTURE_SPP)
-    camera = replace(world.camera, width=_PICTURE_WIDTH, height=height)
+    camera = replace(world.camera, width=width, height=height)
     view = View(SceneData(world, options.device, options.tree), options, camera=camera)
-    frame = Frame(page_aligned((len(view.names), height, _PICTURE_WIDTH)), view.names)
+    frame = Frame(page_aligned((len(view.names), height, width)), view.names)
     view.fill_at(0, 0, frame)
     view.close()
     luminance = np.tensordot(LUMINANCE_WEIGHTS["rec709"], [frame.plane(name) for name in RADIANCE], 1)

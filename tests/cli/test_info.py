@@ -5,6 +5,7 @@ import pytest
 
 from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
+from clsim.frames import page_aligned
 from clsim.frames.exr import ExrWriter
 from tests.detect.reference_scenes import random_frames
 from tests.events.event_data import end_of
@@ -125,11 +126,15 @@ def test_warnings_of_a_scene_come_first_and_what_it_needs_not_is_no_lack(clsim, 
     assert facts["warnings"] and set(facts["illuminance_lux"].values()) == {0.0}
 
 
-def test_the_light_on_the_sensor_is_told_in_lux(clsim, tmp_path):
-    """A sky of luminance 2, and nothing before it but a far corner."""
+def test_the_light_on_the_sensor_is_told_in_lux(clsim, tmp_path, monkeypatch):
+    """A sky of luminance 2, and nothing before it but a far corner; a tall picture is as small as a wide one."""
+    shapes = []
+    monkeypatch.setattr("clsim.frames.page_aligned", lambda shape: shapes.append(shape) or page_aligned(shape))
     (tmp_path / "sky.toml").write_text(
         "[sensor]\nlux_per_unit = 300.0\n[environment]\nradiance = [2, 2, 2]\n[camera]\nposition = [0, 0, 900]\n"
+        "resolution = [4, 16]\n"
         "[[objects]]\nshape = 'box'\n"
     )
     lux = told(clsim, tmp_path / "sky.toml")["scene"]["illuminance_lux"]
     assert list(lux.values()) == pytest.approx([600] * 3)
+    assert [shape[1:] for shape in shapes] == [(64, 16)]
