@@ -197,6 +197,8 @@ def _compile(client: Any, spec: Spec, index: int, threads: int) -> None:
         raise InputError(f"sequence {index}: {error}") from None
     except CancelledError:
         raise SchedulerLostError(_LOST) from None
+    except Exception:  # a worker that died, say: the rounds try again, and tell what remains
+        return
 
 
 def run_briefly(spec: Spec, index: int, threads: int) -> None:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import CancelledError
 from types import SimpleNamespace
 
 import pytest
 
+from clsim.datasets import engine
 from clsim.datasets.kernels import KernelCaches, copy_missing
+from clsim.datasets.spec import load_spec
+from clsim.errors import InputError
 
 
 def test_kernels_that_lack_are_copied_and_others_are_left_alone(tmp_path):
@@ -42,3 +46,18 @@ def test_a_cache_that_cannot_be_written_costs_no_sequence(tmp_path, monkeypatch)
         made.write_text("kernel")
     with pytest.raises(ZeroDivisionError), caches.shared():
         _ = 1 / 0
+
+
+def test_a_worker_that_dies_compiling_ahead_does_not_end_the_run():
+    def compile_with(error):
+        def result():
+            raise error
+
+        client = SimpleNamespace(submit=lambda *_, **__: SimpleNamespace(result=result))
+        engine._compile(client, load_spec("flow"), 0, 1)
+
+    compile_with(RuntimeError("it died ten times"))
+    with pytest.raises(InputError, match="sequence 0: wrong"):
+        compile_with(InputError("wrong"))
+    with pytest.raises(engine.SchedulerLostError):
+        compile_with(CancelledError())
