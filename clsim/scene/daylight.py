@@ -49,6 +49,11 @@ class Daylight:
     turbidity: float = 3.0
     ground: float = 0.3
 
+    @property
+    def is_night(self) -> bool:
+        """Whether the sun is below the horizon, where the model of the sky ends."""
+        return self.to_sun[1] < 0
+
 
 def dome(parameters: F64, cosine: F64, gamma: F64) -> F64:
     """Return the radiance of a sky (eq. 8 and 9 of the paper).

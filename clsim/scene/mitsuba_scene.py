@@ -233,6 +233,9 @@ class _Reader:
 
     def _add_daylight(self, emitter: Plugin, turn: Matrix) -> None:
         day, to_world = read_daylight(emitter, turn, self.legacy)
+        if day.is_night:
+            self._warn("the sun is below the horizon, so there is no daylight")
+            return
         sky_scale, sun_scale = scales(emitter)
         if sky_scale > 0:
             self.environment_map = EnvironmentMap(sky(day) * np.float32(sky_scale), to_world)

@@ -34,7 +34,7 @@ def read_modulation(table: schema.SineTable | schema.PwmTable | schema.LightKeyf
 def read_daylight(
     table: schema.DaylightTable, path: Path, meshes: Sequence[Mesh], instances: Sequence[Instance]
 ) -> tuple[EnvironmentMap | None, list[SphereLight]]:
-    """Return the sky and the sun, as far as they shine.
+    """Return the sky and the sun, as far as they shine: not at night.
 
     Raises:
         InputError: what they light has no extent; it names the file.
@@ -43,9 +43,11 @@ def read_daylight(
     from clsim.scene.framing import bounds
 
     day = Daylight(_to_sun(table), table.turbidity, table.ground)
+    if day.is_night:
+        return None, []
     upright = np.eye(3)
     above = EnvironmentMap(sky(day) * np.float32(table.sky_scale), upright) if table.sky_scale > 0 else None
-    if table.sun_scale == 0 or day.to_sun[1] <= 0:
+    if table.sun_scale == 0:
         return above, []
     middle, size = bounds(path, meshes, instances) if instances else ((0.0, 0.0, 0.0), np.ones(3))
     return above, [sun_light(day, upright, middle, float(np.linalg.norm(size)) / 2, table.sun_scale)]

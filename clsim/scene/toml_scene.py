@@ -102,8 +102,11 @@ def load_toml(path: Path) -> World:
     with _collecting(problems, f"{path}: environment.map"):
         environment_map = builder.environment_map(scene.environment)
     if scene.environment.daylight is not None and not problems:
-        environment_map, suns = read_daylight(scene.environment.daylight, path, builder.meshes, builder.instances)
+        daylight = scene.environment.daylight
+        environment_map, suns = read_daylight(daylight, path, builder.meshes, builder.instances)
         lights += [replace(sun, modulation=read_modulation(scene.environment.modulation)) for sun in suns]
+        if environment_map is None and not suns and (daylight.sky_scale > 0 or daylight.sun_scale > 0):
+            builder.warnings.append(f"{path.name}: the sun is below the horizon, so there is no daylight")
     camera: Camera | None = None
     with _collecting(problems, f"{path}: camera"):
         camera = _camera(scene.camera, path.parent)

@@ -109,7 +109,8 @@ def test_a_toml_has_a_sky_and_a_sun(tmp_path: Path) -> None:
     np.testing.assert_allclose(place / np.linalg.norm(place), (3**0.5 / 2, 0.5, 0.0), atol=1e-9)
     assert np.linalg.norm(place) == pytest.approx(1e4 * 5.0) and sun.name == "sun"
     night = load_world(toml(tmp_path, "elevation_deg = -3.0\n"))
-    assert night.sphere_lights == ()
+    assert night.sphere_lights == () and night.environment_map is None, "as in Mitsuba 3"
+    assert night.warnings[0] == "day.toml: the sun is below the horizon, so there is no daylight"
     when = "latitude_deg = 51.48\ntime = 2024-06-20T14:01:46+02:00\nsky_scale = 0.0\n"
     noon = load_world(toml(tmp_path, when))
     assert noon.environment_map is None
@@ -194,3 +195,11 @@ def test_mitsubas_hours_may_have_parts_and_its_suns_no_size(tmp_path: Path) -> N
     np.testing.assert_array_equal(half, minutes)
     point = load_world(mitsuba(tmp_path, '<emitter type="sun"><float name="sun_aperture" value="0"/></emitter>'))
     assert point.sphere_lights[0].radius_m > 0
+
+
+def test_mitsubas_nights_have_no_daylight(tmp_path: Path) -> None:
+    """A lamp and a dim environment of clsim's own stand in, as where a file has no light."""
+    below = '<vector name="sun_direction" x="0" y="3" z="-4"/>'
+    night = load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{below}</emitter>'))
+    assert night.environment_map is None and [light.name for light in night.sphere_lights] != ["sun"]
+    assert any("the sun is below the horizon, so there is no daylight" in text for text in night.warnings)
