@@ -120,19 +120,11 @@ class Workplace(Generic[GridT]):
             cl.enqueue_copy(self.queue, result, buffer.memory)
         return result
 
-    def begin_read(self, buffer: Buffer, out: npt.NDArray[Any]) -> Any:
-        """Enqueue a copy of the first ``len(out)`` items, and return its event: ``out`` is filled after its ``wait``.
-
-        A wait sends PoCL's threads to sleep, and to wake them costs more than a small kernel.
-        """
-        import pyopencl as cl
-
-        return cl.enqueue_copy(self.queue, out, buffer.memory, is_blocking=False)
-
     def begin_write(self, buffer: Buffer, values: npt.NDArray[Any]) -> Any:
         """Enqueue a copy to a buffer, and return its event; ``values`` must not change before it is done.
 
-        Keep the event as long: one that is let go of waits.
+        Keep the event as long: one that is let go of waits. To wake PoCL's threads after a wait costs more than a
+        small kernel.
         """
         import pyopencl as cl
 

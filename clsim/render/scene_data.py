@@ -42,6 +42,7 @@ class SceneData:
         origin_m: the world's point at which the device has its origin.
         interval_s: the time that it covers, about the instant to which it was moved [s].
         lock: held by a view while it moves the scene and renders.
+        light_changes: whether light changes by itself.
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
         poses: those that were asked for, where there are several instants.
@@ -71,7 +72,7 @@ class SceneData:
         """
         validate(world, world.name)
         check_device(device)
-        self.world = world
+        self.world, self.light_changes = world, world.light_changes()
         self.lock = threading.RLock()
         self.device = wp.get_device(device)
         self.tree: Tree = tree or fastest_tree(device)
@@ -128,7 +129,7 @@ class SceneData:
 
         Return all that changes of it: another array where the light is another.
         """
-        if self.world.light_changes():
+        if self.light_changes:
             self._shining.shine(start_s, end_s)
             self.scene.lights = self._lights.lights
         return self._shining.state

@@ -243,7 +243,7 @@ class View:
 
         What is kept from frame to frame tells nothing of another light.
         """
-        if not self._data.world.light_changes():
+        if not self._data.light_changes:
             return {}
         half_s = 0.5 * self._shutter_s
         light = self._data.shine(time_s - half_s, time_s + half_s)

@@ -14,7 +14,8 @@ from clsim.scene.world import Vec3
 Place = tuple[Property, int]
 F64 = npt.NDArray[np.float64]
 _PARTS = 64
-"""Lines that stand for a curve from keyframe to keyframe."""
+"""Lines that stand for a curve from keyframe to keyframe; fewer where there are more than `_MOST_POINTS` in all."""
+_MOST_POINTS = 1 << 17
 _BEFORE = 1e-6
 """Share of the way from key to key that is left where a value jumps at the next."""
 
@@ -68,6 +69,7 @@ class LightTracks:
 
 def _between(keys_s: F64) -> F64:
     """Return the times of keys and of points between them, one just before each."""
-    shares = np.append(np.arange(_PARTS) / _PARTS, 1.0 - _BEFORE)
+    parts = max(1, min(_PARTS, _MOST_POINTS // len(keys_s)))
+    shares = np.append(np.arange(parts) / parts, 1.0 - _BEFORE)
     inside = keys_s[:-1, None] + np.diff(keys_s)[:, None] * shares
     return np.append(inside.ravel(), keys_s[-1])

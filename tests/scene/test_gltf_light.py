@@ -97,6 +97,17 @@ def test_a_line_beside_steps_jumps_where_they_do(tmp_path):
         assert light_at(lamp, time_s)[0] == pytest.approx(red, abs=1e-3), time_s
 
 
+def test_a_curve_of_very_many_keys_has_hardly_more_points(tmp_path, monkeypatch):
+    monkeypatch.setattr("clsim.scene.gltf_light._MOST_POINTS", 100)
+    keys = np.arange(200.0)
+    values = np.stack([0 * keys, keys, 0 * keys], axis=1).ravel().tolist()
+    (lamp,) = load_gltf(
+        write_gltf(tmp_path, with_camera(file((LAMP + "intensity", keys.tolist(), values, "CUBICSPLINE"))))
+    ).punctual_lights
+    assert len(lamp.modulation.times_s) < 2 * len(keys)
+    np.testing.assert_allclose(light_at(lamp, 150.0), np.multiply(150.0 / 683, (1.0, 0.5, 0.25)), rtol=1e-6)
+
+
 def test_what_is_not_played_is_named_and_what_is_wrong_refused(tmp_path):
     cone = file((LAMP + "spot/outerConeAngle", [0.0, 1.0], [0.1, 0.2], "LINEAR"))
     warnings = load_gltf(write_gltf(tmp_path, cone)).warnings
