@@ -30,6 +30,7 @@ from clsim.events.filesink import FlushPolicy
 from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5 import Hdf5Sink, open_source
 from clsim.truth.labels import LABEL_DTYPE
+from clsim.truth.lines import held
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.record import About, ImuChunk, ImuNoise, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
@@ -217,7 +218,7 @@ def read_recording(path: Path) -> Recording:
         with h5py.File(path, "r") as file:
             groups = file.get("poses", {})
             for group in (groups[key] for key in sorted(groups, key=lambda key: (key != "camera", key))):
-                columns = [group[key][:] for key in ("t", "pose", "velocity")]
+                columns = [held(group[key]) for key in ("t", "pose", "velocity")]
                 count = min(map(len, columns))
                 yield TrackChunk(str(group.attrs["name"]), *(column[:count] for column in columns))
 
@@ -236,7 +237,7 @@ def read_recording(path: Path) -> Recording:
     def imu() -> Iterator[ImuChunk]:
         with h5py.File(path, "r") as file:
             if "imu" in file:
-                columns = [file["imu"][key][:] for key in ("t", "acceleration", "angular_velocity")]
+                columns = [held(file["imu"][key]) for key in ("t", "acceleration", "angular_velocity")]
                 count = min(map(len, columns))
                 yield ImuChunk(*(column[:count] for column in columns))
 
@@ -281,13 +282,13 @@ def _read_shot(frames: Any, k: int) -> Shot:
     for name in _PLANES:
         if name in frames:
             kind = np.uint8 if name == "image" else np.float32
-            planes[name] = frames[name][k].astype(kind)
+            planes[name] = held(frames[name], k).astype(kind)
     time_us = int(frames["t"][k])
     ends = {"flow_end": time_us, "flow_start": time_us}
     for name, (_, end) in _FLOWS.items():
         if name in frames:
-            known = [frames[f"{name}_{part}"][k] for part in ("valid", "covisible")]
-            flow = np.concatenate([frames[name][k], np.stack(known, axis=-1)], axis=-1)
+            known = [held(frames[f"{name}_{part}"], k) for part in ("valid", "covisible")]
+            flow = np.concatenate([held(frames[name], k), np.stack(known, axis=-1)], axis=-1)
             planes[name.replace("_", "-")] = flow.astype(np.float32)
             ends[end] = int(frames[end][k])
     return Shot(time_us, ends["flow_start"], ends["flow_end"], int(frames["event_index"][k]), planes)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -75,6 +76,19 @@ def read_table(path: Path, columns: int) -> F64:
     if table.shape[1] != columns:
         raise ValueError(f"{path} has {table.shape[1]} numbers a line, expected {columns}")
     return table
+
+
+def held(dataset: Any, at: int | None = None) -> npt.NDArray[Any]:
+    """Return all that a data set of HDF5 holds, or its row ``at``; a file may claim any size, however small it is.
+
+    Raises:
+        ValueError: it is more than a GiB.
+    """
+    size = dataset.nbytes if at is None else dataset.nbytes // max(len(dataset), 1)
+    if size > MAX_BYTES:
+        raise ValueError(f"{dataset.name} has {size} bytes, expected at most {MAX_BYTES}")
+    found: npt.NDArray[Any] = dataset[:] if at is None else dataset[at]
+    return found
 
 
 def microseconds(seconds: npt.ArrayLike) -> Times:

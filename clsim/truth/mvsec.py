@@ -35,7 +35,7 @@ from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5_growing import GrowingHdf5
 from clsim.truth.images import Pictures, with_images
 from clsim.truth.intrinsics import camera_of, yaml_numbers
-from clsim.truth.lines import microseconds, rate_of
+from clsim.truth.lines import MAX_BYTES, held, microseconds, rate_of
 from clsim.truth.names import TRUTH_NAMES
 from clsim.truth.poses import matrices
 from clsim.truth.poses import rows as pose_rows
@@ -186,14 +186,13 @@ def read_recording(path: Path) -> Recording:
         left, known = data[group], truth.get(group, {})
         names = {name for name, key in (("image", "image_raw"), ("imu", "imu")) if key in left}
         names |= {name for name, key in (("depth", "depth_image_raw"), ("poses", "pose")) if key in known}
-        times = {name: microseconds(left[f"{_STACKS[name]}_ts"][:]) for name in names & {"image"}}
-        times |= {name: microseconds(known[f"{_STACKS[name]}_ts"][:]) for name in names & {"depth"}}
+        times = {name: microseconds(held(left[f"{_STACKS[name]}_ts"])) for name in names & {"image"}}
+        times |= {name: microseconds(held(known[f"{_STACKS[name]}_ts"])) for name in names & {"depth"}}
         camera = _camera(path, data, next((stack.shape[1:] for stack in _stacks(left, known)), None))
         if "flow_dist" in known:  # as clsim writes it, also where a run was killed before there was an npz
-            times["flow"] = microseconds(known["flow_dist_ts"][:])
+            times["flow"] = microseconds(held(known["flow_dist_ts"]))
         elif flow_file.is_file():
-            with np.load(flow_file) as archive:
-                times["flow"] = microseconds(archive["timestamps"])
+            times["flow"] = microseconds(_read_flow_times(flow_file))
     names |= times.keys()
     size = camera["height"], camera["width"]
     all_times = sorted({time_us for own in times.values() for time_us in own.tolist()})
@@ -219,29 +218,32 @@ def read_recording(path: Path) -> Recording:
         numbers = {name: {time_us: k for k, time_us in enumerate(own.tolist())} for name, own in times.items()}
         with h5py.File(data_file, "r") as data, _truth(truth_file) as truth:
             rows, stored_flow = data[f"{group}/events"], truth.get(f"{group}/flow_dist")
-            flows = _read_flow(flow_file, size) if stored_flow is None else iter(stored_flow)
+            flows = _read_flow(flow_file, size) if stored_flow is None else _rows(stored_flow)
             for time_us in all_times:
                 planes = {}
                 for name, file in (("image", data), ("depth", truth)):
                     if time_us in numbers.get(name, {}):
-                        stored = file[f"{group}/{_STACKS[name]}"][numbers[name][time_us]]
+                        stored = held(file[f"{group}/{_STACKS[name]}"], numbers[name][time_us])
                         planes[name] = stored if name == "image" else _depth(stored)
                 after_us = time_us
                 if time_us in numbers.get("flow", {}):
-                    planes["flow"], after_us = _flow(next(flows)), _following(times["flow"], numbers["flow"][time_us])
+                    flow = next(flows, None)
+                    if flow is None:
+                        raise ValueError(f"there are {len(times['flow'])} times of flow, but fewer frames of it")
+                    planes["flow"], after_us = _flow(flow), _following(times["flow"], numbers["flow"][time_us])
                 yield Shot(time_us, time_us, after_us, _index_at(rows, time_us), planes)
 
     def tracks() -> Iterator[TrackChunk]:
         if "poses" in names:
             with _truth(truth_file) as truth:
-                poses, times_s = truth[f"{group}/pose"][:], truth[f"{group}/pose_ts"][:]
+                poses, times_s = (held(truth[f"{group}/{key}"]) for key in ("pose", "pose_ts"))
             unknown = np.full((len(poses), 6), np.nan)
             yield TrackChunk("camera", microseconds(times_s), pose_rows(poses), unknown)
 
     def imu() -> Iterator[ImuChunk]:
         with h5py.File(data_file, "r") as data:
             if "imu" in names:
-                samples, times_s = data[f"{group}/imu"][:], data[f"{group}/imu_ts"][:]
+                samples, times_s = (held(data[f"{group}/{key}"]) for key in ("imu", "imu_ts"))
                 yield ImuChunk(microseconds(times_s), samples[:, 3:], samples[:, :3])
 
     return Recording(about, events, shots=shots, tracks=tracks, imu=imu)
@@ -287,25 +289,45 @@ def _following(times_us: npt.NDArray[np.int64], number: int) -> int:
     return int(2 * times_us[-1] - times_us[-2]) if len(times_us) > 1 else int(times_us[-1])
 
 
+def _rows(stack: Any) -> Iterator[npt.NDArray[Any]]:
+    for k in range(len(stack)):
+        yield held(stack, k)
+
+
 def _read_flow(path: Path, size: tuple[int, int]) -> Iterator[npt.NDArray[np.float64]]:
     """Yield flow ``[2, H, W]``, one frame in memory at a time, from an npz of x_flow_dist and y_flow_dist."""
     with zipfile.ZipFile(path) as archive, contextlib.ExitStack() as opened:
         columns = []
         for name in ("x_flow_dist", "y_flow_dist"):
             file = opened.enter_context(archive.open(f"{name}.npy"))
-            version = np.lib.format.read_magic(file)
-            shape, by_column, kind = (
-                np.lib.format.read_array_header_1_0(file)
-                if version == (1, 0)
-                else np.lib.format.read_array_header_2_0(file)
-            )
-            if by_column or shape[1:] != size or kind.kind != "f":
-                raise ValueError(f"{path} has {name} of {shape} {kind}, expected floats, frames of {size}")
+            shape, kind = _header(path, file)
+            if shape[1:] != size:
+                raise ValueError(f"{path} has {name} of {shape}, expected frames of {size}")
             columns.append((file, kind))
         for _ in range(shape[0]):
             yield np.stack(
                 [np.frombuffer(f.read(size[0] * size[1] * kind.itemsize), kind).reshape(size) for f, kind in columns]
             )
+
+
+def _read_flow_times(path: Path) -> npt.NDArray[np.float64]:
+    """Return the times [s] of an npz of flow."""
+    with zipfile.ZipFile(path) as archive, archive.open("timestamps.npy") as file:
+        shape, kind = _header(path, file)
+        found: npt.NDArray[np.float64] = np.frombuffer(file.read(MAX_BYTES), kind)
+    if found.shape != shape:
+        raise ValueError(f"{path} has {len(found)} timestamps, but tells of {shape}")
+    return found
+
+
+def _header(path: Path, file: Any) -> tuple[tuple[int, ...], Any]:
+    """Return the shape and type that the head of an npy tells; raises ValueError where they are no rows of floats."""
+    modern = np.lib.format.read_magic(file) != (1, 0)
+    read = np.lib.format.read_array_header_2_0 if modern else np.lib.format.read_array_header_1_0
+    shape, by_column, kind = read(file)
+    if (by_column and len(shape) > 1) or kind.kind != "f":
+        raise ValueError(f"{path} has {shape} of {kind}, expected floats in the order of rows")
+    return shape, kind
 
 
 def _depth(stored: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

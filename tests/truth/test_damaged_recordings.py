@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
 from pathlib import Path
 
 import h5py
@@ -60,3 +62,33 @@ def test_whatever_is_wrong_with_a_recording_is_one_sentence(tmp_path: Path) -> N
         file.attrs["camera"] = json.dumps({"intrinsics_px": camera["intrinsics_px"], "model": "perspective"})
     with pytest.raises(InputError, match="needs the camera's intrinsics"):
         convert_recording(str(tmp_path / "c.h5"), str(tmp_path / "d.tumvie"))
+
+
+def test_files_that_claim_more_than_they_hold_are_told(tmp_path: Path) -> None:
+    home = tmp_path / "a.mvsec"
+    recorded(home)
+    with h5py.File(home / "a_gt.hdf5", "r+") as file:
+        del file["davis/left/flow_dist"]
+    flow = np.zeros((1, recordings.HEIGHT, recordings.WIDTH))
+    told = home / "a_gt_flow_dist.npz"
+    np.savez(told, timestamps=np.arange(5) * 0.1, x_flow_dist=flow, y_flow_dist=flow)
+    recording = read_recording(str(home))
+    with pytest.raises(InputError, match="5 times of flow, but fewer frames"):
+        list(recording.shots())
+    head = io.BytesIO()
+    np.lib.format.write_array_header_1_0(head, {"descr": "<f8", "fortran_order": False, "shape": (10**12,)})
+    with zipfile.ZipFile(told, "w") as archive:
+        archive.writestr("timestamps.npy", head.getvalue())
+    with pytest.raises(InputError, match="0 timestamps, but tells of"):
+        read_recording(str(home))
+    with h5py.File(home / "a_data.hdf5", "r+") as file:
+        del file["davis/left/image_raw_ts"]
+        file.create_dataset("davis/left/image_raw_ts", (10**12,), "f8", chunks=(1024,))
+    with pytest.raises(InputError, match="has 8000000000000 bytes"):
+        read_recording(str(home))
+    recorded(tmp_path / "b.h5")
+    with h5py.File(tmp_path / "b.h5", "r+") as file:
+        del file["frames/depth"]
+        file.create_dataset("frames/depth", (4, 1 << 16, 1 << 16), "f4", chunks=(1, 16, 16))
+    with pytest.raises(InputError, match="frames/depth has 17179869184 bytes"):
+        next(read_recording(str(tmp_path / "b.h5")).shots())
