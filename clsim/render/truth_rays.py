@@ -14,6 +14,7 @@ import warp as wp
 
 from clsim.frames.planes import PlaneSet
 from clsim.render.alpha import make_alpha
+from clsim.render.blends import make_blends
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera, make_projection
 from clsim.render.compiler import kernel_options
@@ -75,6 +76,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     sphere_at = make_sphere_at(features)
     resolve, _, opacity, _, _ = make_materials(features)
     _, _, albedo_of = make_bsdf(features)
+    _, mean_of_blend = make_blends(features, resolve, albedo_of)
     mapped_normal = make_normal_maps(features)
     pierce, _ = make_alpha(features, closest, surface_of, opacity, _even_odds)
     camera_ray = make_camera(features)
@@ -138,6 +140,8 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
                     normal = mapped_normal(scene.materials, point, -ray.direction)
                 if wp.static("Truth.Albedo" in first):
                     albedo = albedo_of(resolve(scene.materials, point))
+                    if wp.static(features.blends):
+                        albedo = mean_of_blend(scene.materials, point)
             elif hit.sphere >= 0:
                 way = ray.direction * hit.t
                 seen.kind = SPHERE
@@ -228,7 +232,10 @@ def truth_features(features: Features, planes: PlaneSet) -> Features:
     return replace(
         features,
         smooth_normals=features.smooth_normals and (normal or albedo),
+        vertex_colors=features.vertex_colors and albedo,
         normal_maps=features.normal_maps and normal,
+        bump_maps=features.bump_maps and normal,
+        blends=features.blends and albedo,
         kinds=features.kinds if materials and albedo else ("diffuse",),
         textures=textures,
         checkers=features.checkers and textures,

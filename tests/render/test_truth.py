@@ -279,3 +279,18 @@ def _rays_at(camera: Camera, pixels):
         scale = np.sin(angle) / np.maximum(angle, 1e-300)
         return np.stack([across * scale, -down * scale, -np.cos(angle)], axis=1)
     return np.stack([across, -down, -np.ones_like(across)], axis=1)
+
+
+@pytest.mark.slow
+def test_the_albedo_of_a_blend_is_the_mean_of_all():
+    """.6 of the first, .4·.75 of the second and .4·.25 of the third."""
+    materials = (
+        Material(color=(1.0, 0.0, 0.5), blend_with=1, blend_share=0.4),
+        Material(color=(0.0, 1.0, 0.5), blend_with=2, blend_share=0.25),
+        Material(color=(0.5, 0.5, 0.5)),
+    )
+    square = hw.quad((-9, -9, 0), (18, 0, 0), (0, 18, 0))
+    world = hw.world(square, materials=materials, view=hw.camera(hw.look_from((0.0, 0.0, 2.0), (0.0, 0.0, 0.0))))
+    found = filled(world)
+    for channel, expected in (("R", 0.65), ("G", 0.35), ("B", 0.5)):
+        assert found[f"Truth.Albedo.{channel}"] == pytest.approx(expected, abs=1e-6)
