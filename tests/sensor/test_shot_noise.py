@@ -44,7 +44,9 @@ def some_slow(*ratios):
 
 @pytest.mark.parametrize("ratio", some_slow(2.0, 3.0))
 def test_noise_fires_at_the_rate_of_level_crossings(ratio):
-    pixels, seconds = 1500, {2.0: 0.3, 2.5: 0.3, 3.0: 0.6, 3.5: 1.0, 4.0: 3.0, 5.0: 150.0}[ratio]
+    # The rarer the events, the more of them: found from 3 on are 2 to 4.5 % less than the table has.
+    seconds = {2.0: 0.3, 2.5: 0.3, 3.0: 0.6, 3.5: 1.0, 4.0: 3.0, 5.0: 150.0}[ratio]
+    pixels = {4.0: 6000, 5.0: 4500}.get(ratio, 1500)
     events, bench = watch(noisy(ratio), pixels, seconds)
     per_tau = len(events) / pixels / seconds * TAU_S
     assert len(events) > 4000
