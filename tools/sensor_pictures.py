@@ -1,6 +1,7 @@
-"""The pictures of docs/sensor.md: what each stage does to the same moving disc, and the live view with two sensors.
+"""The pictures of docs/sensor.md: what each stage does to a moving disc, what causes its events, and the live view.
 
 python tools/sensor_pictures.py stages docs/images/sensor-stages.png
+python tools/sensor_pictures.py causes docs/images/sensor-causes.png  # needs Chromium
 python tools/sensor_pictures.py view docs/images/sensor-view.png      # needs Chromium
 python tools/sensor_pictures.py costs      # prints what a step of the disc costs with each stage [ms of CPU]
 """
@@ -19,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
+from clsim.events.files import open_sink
 from clsim.sensor import SensorSettings, load_sensor
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
@@ -122,8 +124,27 @@ def view() -> Image.Image:
     return out.resize((1800, 1800 * out.height // out.width), Image.Resampling.LANCZOS).quantize(128, dither=0)
 
 
+def causes() -> Image.Image:
+    """Return the page of a recording of the disc, whose sensor errs often, coloured by what caused each event."""
+    with tempfile.TemporaryDirectory() as folder:
+        name, shot = Path(folder, "disc.h5"), Path(folder, "page.png")
+        sink = open_sink(name, *SIZE, labels=("cause",))
+        often = {"noise": Noise((1.0,), (1.0,)), "leak": Leak(1.0, 0.25), "defects": Defects(0.002, 200.0)}
+        lab = Lab(replace(STAGES["davis346"], **often), *SIZE, lux=10.0)
+        for t in range(0, END_US + 1, STEP_US):
+            fired = lab.to(t, disc(t))
+            sink.write(fired.events, t, fired.causes)
+        sink.close()
+        script = Path(__file__).with_name("screenshot_view.py")
+        how = ("--wait", "6", "--size", "1200x620", "--theme", "light", "--colours", "cause")
+        settings = ("--settings", '{"windowUs": 15000, "depthUs": 120000, "full": 4}')
+        last = ("--script", "for (const id of ['loop', 'play']) document.getElementById(id).click()")
+        subprocess.run([sys.executable, str(script), str(name), str(shot), *how, *settings, *last], check=True)
+        return Image.open(shot).convert("RGB")
+
+
 if __name__ == "__main__":
     if sys.argv[1] == "costs":
         costs()
     else:
-        {"stages": stages, "view": view}[sys.argv[1]]().save(sys.argv[2], optimize=True)
+        {"stages": stages, "causes": causes, "view": view}[sys.argv[1]]().save(sys.argv[2], optimize=True)

@@ -44,9 +44,14 @@ def view(
     decay: Annotated[bool, typer.Option("--decay", help="Let events fade within that time, not end at it.")] = False,
     contrast: Annotated[float, typer.Option(help="Events in a pixel that give the strongest colour.")] = 2.0,
     colours: Annotated[
-        Literal["blue-orange", "purple-green", "violet-yellow", "grey"],
-        typer.Option("--colours", "--colors", help="Colours of OFF and ON; each pair suits the colour-blind."),
-    ] = "blue-orange",
+        Literal["blue-orange", "purple-green", "violet-yellow", "grey", "cause"] | None,
+        typer.Option(
+            "--colours",
+            "--colors",
+            help="Colours of OFF and ON, each pair for the colour-blind too; or of what caused each event, in files "
+            "written with --labels. [blue-orange]",
+        ),
+    ] = None,
     theme: Annotated[Literal["dark", "light"], typer.Option(help="Ground of the picture.")] = "dark",
     zoom: Annotated[int, typer.Option(help="Side of a sensor pixel in the picture.", min=1, max=16)] = 2,
     video_fps: Annotated[float, typer.Option(help="Pictures per second of the video.")] = 30.0,
@@ -73,13 +78,16 @@ def view(
         raise InputError(f"--show is for recordings with truth, but {events} is none")
     if to is None:
         check(where)
-    with open_events(events) as source:
+        if colours == "cause" and where != "web":
+            raise InputError(f"--colours cause is for the page and for --to, got --view {where}")
+    with open_events(events, labels=("cause",) if colours == "cause" else ()) as source:
         size = sensor_size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
+            from clsim.live.view.colormaps import DEFAULT
             from clsim.live.view.picture import Film, Look, write_picture
 
             accumulate_us = max(1, round(parse.duration_s(accumulate, "--accumulate") * 1e6))
-            look = Look(accumulate_us, decay, contrast, colours, theme, zoom)
+            look = Look(accumulate_us, decay, contrast, colours or DEFAULT, theme, zoom)
             at_us = None if at is None else round(parse.duration_s(at, "--at") * 1e6)
             times = _Times()
             count = write_picture(to, times.of(source), size, look, Film(video_fps, speed), at_us)
@@ -93,7 +101,7 @@ def view(
 
             _pump(source, RerunSink(events, *size))
         elif where == "web":
-            _in_page(events, source, size, port, show)
+            _in_page(events, source, size, port, show, colours)
     return 0
 
 
@@ -117,10 +125,17 @@ class _Times:
 
 
 def _in_page(
-    name: str, source: EventSource | SocketSource, size: tuple[int, int], port: str | None, show: Shown | None
+    name: str,
+    source: EventSource | SocketSource,
+    size: tuple[int, int],
+    port: str | None,
+    show: Shown | None,
+    colours: str | None,
 ) -> None:
     """Serve the page until Ctrl-C or, for a stream, its end."""
-    if is_address(name):
+    from clsim.events.filesource import EventSource
+
+    if not isinstance(source, EventSource):
         from clsim.live.view.sink import ViewSink
 
         page = ViewSink(name, *size, **host_and_port(port))
@@ -141,7 +156,16 @@ def _in_page(
         from clsim.live.view.truth_pictures import recorded_pictures
 
         frames = partial(recorded_pictures, name, show or "image")
-    player = Player(lambda: open_source(name), Path(name).name, *size, **host_and_port(port), read_frames=frames)
+    causes = "cause" in source.labelled
+    player = Player(
+        partial(open_source, name, labels=("cause",) if causes else ()),
+        Path(name).name,
+        *size,
+        **host_and_port(port),
+        read_frames=frames,
+        causes=causes,
+        colours=colours,
+    )
     _warn(player.warning)
     announce(player.url)
     try:

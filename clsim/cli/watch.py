@@ -139,7 +139,8 @@ def attach(
     if view == "web":
         from clsim.live.view.sink import ViewSink
 
-        page = ViewSink(session.name, *size, **host_and_port(port), listener=listener, truth_every=session.truth_every)
+        about = {"listener": listener, "truth_every": session.truth_every, "causes": session.labelled}
+        page = ViewSink(session.name, *size, **host_and_port(port) | about)
         page.status = lambda: page_numbers(session.summary().as_dict())
         session.pipeline.outputs.append(Output(page.url, page))
         session.pipeline.watchers.append(page)

@@ -8,11 +8,13 @@ from clsim.events.batch import (
     Exposed,
     Hurried,
     Labelling,
+    Labels,
     Objects,
     Reporting,
     Sink,
     SinkError,
     empty_batch,
+    with_causes,
 )
 
 __all__ = [
@@ -23,9 +25,11 @@ __all__ = [
     "Exposed",
     "Hurried",
     "Labelling",
+    "Labels",
     "Objects",
     "Reporting",
     "Sink",
     "SinkError",
     "empty_batch",
+    "with_causes",
 ]

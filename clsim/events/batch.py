@@ -25,19 +25,32 @@ Objects: TypeAlias = npt.NDArray[np.uint32]
 """Of each event of a batch, the number of the object at its pixel; 0 is nothing."""
 LABEL_TYPES = {"cause": "u1", "object": "<u4"}
 """What may stand beside events, in columns of these types."""
+Labels: TypeAlias = tuple[str, ...]
+"""Some of LABEL_TYPES."""
 
 EventBatch: TypeAlias = npt.NDArray[Any]
 """Events as a one-dimensional array of EVENT_DTYPE, sorted by t and, within one t, by (y, x)."""
 
 
-def empty_batch(count: int = 0) -> EventBatch:
-    """Return an uninitialised batch of ``count`` events."""
-    return np.empty(count, dtype=EVENT_DTYPE)
+def empty_batch(count: int = 0, labels: Labels = ()) -> EventBatch:
+    """Return an uninitialised batch of ``count`` events, with fields for ``labels`` too."""
+    if not labels:
+        return np.empty(count, dtype=EVENT_DTYPE)
+    return np.empty(count, [*EVENT_DTYPE.descr, *((name, LABEL_TYPES[name]) for name in labels)])
 
 
-def gather(batches: Iterable[EventBatch]) -> EventBatch:
-    """Return all batches as one array, which is empty where there are none."""
-    return np.concatenate([empty_batch(), *batches])
+def gather(batches: Iterable[EventBatch], labels: Labels = ()) -> EventBatch:
+    """Return all batches as one array, which is empty where there are none; all have fields for ``labels``."""
+    return np.concatenate([empty_batch(0, labels), *batches])
+
+
+def with_causes(events: EventBatch, causes: Causes | None) -> EventBatch:
+    """Return a copy of events that has a field ``cause``; without ``causes``, it is brightness."""
+    batch = empty_batch(len(events), ("cause",))
+    for name in EVENT_DTYPE.names or ():
+        batch[name] = events[name]
+    batch["cause"] = CAUSES.index("signal") if causes is None else causes
+    return batch
 
 
 class SinkError(Error):
@@ -70,8 +83,8 @@ class Sink(Protocol):
 class Labelling(Protocol):
     """A sink that may keep labels of each event beside it."""
 
-    labelled: tuple[str, ...]
-    """Which of LABEL_TYPES it keeps and so wants."""
+    labelled: Labels
+    """Which labels it keeps and so wants."""
 
     def write(
         self, events: EventBatch, end_us: int, causes: Causes | None = None, objects: Objects | None = None

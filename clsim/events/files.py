@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from clsim.errors import InputError
-from clsim.events.batch import Sink
+from clsim.events.batch import Labels, Sink
 from clsim.events.filesink import STDOUT, FlushPolicy
 from clsim.events.filesource import EventSource, naming_damage
 
@@ -68,6 +68,8 @@ ENDINGS = tuple(ending for each in FORMATS for ending in each.endings)
 """Those of all their names."""
 BAGS = ("mcap", "db3", "bag")
 """Those that are bags of ROS."""
+LABELLED = ("hdf5", "parquet")
+"""Those that may hold labels of events."""
 
 
 def promises() -> str:
@@ -109,18 +111,27 @@ def open_sink(
     return sink
 
 
-def open_source(path: str | os.PathLike[str], *, format: str | None = None) -> EventSource:
+def open_source(path: str | os.PathLike[str], *, format: str | None = None, labels: Labels = ()) -> EventSource:
     """Open an event file for reading in bounded memory; see EventSource and, for a topic of a bag, `split_topic`.
 
-    Raises InputError for an unknown ending and a file that cannot be read or is not of its format.
+    Raises InputError for an unknown ending, a file that cannot be read or is not of its format, and one whose events
+    have not all of ``labels``.
     """
     target, topic = split_topic(path)
     chosen = format_named(format) if format else format_of(target)
     if topic is not None and chosen.name not in BAGS:
         raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
     chosen.check_library(target)
+    options: dict[str, Any] = {} if topic is None else {"topic": topic}
+    if labels and chosen.name in LABELLED:
+        options["labels"] = labels
     with naming_damage(target):
-        source: EventSource = chosen.load().open_source(*((target,) if topic is None else (target, topic)))
+        source: EventSource = chosen.load().open_source(target, **options)
+    if missing := [name for name in labels if name not in source.labelled]:
+        source.close()
+        raise InputError(
+            f"{target}: its events have no {', '.join(missing)}; expected HDF5 or Parquet written with `labels`"
+        )
     return source
 
 

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import EVENT_DTYPE, LABEL_TYPES, Causes, EventBatch, Objects, SinkError
+from clsim.events.batch import EVENT_DTYPE, Causes, EventBatch, Labels, Objects, SinkError, empty_batch
 
 STDOUT = Path("-")
 """The path that means standard output."""
@@ -67,11 +67,11 @@ class FileSink(abc.ABC):
         limits: Limits,
         flush: FlushPolicy,
         *,
-        labelled: tuple[str, ...] = (),
+        labelled: Labels = (),
     ) -> None:
         """Check that the format can hold the sensor; opens nothing.
 
-        What is stored has the fields ``labelled`` too, some of LABEL_TYPES.
+        What is stored has the fields ``labelled`` too.
         """
         limits.check_size(path, width, height)
         self.path = path
@@ -80,7 +80,7 @@ class FileSink(abc.ABC):
         self._limits = limits
         self._flush = flush
         self.labelled = labelled
-        self._pending = np.empty(flush.events, [*EVENT_DTYPE.descr, *((name, LABEL_TYPES[name]) for name in labelled)])
+        self._pending = empty_batch(flush.events, labelled)
         self._count = 0
         self._end_us = 0
         self._flushed_us = 0

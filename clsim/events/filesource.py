@@ -11,7 +11,7 @@ from typing import BinaryIO
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.events.batch import EventBatch, gather
+from clsim.events.batch import CAUSES, EventBatch, Labels, gather
 
 CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
@@ -19,6 +19,8 @@ CHUNK_EVENTS = 1 << 18
 
 class EventSource:
     """Iterates over the batches of a file in order of time; ``width``, ``height`` are None where the file is silent.
+
+    ``labelled`` tells which labels stand beside events in the file; batches have a field for those that were asked for.
 
     Damage found on the way raises InputError. The last record of a file whose writer was killed may be torn: it is
     left out, and everything before it is delivered.
@@ -31,11 +33,19 @@ class EventSource:
         height: int | None,
         batches: Iterator[EventBatch],
         dropped_events: Callable[[], int] = lambda: 0,
+        *,
+        labelled: Labels = (),
+        labels: Labels = (),
     ) -> None:
-        """Take the batches a format's reader yields, which are checked when they pass, and what it left out so far."""
+        """Take the batches a format's reader yields, which are checked when they pass, and what it left out so far.
+
+        Batches have fields for ``labels``.
+        """
         self.path = path
         self.width = width
         self.height = height
+        self.labelled = labelled
+        self._labels = labels
         self._batches = batches
         self._last_us = 0
         self._count = 0
@@ -62,7 +72,7 @@ class EventSource:
     def read(self) -> EventBatch:
         """Return all events that are left as one array, empty where there are none, and close."""
         with self:
-            return gather(self)
+            return gather(self, self._labels)
 
     def close(self) -> None:
         """Release the file before its end."""
@@ -95,6 +105,8 @@ class EventSource:
             largest = int(batch[axis].max())
             if size is not None and largest >= size:
                 raise InputError(f"{self.path}: an event at {axis} = {largest} lies outside the sensor's {size} pixels")
+        if "cause" in self._labels and (largest := int(batch["cause"].max())) >= len(CAUSES):
+            raise InputError(f"{self.path}: an event has cause {largest}; expected 0 to {len(CAUSES) - 1}")
         self._last_us = int(t[-1])
         self._count += len(batch)
 

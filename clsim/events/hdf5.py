@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, empty_batch
+from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels, empty_batch
 from clsim.events.filesink import FileSink, FlushPolicy, Limits
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, open_binary
 from clsim.events.hdf5_growing import GrowingHdf5
@@ -41,7 +41,7 @@ class Hdf5Sink(FileSink):
         flush: FlushPolicy,
         prepare: Callable[[Any], None] = lambda file: None,
         *,
-        labels: tuple[str, ...] = (),
+        labels: Labels = (),
     ) -> None:
         """Create the file with empty columns; raises InputError when it cannot be.
 
@@ -102,21 +102,24 @@ class Hdf5Sink(FileSink):
         self._growing.close()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: tuple[str, ...] = ()) -> Hdf5Sink:
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: Labels = ()) -> Hdf5Sink:
     """Open a DSEC HDF5 writer, with columns for ``labels``."""
     return Hdf5Sink(path, width, height, flush, labels=labels)
 
 
-def open_source(path: Path) -> EventSource:
-    """Open an HDF5 file in DSEC layout."""
+def open_source(path: Path, labels: Labels = ()) -> EventSource:
+    """Open an HDF5 file in DSEC layout; events that a kill left without ``labels`` are not read."""
     open_binary(path).close()
     file = h5py.File(path, "r")
-    columns = {name: file["events"][name] for name in _COLUMNS}
+    group = file["events"]
+    labelled = tuple(name for name, kind in LABEL_TYPES.items() if name in group and _is_column(group[name], kind))
+    columns = {name: group[name] for name in (*_COLUMNS, *(name for name in labels if name in labelled))}
     offset = int(file["t_offset"][()]) if "t_offset" in file else 0
-    width, height = (_side(file["events"].attrs.get(name)) for name in ("width", "height"))
+    width, height = (_side(group.attrs.get(name)) for name in ("width", "height"))
     for column in columns.values():
         _need_filters(path, column)
-    return EventSource(path, width, height, _read(file, columns, offset))
+    batches = _read(file, columns, labels, offset)
+    return EventSource(path, width, height, batches, labelled=labelled, labels=labels)
 
 
 def index_at(file: Any, time_us: int) -> int:
@@ -151,13 +154,20 @@ def _side(attribute: Any) -> int | None:
     return None if attribute is None else int(attribute)
 
 
-def _read(file: Any, columns: dict[str, Any], offset: int) -> Iterator[EventBatch]:
+def _is_column(item: Any, kind: str) -> bool:
+    """Tell whether an item of a group is a column of this type."""
+    return isinstance(item, h5py.Dataset) and item.ndim == 1 and item.dtype == np.dtype(kind)
+
+
+def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int) -> Iterator[EventBatch]:
     with file:
         rows = min(len(column) for column in columns.values())
         for start in range(0, rows, CHUNK_EVENTS):
             stop = min(start + CHUNK_EVENTS, rows)
-            events = empty_batch(stop - start)
+            events = empty_batch(stop - start, labels)
             events["t"] = columns["t"][start:stop].astype(np.int64) + offset
             events["x"], events["y"] = columns["x"][start:stop], columns["y"][start:stop]
             events["on"] = columns["p"][start:stop] > 0
+            for name in labels:
+                events[name] = columns[name][start:stop]
             yield events

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from clsim.errors import InputError
 from clsim.events.address import is_address
+from clsim.events.batch import Labels
 from clsim.events.filesource import EventSource
 from clsim.events.sidecar import read_sidecar, sidecar_size
 from clsim.events.stream_source import SocketSource
 from clsim.values import read_value
 
 
-def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
+def open_events(path_or_url: str | PathLike[str], *, labels: Labels = ()) -> EventSource | SocketSource:
     """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
 
     ``stereo.bag#/davis/left/events`` is one topic of a bag of ROS that has several.
@@ -22,20 +23,26 @@ def open_events(path_or_url: str | PathLike[str]) -> EventSource | SocketSource:
     None for files that do not tell. A socket's iterator waits for events and ends when the sender does. Either can be
     closed early, or used in a ``with`` block.
 
+    ``labels``, of ``cause`` and ``object``, are further fields of the batches; HDF5 and Parquet files that were written
+    with them have these.
+
     >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
     ...     print(batch["t"][0], len(batch))
 
     Raises:
-        InputError: the file or address cannot be used, or, while iterating, its contents are damaged.
+        InputError: the file or address cannot be used, its events have no such labels, or, while iterating, its
+            contents are damaged.
     """
     name = read_value("path_or_url", path_or_url, str)
     if is_address(name):
         from clsim.events.socket_sources import open_socket_source
 
+        if labels:
+            raise InputError(f"{name}: events of a stream have no {', '.join(labels)}; expected a file")
         return open_socket_source(name)
     from clsim.events.files import open_source
 
-    return open_source(name)
+    return open_source(name, labels=labels)
 
 
 def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int, int] | None) -> tuple[int, int]:

@@ -11,14 +11,12 @@ from typing import Any, Literal
 from clsim.errors import InputError
 from clsim.events import Sink
 from clsim.events.address import is_address, is_standard_output, parse_address
-from clsim.events.files import BAGS, FORMATS, format_named, format_of, open_sink
+from clsim.events.files import BAGS, FORMATS, LABELLED, format_named, format_of, open_sink
 from clsim.events.filesink import FlushPolicy
 from clsim.values import read_fields
 
 TextTime = Literal["us", "s"]
 Encoding = Literal["mono", "evt3", "array"]
-LABELLED = ("hdf5", "parquet")
-"""Formats that may hold labels of events."""
 
 
 @dataclass(frozen=True)

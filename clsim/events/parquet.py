@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch
+from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
 from clsim.events.columns import from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
@@ -23,7 +23,7 @@ _ROW_GROUP = FlushPolicy(events=1 << 19, interval_us=math.inf)
 class ParquetSink(FileSink):
     """Writes row groups under a temporary name; the file has its name when it is complete."""
 
-    def __init__(self, path: Path, width: int, height: int, *, labels: tuple[str, ...] = ()) -> None:
+    def __init__(self, path: Path, width: int, height: int, *, labels: Labels = ()) -> None:
         """Create the temporary file, with columns for ``labels``; raises InputError when it cannot be."""
         super().__init__(path, width, height, LIMITS, _ROW_GROUP, labelled=labels)
         arrow = _pyarrow()
@@ -50,7 +50,7 @@ class ParquetSink(FileSink):
             self._part.discard()
 
 
-def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: tuple[str, ...] = ()) -> ParquetSink:
+def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: Labels = ()) -> ParquetSink:
     """Open a Parquet writer; ``flush`` does not apply, since nothing can be read before the end.
 
     Each of ``labels`` is a column; the file's metadata name the numbers of causes.
@@ -58,24 +58,26 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: t
     return ParquetSink(path, width, height, labels=labels)
 
 
-def open_source(path: Path) -> EventSource:
-    """Open a Parquet file with columns t, x, y and p."""
+def open_source(path: Path, labels: Labels = ()) -> EventSource:
+    """Open a Parquet file with columns t, x, y and p, and those of ``labels``."""
     open_binary(path).close()
     arrow = _pyarrow()
     file = arrow.parquet.ParquetFile(path)
-    missing = {"t", "x", "y", "p"} - set(file.schema_arrow.names)
+    types = {field.name: field.type for field in file.schema_arrow}
+    labelled = tuple(name for name, kind in LABEL_TYPES.items() if types.get(name) == arrow.from_numpy_dtype(kind))
+    missing = {"t", "x", "y", "p"} - set(types)
     if missing:
         raise damaged(path, f"it has no column {', '.join(sorted(missing))}")
     metadata = file.schema_arrow.metadata or {}
     width, height = (int(metadata[name]) if name in metadata else None for name in (b"width", b"height"))
-    return EventSource(path, width, height, _read(file))
+    return EventSource(path, width, height, _read(file, labels), labelled=labelled, labels=labels)
 
 
-def _read(file: Any) -> Iterator[EventBatch]:
+def _read(file: Any, labels: Labels) -> Iterator[EventBatch]:
+    names = ("t", "x", "y", "p", *labels)
     with file:
-        for table in file.iter_batches(CHUNK_EVENTS, columns=["t", "x", "y", "p"]):
-            t, x, y, p = (table.column(name).to_numpy(zero_copy_only=False) for name in ("t", "x", "y", "p"))
-            yield from_columns(t, x, y, p)
+        for table in file.iter_batches(CHUNK_EVENTS, columns=list(names)):
+            yield from_columns(**{name: table.column(name).to_numpy(zero_copy_only=False) for name in names})
 
 
 def _pyarrow() -> Any:

@@ -111,6 +111,7 @@ def open_footage_session(
     warnings = (*source.warnings, *unused_options(config), *cost_of(options.seen_by.sensor, *size))
     return Session(
         options.frames, *size, schedule, pipeline, about, warnings, (), *started, False, footage=source,
+        labelled=options.files.labels,
     )  # fmt: skip
 
 

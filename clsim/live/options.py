@@ -9,7 +9,8 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 from clsim.errors import InputError
-from clsim.events.outputs import LABELLED, FileOptions
+from clsim.events.files import LABELLED
+from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (

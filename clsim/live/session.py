@@ -66,6 +66,8 @@ class Session:
     """The video or pictures, if that is what is seen."""
     truth_every: int = 0
     """Rendered frames from one with truth to the next; 0 where there is none."""
+    labelled: bool = False
+    """Whether events are labelled with what caused them."""
     started: bool = False
 
     def start(self) -> None:
@@ -232,6 +234,7 @@ def open_live(
         governed,
         world,
         truth_every=stages.render.truth_every if options.truth else 0,
+        labelled=options.files.labels or "labels" in options.truth,
     )
 
 
@@ -286,6 +289,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         (),
         *started,
         solves,
+        labelled=options.files.labels,
     )
 
 

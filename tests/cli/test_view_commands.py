@@ -19,7 +19,9 @@ from PIL import Image
 import clsim as library
 from clsim.cli import watch
 from clsim.errors import InputError
+from clsim.events import CAUSES
 from clsim.events.files import open_sink
+from clsim.live.view.colormaps import CAUSE, lut
 from tests.events.event_data import end_of
 from tests.live.view_events import random_events
 
@@ -96,11 +98,37 @@ def test_help_tells_the_unit_of_bare_numbers(
         (["--port", "99999"], "--port"),
         (["--view", "hologram"], "hologram"),
         (["--view", "terminal"], "terminal"),
+        (["--to", "film.gif", "--colours", "cause"], "have no cause; expected HDF5 or Parquet written with --labels"),
     ],
 )
 def test_wrong_options(clsim: Callable[..., object], recording: Path, arguments: list[str], sentence: str) -> None:
     outcome = clsim("view", recording, *arguments)
     assert outcome.status == 2 and sentence in outcome.stderr and len(outcome.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("tcp://127.0.0.1:9", "--to", "a.png"), "tcp://127.0.0.1:9: events of a stream have no cause"),
+        (("a.h5", "--view", "terminal"), "--colours cause is for the page and for --to, got --view terminal"),
+    ],
+)
+def test_what_cannot_show_causes_says_so(
+    clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str
+) -> None:
+    monkeypatch.setattr("clsim.cli.view.check", lambda where: None)  # here is no terminal
+    outcome = clsim("view", *arguments, "--colours", "cause")
+    assert outcome.status == 2 and sentence in outcome.stderr
+
+
+def test_causes_are_drawn(clsim: Callable[..., object], tmp_path: Path) -> None:
+    sink = open_sink(tmp_path / "a.h5", 20, 10, labels=("cause",))
+    sink.write(EVENTS, end_of(EVENTS), np.full(len(EVENTS), CAUSES.index("leak"), np.uint8))
+    sink.close()
+    how = ("--colours", "cause", "--zoom", "1", "--accumulate", "1s", "--contrast", "1")
+    assert clsim("view", tmp_path / "a.h5", "--to", tmp_path / "a.png", *how).status == 0
+    with Image.open(tmp_path / "a.png") as picture:
+        assert (np.asarray(picture.convert("RGB")) == lut(CAUSE)[191]).all()
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from collections import deque
 import numpy as np
 import numpy.typing as npt
 
-from clsim.events import EventBatch, empty_batch
-from clsim.live.view.colormaps import ZERO
+from clsim.events import EventBatch, Labels, empty_batch
+from clsim.live.view.colormaps import CAUSE_LEVELS, ZERO
 
 FloatImage = npt.NDArray[np.float64]
 IndexImage = npt.NDArray[np.uint8]
@@ -35,11 +35,30 @@ def colour_indices(image: npt.NDArray[np.floating], full: float) -> IndexImage:
     return indices
 
 
+def cause_indices(
+    events: EventBatch, width: int, height: int, full: float, *, end_us: int = 0, decay_us: float | None = None
+) -> IndexImage:
+    """Return indices ``[H, W]`` of the colour map of causes, for events that have them.
+
+    The colour is that of each pixel's newest event, and the more events there are, the stronger it is; ``full`` of them
+    make the strongest. ``decay_us`` is as in `signed_image`.
+    """
+    weights = np.ones(len(events)) if decay_us is None else np.exp((events["t"] - end_us) / decay_us)
+    pixels = events["y"].astype(np.intp) * width + events["x"]
+    sums = np.bincount(pixels, weights, minlength=width * height)
+    causes = np.zeros(width * height, np.uint8)
+    causes[pixels] = events["cause"]  # of several events of a pixel, the last is kept
+    levels = np.rint(np.minimum(sums / full, 1.0) * (CAUSE_LEVELS - 1))
+    indices: IndexImage = (CAUSE_LEVELS * causes + levels.astype(np.uint8)).reshape(height, width)
+    return indices
+
+
 class EventWindow:
     """The newest events of a stream, as far back as the last question needed them."""
 
-    def __init__(self) -> None:
-        """Hold nothing."""
+    def __init__(self, labels: Labels = ()) -> None:
+        """Hold nothing; events will have fields for ``labels``."""
+        self._labels = labels
         self._batches: deque[EventBatch] = deque()
 
     def push(self, batch: EventBatch) -> None:
@@ -57,4 +76,4 @@ class EventWindow:
                 break
             low, high = np.searchsorted(batch["t"], (begin_us, end_us))
             parts.append(batch[low:high])
-        return np.concatenate(parts) if parts else empty_batch(0)
+        return np.concatenate(parts) if parts else empty_batch(0, self._labels)

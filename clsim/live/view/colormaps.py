@@ -1,7 +1,8 @@
-"""Colour maps for signed event images, told apart by people of every colour vision.
+"""Colour maps for event images, told apart by people of every colour vision.
 
 Each map joins a colour for "nothing" to one ramp for OFF and one for ON, on a dark and on a light ground. The pairs
-differ in hue *and* stay apart when the difference of red and green is taken away.
+differ in hue *and* stay apart when the difference of red and green is taken away. One more map has a ramp for each
+cause of events, in hues of Okabe and Ito (Color Universal Design, 2008).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import require_choice
+from clsim.events import CAUSES
 
 Theme = Literal["dark", "light"]
 Lut = npt.NDArray[np.uint8]
@@ -20,6 +22,9 @@ Lut = npt.NDArray[np.uint8]
 ZERO = 128
 """Index of "nothing" in a table; OFF lies below it down to 1, ON above it up to 255."""
 DEFAULT = "blue-orange"
+CAUSE = "cause"
+"""The map of causes: index CAUSE_LEVELS · cause is "nothing", and from there the ramp of that cause goes up."""
+CAUSE_LEVELS = 256 // len(CAUSES)
 
 
 @dataclass(frozen=True)
@@ -47,12 +52,31 @@ _MAPS: dict[str, dict[Theme, _Ramps]] = {
         "light": _Ramps("9aa0a8", ("62676e", "2a2e33", "000000"), ("cbd0d6", "f2f4f6", "ffffff")),
     },
 }
+_CAUSE_RAMPS: dict[Theme, dict[str, tuple[str, ...]]] = {
+    "dark": {
+        "signal": ("1f5f86", "56b4e9", "8fd0f5"),
+        "shot": ("8a5f00", "e69f00", "ffc24d"),
+        "leak": ("04684c", "00b484", "3fdcae"),
+        "hot": ("8d9299", "f2f4f6", "ffffff"),
+    },
+    "light": {
+        "signal": ("a9d6f0", "2f8fcc", "0b4a75"),
+        "shot": ("ffd58a", "e08a00", "8a5200"),
+        "leak": ("8fdcc3", "009e73", "005a41"),
+        "hot": ("9aa0a8", "2a2e33", "000000"),
+    },
+}
 NAMES = tuple(_MAPS)
+"""Those of ON and OFF."""
 
 
 def lut(name: str = DEFAULT, theme: Theme = "dark") -> Lut:
     """Return the table uint8 ``[256, 3]`` of a map; raises InputError for an unknown name."""
-    require_choice("the colour map", name, NAMES)
+    require_choice("the colour map", name, (*NAMES, CAUSE))
+    if name == CAUSE:
+        nothing = _rgb(_MAPS[DEFAULT][theme].rest)
+        parts = [_ramp([nothing, *map(_rgb, _CAUSE_RAMPS[theme][cause])], CAUSE_LEVELS) for cause in CAUSES]
+        return np.rint(np.concatenate(parts)).astype(np.uint8)
     ramps = _MAPS[name][theme]
     rest = _rgb(ramps.rest)
     table = np.empty((256, 3))

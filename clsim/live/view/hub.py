@@ -12,7 +12,7 @@ from clsim.events import EventBatch, empty_batch
 from clsim.live.view.packets import event_packets, seek_packet
 
 QUEUE_EVENTS = 1 << 20
-"""Most events that wait for one browser (8 bytes each)."""
+"""Most events that wait for one browser (8 bytes each, 9 with causes)."""
 QUEUE_PACKETS = 1 << 10
 UNSEEN_PACKETS = 16
 """Packets under way that a browser has not confirmed; the rest waits here, where it can be dropped."""
@@ -112,12 +112,16 @@ class Hub:
         return self._left_events + sum(watcher.dropped_events for watcher in tuple(self.watchers))
 
     def offer(self, batch: EventBatch, now_us: int) -> None:
-        """Take a batch (a copy is made) from any thread; returns at once, and costs nothing while nobody watches."""
+        """Take a batch (a copy is made) from any thread; returns at once, and costs nothing while nobody watches.
+
+        Either all batches that have events have a field ``cause``, or none.
+        """
         if not self.watchers:
             return
         copy = batch[-QUEUE_EVENTS:].copy()
         with self._lock:
-            self._pending.append(copy)
+            if len(copy):
+                self._pending.append(copy)
             self._pending_events += len(copy)
             self._lost_events += len(batch) - len(copy)
             while self._pending_events > QUEUE_EVENTS:

@@ -12,6 +12,7 @@ kind name     body
 5    depth    truth as a picture, u8 [height, width, 3]
 6    flow     likewise
 7    ids      likewise
+8    caused   as events, then the cause of each, u8 [count]
 ==== ======== ==========================================================================================
 
 ``now_us`` is how far time has come, with or without events.
@@ -28,13 +29,17 @@ import numpy.typing as npt
 from clsim.events import EventBatch
 
 HEADER = struct.Struct("<IIqqII")
-EVENTS, NOISY, DENOISED, SEEK, DEPTH, FLOW, IDS = range(1, 8)
+EVENTS, NOISY, DENOISED, SEEK, DEPTH, FLOW, IDS, CAUSED = range(1, 9)
 PACKET_EVENTS = 1 << 16
 _ON_BIT = np.uint16(1 << 15)
 
 
 def event_packets(batch: EventBatch, now_us: int) -> Iterator[tuple[bytes, int]]:
-    """Yield (packet, number of events); an empty batch yields one packet that only tells the time."""
+    """Yield (packet, number of events); an empty batch yields one packet that only tells the time.
+
+    Events with a field ``cause`` are sent with it.
+    """
+    caused = "cause" in (batch.dtype.names or ())
     if not len(batch):
         yield HEADER.pack(EVENTS, 0, now_us, now_us, 0, 0), 0
     start = 0
@@ -44,10 +49,12 @@ def event_packets(batch: EventBatch, now_us: int) -> Iterator[tuple[bytes, int]]
         if int(part["t"][-1]) - base_us >= 1 << 32:  # a gap of more than an hour: dt would wrap
             part = part[: int(np.searchsorted(part["t"], base_us + (1 << 32)))]
         start += len(part)
-        header = HEADER.pack(EVENTS, len(part), base_us, now_us if start == len(batch) else int(part["t"][-1]), 0, 0)
+        kind = CAUSED if caused else EVENTS
+        header = HEADER.pack(kind, len(part), base_us, now_us if start == len(batch) else int(part["t"][-1]), 0, 0)
         y = part["y"] & ~_ON_BIT | np.where(part["on"], _ON_BIT, np.uint16(0))
         dt = (part["t"] - base_us).astype("<u4")
-        yield header + dt.tobytes() + part["x"].astype("<u2").tobytes() + y.astype("<u2").tobytes(), len(part)
+        columns = [dt, part["x"].astype("<u2"), y.astype("<u2"), *([part["cause"]] if caused else [])]
+        yield header + b"".join(column.tobytes() for column in columns), len(part)
 
 
 def image_packet(kind: int, image: npt.NDArray[np.uint8], time_us: int) -> bytes:

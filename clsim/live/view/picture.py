@@ -14,10 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events import EventBatch
+from clsim.events import EventBatch, Labels
 from clsim.events.filesink import unwritable
-from clsim.live.view.accumulate import EventWindow, IndexImage, colour_indices, signed_image
-from clsim.live.view.colormaps import DEFAULT, ZERO, Lut, Theme, lut
+from clsim.live.view.accumulate import EventWindow, IndexImage, cause_indices, colour_indices, signed_image
+from clsim.live.view.colormaps import CAUSE, DEFAULT, ZERO, Lut, Theme, lut
 
 ENDINGS = (".mp4", ".gif", ".png")
 _DECAY_REACH = 5
@@ -33,9 +33,15 @@ class Look:
     full: float = 2.0
     """Sum of events in a pixel that gets the strongest colour."""
     colours: str = DEFAULT
+    """Name of a colour map; CAUSE is for batches that have ``labels``."""
     theme: Theme = "dark"
     scale: int = 2
     """Side of a pixel in the picture."""
+
+    @property
+    def labels(self) -> Labels:
+        """Labels that events must have to be shown so."""
+        return ("cause",) if self.colours == CAUSE else ()
 
 
 @dataclass(frozen=True)
@@ -90,7 +96,7 @@ def film_images(
 
 
 def _windows(batches: Iterable[EventBatch], look: Look, step_us: float) -> Iterator[tuple[EventBatch, int]]:
-    window = EventWindow()
+    window = EventWindow(look.labels)
     reach_us = look.accumulate_us * (_DECAY_REACH if look.decay else 1)
     begin_us, count, last_us = None, 0, 0
     for batch in batches:
@@ -110,12 +116,14 @@ def _windows(batches: Iterable[EventBatch], look: Look, step_us: float) -> Itera
 
 def _image(events: EventBatch, end_us: int, size: tuple[int, int], look: Look) -> IndexImage:
     decay_us = float(look.accumulate_us) if look.decay else None
+    if look.colours == CAUSE:
+        return cause_indices(events, *size, look.full, end_us=end_us, decay_us=decay_us)
     return colour_indices(signed_image(events, *size, end_us=end_us, decay_us=decay_us), look.full)
 
 
 def _still(batches: Iterable[EventBatch], size: tuple[int, int], look: Look, at_us: int | None) -> Iterator[IndexImage]:
     if at_us is not None:
-        window = EventWindow()
+        window = EventWindow(look.labels)
         reach_us = look.accumulate_us * (_DECAY_REACH if look.decay else 1)
         last_us: int | None = None
         for batch in batches:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.events import EventBatch
+from clsim.events import CAUSES, Causes, EventBatch, Labels, Objects, with_causes
 from clsim.frames import TRUTH_PLANES, Frame, plane_of
 from clsim.frames.frame import FloatArray
 from clsim.frames.planes import RADIANCE
@@ -42,13 +42,17 @@ class ViewSink:
         port: int | None = None,
         listener: socket.socket | None = None,
         truth_every: int = 0,
+        causes: bool = False,
     ) -> None:
         """Start a PageServer, which takes the same; raises InputError if aiohttp is missing or the port is taken.
 
         ``truth_every`` tells which frames have truth: those whose number it divides; 0 where none has.
+        ``causes`` lets the page colour events by what caused them.
         """
         self.status: Callable[[], dict[str, Any]] = dict
-        hello = {"title": title, "width": width, "height": height, "live": True}
+        self.labelled: Labels = ("cause",) if causes else ()
+        hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": True}
+        hello |= {"causes": CAUSES} if causes else {}
         self._server = PageServer(hello, lambda: self.status(), host, port, listener)
         self.url, self.warning = self._server.url, self._server.warning
         self._now_us = 0
@@ -70,9 +74,13 @@ class ViewSink:
         """Return how many browsers watch, and how many events they were too slow for."""
         return {"clients": self.clients, "dropped_events": self.dropped_events}
 
-    def write(self, events: EventBatch, end_us: int) -> None:
-        """Take the events until ``end_us``, the page's clock; see Sink.write."""
+    def write(
+        self, events: EventBatch, end_us: int, causes: Causes | None = None, objects: Objects | None = None
+    ) -> None:
+        """Take the events until ``end_us``, the page's clock; see Labelling.write."""
         self._now_us = max(self._now_us, end_us)
+        if self.labelled:
+            events = with_causes(events, causes)
         self._server.hub.offer(events, self._now_us)
 
     def wants_frame(self) -> bool:

@@ -9,18 +9,18 @@ const HALF_TIME = 1.35; // half the length of the time axis; the longer side of 
 const HALF_SIDE = 0.78;
 
 const POINTS = `#version 300 es
-layout(location = 0) in vec4 event; // x, y in sensor pixels, age 0…1 as 0…32767, sign
+layout(location = 0) in vec4 event; // x, y in sensor pixels, age 0…1 as 0…32767, number of its colour
 uniform mat4 view;
 uniform vec3 extent; // width, height [pixels], scale
 uniform float size;
-uniform vec3 onColour, offColour;
+uniform vec3 colours[4];
 out vec4 colour;
 void main() {
   float age = event.z / 32767.0;
   vec3 place = vec3(${HALF_TIME} - 2.0 * age * ${HALF_TIME}, (0.5 * extent.y - event.y) * extent.z, (0.5 * extent.x - event.x) * extent.z);
   gl_Position = view * vec4(place, 1.0);
   gl_PointSize = clamp(size / gl_Position.w, 1.0, 12.0);
-  colour = vec4(event.w > 0.0 ? onColour : offColour, mix(0.85, 0.22, age));
+  colour = vec4(colours[int(event.w)], mix(0.85, 0.22, age));
 }`;
 
 const POINT_COLOURS = `#version 300 es
@@ -128,7 +128,7 @@ export class Cloud {
     gl.clear(gl.COLOR_BUFFER_BIT);
     gl.enable(gl.BLEND);
     const view = this.view(width / height);
-    const count = this.fill(store, nowUs, depthUs);
+    const count = this.fill(store, nowUs, depthUs, theme.byCause);
 
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     gl.useProgram(this.lines);
@@ -147,8 +147,7 @@ export class Cloud {
     gl.uniform3f(at("extent"), this.width, this.height, this.scale);
     gl.uniform1f(at("size"), height * 0.0046 * this.magnified);
     gl.uniform1f(at("density"), Math.max(0.5, Math.min(1, 16_000 / Math.max(1, count))));
-    gl.uniform3f(at("onColour"), ...theme.on);
-    gl.uniform3f(at("offColour"), ...theme.off);
+    gl.uniform3fv(at("colours"), theme.points.flat());
     gl.drawArrays(gl.POINTS, 0, count);
 
     gl.useProgram(this.lines);
@@ -159,9 +158,9 @@ export class Cloud {
   }
 
   // Writes the events of the window into the vertex array; of too many, every n-th.
-  fill(store, nowUs, depthUs) {
+  fill(store, nowUs, depthUs, byCause) {
     const { data } = this;
-    const { mask, t, x, y, sign } = store;
+    const { mask, t, x, y, sign, cause } = store;
     const from = store.at(nowUs - depthUs), to = store.at(nowUs + 1);
     const stride = Math.max(1, Math.ceil((to - from) / MOST_POINTS));
     let k = 0;
@@ -170,7 +169,7 @@ export class Cloud {
       data[k++] = x[i];
       data[k++] = y[i];
       data[k++] = (nowUs - t[i]) / depthUs * 32767;
-      data[k++] = sign[i];
+      data[k++] = byCause ? cause[i] : sign[i] > 0;
     }
     return k >> 2;
   }

@@ -1,13 +1,13 @@
 // Joins the stream, the pictures and the controls.
 
 import { Cloud } from "./cloud.js";
-import { EventImage } from "./image.js";
+import { CAUSE_LEVELS, EventImage } from "./image.js";
 import { Rate } from "./rate.js";
 import { Store } from "./store.js";
 import { percent, seconds, short, span } from "./text.js";
 
 const HEADER_BYTES = 32;
-const EVENTS = 1, SEEK = 4;
+const EVENTS = 1, SEEK = 4, CAUSED = 8;
 const IMAGES = { 2: "noisy", 3: "denoised", 5: "depth", 6: "flow", 7: "ids" };
 const RATE_OVER_US = 50_000;
 const SKIPPED = "Events that this browser was too slow to draw; files and streams have them all";
@@ -58,7 +58,9 @@ function confirm() {
 function takeText(message) {
   if (message.type === "hello") {
     if (hello && JSON.stringify(hello) !== JSON.stringify(message)) { location.reload(); return; }
+    if (!hello && message.colours) settings.colours = message.colours;
     hello = message;
+    offerColours();
     image.resize(message.width, message.height);
     cloud.resize(message.width, message.height);
     store.clear(0);
@@ -90,13 +92,13 @@ function takePacket(buffer) {
   const header = new DataView(buffer, 0, HEADER_BYTES);
   const kind = header.getUint32(0, true), count = header.getUint32(4, true);
   const baseUs = Number(header.getBigInt64(8, true)), nowUs = Number(header.getBigInt64(16, true));
-  if (kind === EVENTS) {
+  if (kind === EVENTS || kind === CAUSED) {
     shown += count;
     if (hello.live && paused) return;
     const dt = new Uint32Array(buffer, HEADER_BYTES, count);
     const x = new Uint16Array(buffer, HEADER_BYTES + 4 * count, count);
     const y = new Uint16Array(buffer, HEADER_BYTES + 6 * count, count);
-    store.add(baseUs, nowUs, dt, x, y);
+    store.add(baseUs, nowUs, dt, x, y, kind === CAUSED ? new Uint8Array(buffer, HEADER_BYTES + 8 * count, count) : null);
     if (hello.live) rate.count(baseUs, nowUs, dt, y);
   } else if (kind === SEEK) {
     store.clear(nowUs);
@@ -134,7 +136,7 @@ function loop() {
   if (!dirty || !hello || !look) return;
   dirty = false;
   const nowUs = now();
-  image.draw(store, nowUs, settings, look.table);
+  image.draw(store, nowUs, settings, look);
   cloud.draw(store, nowUs, settings.depthUs, look);
   rate.draw(nowUs, settings.windowUs, look);
   $("clock").textContent = rate.file ? `${seconds(nowUs)} / ${(rate.file.end_us / 1e6).toFixed(3)}` : seconds(nowUs);
@@ -195,22 +197,27 @@ function restyle() {
   const rgb = tables[settings.colours][theme];
   const table = new Uint32Array(256);
   for (let i = 0; i < 256; i++) table[i] = (255 << 24 | rgb[3 * i + 2] << 16 | rgb[3 * i + 1] << 8 | rgb[3 * i]) >>> 0;
+  const byCause = settings.colours === "cause" && hello !== null;
   // Points and bars take the ramps' middle; grey says nothing on a ground of its own, so they stay coloured there.
-  const ramps = settings.colours === "grey" ? tables["blue-orange"][theme] : rgb;
-  const at = (index) => [...ramps.slice(3 * index, 3 * index + 3)];
+  const ramps = byCause || settings.colours === "grey" ? tables["blue-orange"][theme] : rgb;
+  const of = (colours, index) => [...colours.slice(3 * index, 3 * index + 3)];
   const css = (colour) => `rgb(${colour.join(" ")})`;
-  const [off, on] = [at(43), at(213)];
+  const [off, on] = [of(ramps, 43), of(ramps, 213)];
+  const legend = byCause ? hello.causes.map((name, k) => [name, of(rgb, CAUSE_LEVELS * k + 42)]) : [["OFF", of(rgb, 43)], ["ON", of(rgb, 213)]];
   const style = getComputedStyle(document.documentElement);
   const unit = (colour) => colour.map((c) => c / 255);
   look = {
-    dark: theme === "dark", table, on: unit(on), off: unit(off), onText: css(on), offText: css(off),
+    dark: theme === "dark", table, byCause, onText: css(on), offText: css(off),
+    points: byCause ? legend.map(([, colour]) => unit(colour)) : [unit(off), unit(on)],
     line: theme === "dark" ? [0.38, 0.44, 0.52] : [0.55, 0.6, 0.66],
     lineText: style.getPropertyValue("--line"), text: style.getPropertyValue("--text"), soft: style.getPropertyValue("--soft"),
     window: theme === "dark" ? "rgb(255 255 255 / .12)" : "rgb(20 40 70 / .10)",
   };
-  const image = (index) => css([...rgb.slice(3 * index, 3 * index + 3)]);
-  $("swatch-off").style.background = image(43);
-  $("swatch-on").style.background = image(213);
+  $("legend").replaceChildren(...legend.flatMap(([name, colour]) => {
+    const swatch = document.createElement("i");
+    swatch.style.background = css(colour);
+    return [swatch, name];
+  }));
   dirty = true;
 }
 
@@ -222,6 +229,15 @@ const sliders = {
   depth: { key: "depthUs", low: 1e4, high: 1e7, text: $("depth-text") },
   contrast: { key: "full", low: 20, high: 0.5, text: null },
 };
+
+// Only what is labelled can be coloured by cause.
+const offered = () => Object.keys(tables).filter((name) => name !== "cause" || hello.causes);
+
+function offerColours() {
+  if (!offered().includes(settings.colours)) settings.colours = offered()[0];
+  $("colours").replaceChildren(...offered().map((name) => new Option(name)));
+  showSettings();
+}
 
 function showSettings() {
   for (const [id, { key, low, high, text }] of Object.entries(sliders)) {
@@ -295,7 +311,7 @@ const keys = {
   "[": () => change({ windowUs: settings.windowUs / 1.25 }), "]": () => change({ windowUs: settings.windowUs * 1.25 }),
   "-": () => change({ full: settings.full * 1.2 }), "+": () => change({ full: settings.full / 1.2 }), "=": () => change({ full: settings.full / 1.2 }),
   d: () => change({ decay: !settings.decay }), t: toggleTheme, r: () => { if (cloud.gl) cloud.home(); dirty = true; },
-  c: () => { const names = Object.keys(tables); change({ colours: names[(names.indexOf(settings.colours) + 1) % names.length] }); },
+  c: () => { const names = offered(); change({ colours: names[(names.indexOf(settings.colours) + 1) % names.length] }); },
   f: () => document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen(),
   "?": () => $("help").showModal(),
 };
@@ -311,7 +327,6 @@ document.addEventListener("keydown", (event) => {
 
 tables = await (await fetch("/colormaps.json")).json();
 if (!tables[settings.colours]) settings.colours = Object.keys(tables)[0];
-$("colours").replaceChildren(...Object.keys(tables).map((name) => new Option(name)));
 showSettings();
 connect();
 loop();

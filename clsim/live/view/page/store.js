@@ -10,6 +10,7 @@ export class Store {
     this.x = new Uint16Array(CAPACITY);
     this.y = new Uint16Array(CAPACITY);
     this.sign = new Int8Array(CAPACITY);
+    this.cause = new Uint8Array(CAPACITY);
     this.clear(0);
   }
 
@@ -22,13 +23,14 @@ export class Store {
     this.lastUs = -Infinity;
   }
 
-  add(baseUs, nowUs, dt, x, y) {
+  add(baseUs, nowUs, dt, x, y, cause) {
     if (baseUs < this.lastUs) this.clear(nowUs); // time went back: a jump whose notice was lost
     for (let k = 0, i = this.end & MASK; k < dt.length; k++, i = (i + 1) & MASK) {
       this.t[i] = baseUs + dt[k];
       this.x[i] = x[k];
       this.y[i] = y[k] & ~ON_BIT;
       this.sign[i] = y[k] & ON_BIT ? 1 : -1;
+      if (cause) this.cause[i] = cause[k];
     }
     this.end += dt.length;
     if (dt.length) this.lastUs = baseUs + dt[dt.length - 1];
