@@ -137,7 +137,7 @@ def causes() -> Image.Image:
         sink.close()
         script = Path(__file__).with_name("screenshot_view.py")
         how = ("--wait", "6", "--size", "1200x620", "--theme", "light", "--colours", "cause")
-        settings = ("--settings", '{"windowUs": 15000, "depthUs": 120000, "full": 4}')
+        settings = ("--settings", '{"windowUs": 15000, "depthUs": 120000, "full": 2}')
         last = ("--script", "for (const id of ['loop', 'play']) document.getElementById(id).click()")
         subprocess.run([sys.executable, str(script), str(name), str(shot), *how, *settings, *last], check=True)
         return Image.open(shot).convert("RGB")
