@@ -134,7 +134,7 @@ from strangers; links there are followed. To let them name files elsewhere, list
 
 Event cameras see what people do not: lamps on the mains flicker at 100 or 120 Hz, dimmed LEDs are switched thousands of
 times a second, markers blink. A `modulation` says how the light of a lamp, of a material that emits, or of
-`[environment]` changes. It multiplies the radiance.
+`[environment]`, with its daylight and sun, changes. It multiplies the radiance.
 
 ```toml
 [[sphere_lights]]
@@ -187,6 +187,7 @@ turbidity = 3.0             # 2 is very clear air, 10 hazy
 The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3, to
 1 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
 that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
+Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warning says so.
 
 ## Parameters of Mitsuba's files
 
