@@ -185,7 +185,7 @@ turbidity = 3.0             # 2 is very clear air, 10 hazy
 ```
 
 The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3, to
-1 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
+2 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
 that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
 Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warning says so.
 
