@@ -130,6 +130,13 @@ included, or by a whole path. What a glTF or OBJ names must lie in that file's o
 from strangers; links there are followed. To let them name files elsewhere, list the folders in the environment variable
 `CLSIM_ASSET_FOLDERS`, separated as in `PATH`. Addresses are never followed.
 
+## Many lights
+
+Lamps, bulbs and panels may be many: which one a path asks for light depends on the point that it shall light, by
+distance, by where the lamp faces, and by what glossy surfaces mirror (a light tree). A hundred lamps need hardly more
+paths than ten. What moves, and directional light, stands outside the tree and is drawn by power. `clsim info` says
+whether a scene has a tree; one with a single lamp has none.
+
 ## Light that changes
 
 Event cameras see what people do not: lamps on the mains flicker at 100 or 120 Hz, dimmed LEDs are switched thousands of

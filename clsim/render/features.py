@@ -9,7 +9,7 @@ import numpy as np
 
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.deform import deforms
-from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, World
+from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, PunctualLight, SphereLight, World
 from clsim.scene.world import Kind
 
 Strategy = Literal["mis", "light", "scatter"]
@@ -39,6 +39,7 @@ class SceneFeatures:
         still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
+        light_tree: several lights stand still, and which is drawn depends on the point that they light.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
         motion_blur: the interval lasts, and an object or a light moves or deforms.
@@ -68,6 +69,7 @@ class SceneFeatures:
     still_lamps: bool
     sphere_lights: bool
     punctual_lights: bool
+    light_tree: bool
     environment: bool
     environment_map: bool
     motion_blur: bool
@@ -133,6 +135,7 @@ class Features(SceneFeatures):
             (self.triangle_lights, "triangle area lights"),
             (self.sphere_lights, "sphere lights"),
             (self.punctual_lights, "point, spot and directional lights"),
+            (self.light_tree, "choice among many lights by what each may send (light tree)"),
             (self.environment and not self.environment_map, "constant environment"),
             (self.environment_map, "environment map"),
             (self.motion_blur or self.camera_blur, "motion blur"),
@@ -211,6 +214,24 @@ def _still_lamps(world: World) -> bool:
     return not textured and not any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
 
 
+def in_light_tree(light: SphereLight | PunctualLight) -> bool:
+    """Whether a light stands still at a place, so that its distance to what it lights is known."""
+    return light.motion.duration_s == 0 and not (isinstance(light, PunctualLight) and light.kind == "directional")
+
+
+def _several_still_lights(world: World) -> bool:
+    """Whether there are several lights that stand still at a place; the two triangles of a panel are one light."""
+    lamps = np.array([max(material.emission) > 0 for material in world.materials], bool)
+    triangles = 0
+    for instance in world.instances:
+        mesh = world.meshes[instance.mesh]
+        if len(lamps) and instance.motion.duration_s == 0 and not deforms(mesh):
+            triangles += int(np.count_nonzero(lamps[mesh.material_ids]))
+    small: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
+    others = sum(map(in_light_tree, small))
+    return triangles > 2 or (triangles > 0) + others > 1
+
+
 def used_textures(world: World) -> list[int]:
     """Return the indices of the textures that the tracer reads."""
     return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
@@ -258,6 +279,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         still_lamps=_still_lamps(world),
         sphere_lights=bool(world.sphere_lights),
         punctual_lights=bool(world.punctual_lights),
+        light_tree=_several_still_lights(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,
         motion_blur=interval_s > 0 and (deforming or objects_move(world)),

@@ -22,6 +22,7 @@ from clsim.render.film import Moments, Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.geometry import Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
+from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
@@ -83,6 +84,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             radiance = radiance * opacity(materials, point)
         return radiance
 
+    receiver = make_receiver(features)
     sample_light, triangle_pdf, sphere_pdf, environment = make_lights(features, surface, shining)
     add, merge, store = make_film(features.variances, features.sobol)
     uniform2 = make_sampler(features.sobol)
@@ -149,14 +151,15 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         # The product of squared relative indices, by which radiance, but not power, was divided on the way.
         eta2 = float(1.0)
         # Where the ray was scattered, for the densities with which the lights would have been drawn there.
-        last_position = start
-        last_normal = toward
+        last = Receiver()
+        last.position = start
+        last.normal = toward
         for depth in range(settings.max_depth):
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
             if hit.triangle < 0:
                 if wp.static(features.sphere_lights):
                     if hit.sphere >= 0:
-                        drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last_position, time)
+                        drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last, time)
                         radiance = scene.lights.sphere_radiance[hit.sphere]
                         sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
                         if looking:
@@ -171,7 +174,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                                 sample.emission = sample.radiance
                         break
                 if wp.static(features.environment):
-                    sky = environment(scene.lights, last_normal, direction)
+                    sky = environment(scene.lights, last.normal, direction)
                     sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(alone, pdf, sky.pdf)
                     if wp.static(features.first_hits):
                         if looking:
@@ -208,8 +211,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             if wp.static(features.triangle_lights):
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:
-                    distance = wp.length(point.position - last_position)
-                    drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, distance)
+                    drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, last)
                     sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
             if wp.static(features.first_hits):
                 if looked_at:
@@ -225,10 +227,14 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
             dimension = (depth + 1) * _DIMENSIONS
             choice = uniform2(stream, dimension + sampling.CHOICE)
+            to = receiver(bsdf, point.position, point.shading_normal, -direction)
             if wp.static(by_light and has_lights):
                 if not bsdf.mirror:
                     u = uniform2(stream, dimension + sampling.LIGHT)
-                    light = sample_light(scene.lights, scene.geometry, scene.materials, point, choice[0], u, time)
+                    finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
+                    light = sample_light(
+                        scene.lights, scene.geometry, scene.materials, point, to, choice[0], finer, u, time
+                    )
                     if light.pdf > 0.0 and agree(point, light.direction):
                         scattering = scatter_value(
                             scene.materials, bsdf, point.shading_normal, -direction, light.direction
@@ -268,8 +274,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if choice[1] >= survival:
                     break
                 throughput = throughput / survival
-            last_position = point.position
-            last_normal = point.shading_normal
+            last = to
             origin = offset_origin(point.position, side(point.normal, direction), point.reach_m)
         return sample
 

@@ -5,6 +5,7 @@
 Lights are numbered: emitting triangles first (each instance's own), then spheres, punctual lights, and the environment.
 One is drawn by its power; the cumulative table holds multiples of 2⁻²⁴, as the random numbers do, so that probabilities
 are exact. A light whose share rounds to nothing is never drawn, and then counts fully when scattering finds it.
+Where several lights stand still, they are one entry of that table, the last, and a tree tells which of them is drawn.
 """
 
 from typing import Any
@@ -20,6 +21,7 @@ from clsim.render.environment import (
 )
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Geometry, Surface, hit_sphere, make_sphere_at, offset_origin
+from clsim.render.light_tree import LightChoice, LightTree, Receiver, make_light_tree
 from clsim.render.lights_punctual import Punctual, make_punctual
 from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
@@ -39,7 +41,10 @@ class Lamp:
 
 @wp.struct
 class Lights:
-    """The light table; ``cumulative[i]`` is the probability that a light of number ≤ i is drawn."""
+    """The light table; ``cumulative[i]`` is the probability that a light of number ≤ i is drawn.
+
+    ``probability`` is that of each; lights of the tree have none in these tables.
+    """
 
     cumulative: wp.array(dtype=float)
     probability: wp.array(dtype=float)
@@ -56,6 +61,7 @@ class Lights:
     environment: wp.vec3
     environment_image: EnvironmentImage
     environment_probability: float
+    tree: LightTree
 
 
 @wp.struct
@@ -110,6 +116,31 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
     sphere_at = make_sphere_at(features)
     towards_punctual = make_punctual(features)
     side = make_side(features)
+    draw_of_tree, pdf_of_tree = make_light_tree(features)
+
+    @wp.func
+    def choose(lights: Lights, to: Receiver, u: float, finer: float) -> LightChoice:
+        # A step up, so that the first entry above ``u`` is found.
+        choice = LightChoice(wp.lower_bound(lights.cumulative, u + STEP), 0.0)
+        if wp.static(features.light_tree):
+            if choice.light > lights.first_environment:
+                left = (u + lights.tree.probability - 1.0) / lights.tree.probability
+                choice = draw_of_tree(lights.tree, to, left, finer)
+                choice.probability = choice.probability * lights.tree.probability
+            else:
+                choice.probability = lights.probability[choice.light]
+        else:
+            choice.probability = lights.probability[choice.light]
+        return choice
+
+    @wp.func
+    def chance(lights: Lights, light: int, to: Receiver) -> float:
+        """The probability with which a light is drawn for a point."""
+        probability = lights.probability[light]
+        if wp.static(features.light_tree):
+            if lights.tree.slots[light] >= 0:
+                probability = lights.tree.probability * pdf_of_tree(lights.tree, light, to)
+        return probability
 
     @wp.func
     def area_pdf(probability: float, point: Surface, direction: wp.vec3, t: float) -> float:
@@ -122,12 +153,13 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
 
     @wp.func
     def triangle_pdf(
-        lights: Lights, instance: int, triangle: int, point: Surface, direction: wp.vec3, t: float
+        lights: Lights, instance: int, triangle: int, point: Surface, direction: wp.vec3, seen_from: Receiver
     ) -> float:
         pdf = float(0.0)
         rank = lights.triangle_rank[triangle]
         if rank >= 0:
-            pdf = area_pdf(lights.probability[lights.instance_first[instance] + rank], point, direction, t)
+            probability = chance(lights, lights.instance_first[instance] + rank, seen_from)
+            pdf = area_pdf(probability, point, direction, wp.length(point.position - seen_from.position))
         return pdf
 
     @wp.func
@@ -146,11 +178,11 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         return point
 
     @wp.func
-    def sphere_pdf(lights: Lights, geometry: Geometry, index: int, position: wp.vec3, time: float) -> float:
+    def sphere_pdf(lights: Lights, geometry: Geometry, index: int, seen_from: Receiver, time: float) -> float:
         pdf = float(0.0)
-        size = sphere_cone(sphere_at(geometry, index, time), position)
+        size = sphere_cone(sphere_at(geometry, index, time), seen_from.position)
         if size > 0.0:
-            pdf = lights.probability[lights.first_sphere + index] / (2.0 * wp.pi * size)
+            pdf = chance(lights, lights.first_sphere + index, seen_from) / (2.0 * wp.pi * size)
         return pdf
 
     @wp.func
@@ -164,14 +196,23 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
 
     @wp.func
     def sample_light(
-        lights: Lights, geometry: Geometry, materials: Any, point: Surface, choice: float, u: wp.vec2, time: float
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        point: Surface,
+        to: Receiver,
+        choice: float,
+        finer: float,
+        u: wp.vec2,
+        time: float,
     ) -> LightSample:
+        """Draw a light for a point, by ``choice`` and then ``finer``, and a place on it by ``u``."""
         sample = LightSample()
         sample.pdf = 0.0
-        # A step up, so that the first entry above ``choice`` is found.
-        light = wp.lower_bound(lights.cumulative, choice + STEP)
+        drawn_light = choose(lights, to, choice, finer)
+        light = drawn_light.light
         if wp.static(features.triangle_lights):
-            if light < lights.first_sphere:
+            if light >= 0 and light < lights.first_sphere:
                 lamp = on_lamp(lights, geometry, light, uniform_triangle(u), time)
                 away = lamp.position - point.position
                 leaving = side(point.normal, away)
@@ -181,7 +222,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     if wp.dot(lamp.normal, toward) > 0.0:
                         lamp.front = False
                         lamp.normal = -lamp.normal
-                    sample.pdf = area_pdf(lights.probability[light], lamp, toward, wp.sqrt(distance2))
+                    sample.pdf = area_pdf(drawn_light.probability, lamp, toward, wp.sqrt(distance2))
                     sample.radiance = emitted(materials, lamp)
                     sample.origin = offset_origin(point.position, leaving, point.reach_m)
                     # The shadow ray ends before the lamp, by roundings of the way there and of the lamp's own place.
@@ -199,7 +240,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     toward = cone(wp.normalize(centre - point.position), size, u)
                     leaving = side(point.normal, toward)
                     if wp.dot(toward, leaving) > 0.0:
-                        sample.pdf = lights.probability[light] / (2.0 * wp.pi * size)
+                        sample.pdf = drawn_light.probability / (2.0 * wp.pi * size)
                         sample.radiance = lights.sphere_radiance[index]
                         sample.direction = toward
                         sample.origin = offset_origin(point.position, leaving, point.reach_m)
@@ -213,7 +254,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                 leaving = side(point.normal, found.direction)
                 if wp.dot(found.direction, leaving) > 0.0:
                     sample.delta = True
-                    sample.pdf = lights.probability[light]
+                    sample.pdf = drawn_light.probability
                     sample.radiance = found.irradiance
                     sample.direction = found.direction
                     sample.origin = offset_origin(point.position, leaving, point.reach_m)

@@ -12,13 +12,14 @@ import warp as wp
 from clsim.render import lights_punctual
 from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
 from clsim.render.features import SceneFeatures
-from clsim.render.light_choice import arriving, fair
+from clsim.render.light_choice import fair
+from clsim.render.light_list import small_lights, triangle_lights
+from clsim.render.light_tree_build import build_tree
 from clsim.render.lights import Lamp, Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
 from clsim.render.upload_arrays import array, write
-from clsim.scene import Mesh, Motion, World
-from clsim.scene.modulation import Modulation
+from clsim.scene import Mesh, World
 
 _F64 = npt.NDArray[np.float64]
 
@@ -45,70 +46,39 @@ class LightData:
         self._features = features
         self._punctual_lights = world.punctual_lights
         self._origin_m = placement.origin_m
-        emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
-        sides = np.array([2.0 if material.emits_behind else 1.0 for material in world.materials])
-        brightest = np.array([_largest(material.modulation) for material in world.materials])
-        power_of = emission @ LUMINANCE * sides * math.pi * brightest
-        ranks, emitting = [], []
-        for mesh in placement.meshes:
-            emits = power_of[mesh.material_ids] > 0 if len(power_of) else np.zeros(len(mesh.triangles), bool)
-            ranks.append(np.where(emits, np.cumsum(emits) - 1, -1))
-            emitting.append(np.flatnonzero(emits))
-        first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in placement.meshes)])
-        powers: list[_F64] = []
-        instance_of, triangle_of, instance_first = [], [], [0]
-        for k, instance in enumerate(placement.instances):
-            mesh, local = placement.meshes[instance.mesh], emitting[instance.mesh]
-            corners = (mesh.vertices @ instance.motion.pose(0.0)[:3, :3].T)[mesh.triangles[local]]
-            cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            powers.append(0.5 * np.linalg.norm(cross, axis=1) * power_of[mesh.material_ids[local]])
-            instance_of.append(np.full(len(local), k))
-            triangle_of.append(first_triangle[instance.mesh] + local)
-            instance_first.append(instance_first[-1] + len(local))
-        far = [np.zeros(instance_first[-1], bool)]
-        for light in world.sphere_lights:
-            surface_m2 = 4 * math.pi * light.radius_m**2
-            power_w = surface_m2 * math.pi * float(np.dot(light.radiance, LUMINANCE)) * _largest(light.modulation)
-            share = arriving(self._distance(light.motion, middle_m), radius_m)
-            powers.append(np.array([power_w * share]))
-            far.append(np.array([share < 1.0]))
-        for punctual in world.punctual_lights:
-            power_w = lights_punctual.power(punctual, radius_m) @ LUMINANCE * _largest(punctual.modulation)
-            powers.append(np.array([power_w]))
-            far.append(np.array([punctual.kind == "directional"]))
-        sizeless = len(world.sphere_lights) + len(world.punctual_lights)
-        power = fair(np.concatenate(powers), np.concatenate(far), sizeless)
-        sky = float(np.dot(world.environment, LUMINANCE))
+        triangles = triangle_lights(world, placement)
+        small = small_lights(world, placement.origin_m, middle_m, radius_m)
+        power = np.concatenate([triangles.power, small.power])
+        far = np.concatenate([np.zeros(len(triangles.power), bool), small.far])
+        in_tree = np.concatenate([triangles.in_tree, small.in_tree]) & (power > 0) & features.light_tree
         self.lights = lights = Lights()
+        lights.first_sphere = len(triangles.power)
+        lights.first_punctual = lights.first_sphere + len(world.sphere_lights)
+        lights.first_environment = lights.first_punctual + len(world.punctual_lights)
+        sky = float(np.dot(world.environment, LUMINANCE))
         if world.environment_map is not None:
             tables = tabulate(world.environment_map, world.environment)
             lights.environment_image = self._environment_image(tables, world.environment_map.to_world)
             sky = tables.mean
         environment = sky * (2 * math.pi * max(radius_m, 1e-3)) ** 2
-        # Scattering finds a constant environment just as well, so that lamps keep at least half of the samples.
-        power = np.append(power, min(environment, power.sum()) if power.sum() > 0 else environment)
-
-        cumulative = steps(np.cumsum(power))
+        cumulative = steps(np.cumsum(_shares(power, far, in_tree, lights.first_sphere, environment)))
         probability = np.diff(cumulative, prepend=np.float32(0.0))
         lights.cumulative = array(cumulative, wp.float32, device)
         lights.probability = array(probability, wp.float32, device)
-        lights.instance = array(np.concatenate(instance_of), wp.int32, device)
-        lights.triangle = array(np.concatenate(triangle_of), wp.int32, device)
-        lights.instance_first = array(instance_first[:-1], wp.int32, device)
-        lights.triangle_rank = array(np.concatenate(ranks), wp.int32, device)
+        lights.instance = array(triangles.instance, wp.int32, device)
+        lights.triangle = array(triangles.triangle, wp.int32, device)
+        lights.instance_first = array(triangles.instance_first[:-1], wp.int32, device)
+        lights.triangle_rank = array(triangles.ranks, wp.int32, device)
         if features.still_lamps:
-            lights.lamps = self._lamps(placement.meshes[0], emitting[0])
-        lights.first_sphere = instance_first[-1]
+            lights.lamps = self._lamps(placement.meshes[0], triangles.of_mesh[0])
         lights.sphere_radiance = array([light.radiance for light in world.sphere_lights], wp.vec3, device)
-        lights.first_punctual = lights.first_sphere + len(world.sphere_lights)
         lights.punctual = self._punctual_table(times_s)
-        lights.first_environment = lights.first_punctual + len(world.punctual_lights)
         lights.environment = wp.vec3(*world.environment)
-        lights.environment_probability = float(probability[-1])
-
-    def _distance(self, motion: Motion, middle_m: _F64) -> float:
-        """Return how far a light is from the middle of the scene, given from the device's origin, at time 0 [m]."""
-        return float(np.linalg.norm(motion.pose(0.0)[:3, 3] - self._origin_m - middle_m))
+        lights.environment_probability = float(probability[lights.first_environment])
+        if in_tree.any():
+            bounds = np.concatenate([triangles.bounds, small.bounds])[in_tree]
+            members = np.flatnonzero(in_tree)
+            lights.tree = build_tree(bounds, members, len(power), float(probability[-1]), device)
 
     def update(self, times_s: _F64) -> None:
         """Put the lights without size where they are at those times; work only where one moves, or times are others."""
@@ -159,6 +129,24 @@ class LightData:
         return image
 
 
-def _largest(modulation: Modulation | None) -> float:
-    """Return how bright a light may become, as a multiple of its own radiance."""
-    return 1.0 if modulation is None else modulation.largest
+def _shares(power: _F64, far: npt.NDArray[np.bool_], in_tree: npt.NDArray[np.bool_], small: int, sky: float) -> _F64:
+    """Return the entries to draw from: one a light, one of the environment, and one of the tree where there is one.
+
+    Args:
+        power: of each light [W].
+        far: whether it is far.
+        in_tree: whether the tree tells its share.
+        small: number of the first light that is no triangle.
+        sky: what the environment sends into the scene [W].
+    """
+    apart = ~in_tree
+    # The tree stands between triangles and small lights: it may hold some of these, and has a least share as they do.
+    middle = np.array([power[in_tree].sum()]) if in_tree.any() else np.zeros(0)
+    flat = [power[:small][apart[:small]], middle, power[small:][apart[small:]]]
+    near = [far[:small][apart[:small]], np.zeros(len(middle), bool), far[small:][apart[small:]]]
+    drawn = fair(np.concatenate(flat), np.concatenate(near), len(middle) + len(flat[2]))
+    # Scattering finds a constant environment just as well, so that lamps keep at least half of the samples.
+    sky = min(sky, float(drawn.sum())) if drawn.sum() > 0 else sky
+    own = np.zeros(len(power))
+    own[apart] = np.delete(drawn, len(flat[0])) if len(middle) else drawn
+    return np.concatenate([own, [sky], drawn[len(flat[0]) : len(flat[0]) + len(middle)]])

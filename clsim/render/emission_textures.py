@@ -1,0 +1,64 @@
+"""How brightly textured surfaces emit, triangle by triangle, so that a screen's bright parts are drawn more often."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.render.environment import LUMINANCE
+from clsim.render.upload_materials import decoding
+from clsim.scene import CheckerTexture, ImageTexture, Mesh, World
+from clsim.scene.world import Wrap
+
+_F64 = npt.NDArray[np.float64]
+
+_PLACES = 16
+"""Places on a side of the square that is laid over a triangle: 136 of them lie within."""
+_LEAST = 0.02
+"""Share of the untextured light that counts at least: between these places there may be a bright spot."""
+
+
+def mean_emission(world: World, mesh: Mesh) -> _F64:
+    """Return the luminance that the front of each triangle emits on average, ``[m]``; 0 where it does not emit."""
+    emission = np.array([material.emission for material in world.materials]).reshape(-1, 3)
+    if not len(emission):
+        return np.zeros(len(mesh.triangles))
+    luminance: _F64 = (emission @ LUMINANCE)[mesh.material_ids]
+    for index, material in enumerate(world.materials):
+        triangles = np.flatnonzero(mesh.material_ids == index) if max(material.emission) > 0 else np.zeros(0, int)
+        if material.emission_texture >= 0 and mesh.uvs is not None and len(triangles):
+            colors = _mean(world.textures[material.emission_texture], mesh.uvs[mesh.triangles[triangles]])
+            textured = colors * np.array(material.emission) @ LUMINANCE
+            luminance[triangles] = np.maximum(textured, _LEAST * luminance[triangles])
+    return luminance
+
+
+def _mean(texture: CheckerTexture | ImageTexture, corners: npt.NDArray[np.float32]) -> _F64:
+    """Return the mean colours of triangles of those uv ``[m, 3, 2]``, from places spread over each."""
+    i, j = np.nonzero(np.add.outer(np.arange(_PLACES), np.arange(_PLACES)) < _PLACES)
+    total = np.zeros((len(corners), 3))
+    for a, b in zip((i + 1 / 3) / _PLACES, (j + 1 / 3) / _PLACES, strict=True):
+        total += _colors(texture, corners[:, 0] * (1 - a - b) + corners[:, 1] * a + corners[:, 2] * b)
+    return total / len(i)
+
+
+def _colors(texture: CheckerTexture | ImageTexture, uv: _F64) -> _F64:
+    """Return the colours at uv ``[m, 2]``, of an image those of the nearest texels."""
+    if isinstance(texture, CheckerTexture):
+        squares = np.floor(uv * texture.scale).astype(int).sum(axis=1) & 1
+        return np.where(squares[:, None] == 0, texture.color_a, texture.color_b)
+    height, width = texture.pixels.shape[:2]
+    s, t = (uv @ np.array(texture.uv_matrix)[:, :2].T + np.array(texture.uv_matrix)[:, 2]).T
+    x = np.minimum(_fold(s, texture.wrap_u) * width, width - 1).astype(int)
+    y = np.minimum((1.0 - _fold(t, texture.wrap_v)) * height, height - 1).astype(int)
+    colors: _F64 = decoding()[256 * int(texture.srgb) + texture.pixels[y, x, :3]]
+    return colors
+
+
+def _fold(x: _F64, wrap: Wrap) -> _F64:
+    """Return the place in 0 … 1 that a coordinate stands for, as `textures.fold` does."""
+    if wrap == "repeat":
+        return x - np.floor(x)
+    if wrap == "mirror":
+        return 1.0 - np.abs(np.mod(x, 2.0) - 1.0)
+    return np.clip(x, 0.0, 1.0)

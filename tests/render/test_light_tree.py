@@ -1,0 +1,161 @@
+"""Many lights: what the tree knows of them, and that it draws without bias and with little noise."""
+
+from __future__ import annotations
+
+import hand_worlds as hw
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clsim.render.features import scene_features
+from clsim.render.light_tree_build import around, build_tree, of_triangles
+from clsim.render.upload_lights import _shares
+from clsim.scene import Material, PunctualLight, SphereLight, Static
+
+GREY = Material(color=(0.6, 0.6, 0.6))
+
+
+@settings(max_examples=20, deadline=None)
+@given(count=st.integers(1, 24), seed=st.integers(0, 1000), spread=st.sampled_from([0.0, 0.1, 100.0]))
+def test_a_node_bounds_its_lights(count, seed, spread):
+    rng = np.random.default_rng(seed)
+    corners = rng.normal(size=(count, 1, 3)) * spread + rng.normal(size=(count, 3, 3))
+    both = rng.random(count) < 0.3
+    bounds = of_triangles(corners, rng.random(count) + 0.1, both)
+    lamps = around(corners[:3, 0], corners[:3, 0], np.ones(min(count, 3)))
+    bounds = np.concatenate([bounds, lamps])
+    lights = rng.permutation(2 * len(bounds))[: len(bounds)]
+    tree = build_tree(bounds, lights, 2 * len(bounds), 0.5, "cpu")
+    nodes, slots = tree.nodes.numpy(), tree.slots.numpy()
+    np.testing.assert_array_equal(np.flatnonzero(slots >= 0), np.sort(lights))
+    assert len(set(slots[lights])) == len(lights)
+    np.testing.assert_array_equal(tree.lights.numpy()[slots[lights]], lights)
+    for light, own in zip(lights, bounds, strict=True):
+        places = np.stack([own["low"], own["high"]])
+        rounding_m = 1e-6 * (1 + np.abs(places).max())
+        node = tree.leaves + slots[light]
+        while node:
+            row = nodes[node]
+            assert np.linalg.norm(places - row["middle"], axis=1).max() <= row["radius_m"] + rounding_m
+            assert row["reach"] <= own["reach"] and row["both"] >= own["both"]
+            angle = np.arccos(np.clip(own["facing"], -1, 1)) + np.arccos(np.clip(own["axis"] @ row["axis"], -1, 1))
+            assert row["facing"] <= -1 or np.cos(angle) >= row["facing"] - 1e-5
+            node //= 2
+    assert nodes["intensity"][1] == pytest.approx(bounds["intensity"].sum(), rel=1e-5)
+
+
+def test_the_tree_has_the_power_of_its_lights_and_no_light_is_counted_twice():
+    power = np.array([4.0, 6.0, 10.0, 30.0])
+    far, in_tree = np.array([False, False, False, True]), np.array([True, True, False, False])
+    np.testing.assert_allclose(_shares(power, far, in_tree, 2, 1e9), [0.0, 0.0, 10.0, 20.0, 40.0, 10.0])
+    np.testing.assert_allclose(_shares(power, far, np.zeros(4, bool), 2, 5.0), [4.0, 6.0, 10.0, 20.0, 5.0])
+    np.testing.assert_allclose(_shares(power, far, in_tree, 4, 0.0)[-1], 10.0)
+
+
+def panel(x, z, side, radiance_at=1):
+    return hw.quad((x - side / 2, 1.5, z - side / 2), (side, 0, 0), (0, 0, side), radiance_at)
+
+
+def test_one_panel_is_one_light_and_two_are_several():
+    glow = Material(emission=(1.0, 1.0, 1.0))
+    ground = hw.quad((-5, 0, 5), (10, 0, 0), (0, 0, -10))
+    one = hw.world(ground, panel(0, 0, 1), materials=(GREY, glow))
+    assert not scene_features(one, 0.0).light_tree
+    two = hw.world(ground, panel(0, 0, 1), panel(2, 0, 1), materials=(GREY, glow))
+    assert scene_features(two, 0.0).light_tree
+    bulb = SphereLight(0.1, (1.0,) * 3, Static(hw.translation(0, 3, 0)))
+    assert scene_features(hw.world(ground, panel(0, 0, 1), materials=(GREY, glow), sphere_lights=(bulb,)), 0).light_tree
+    sun = PunctualLight("directional", (1.0,) * 3, Static(np.eye(4)))
+    lit = hw.world(ground, materials=(GREY,), sphere_lights=(bulb,), punctual_lights=(sun, sun))
+    assert not scene_features(lit, 0.0).light_tree
+
+
+def street(number, seed=1):
+    """A wide floor under lamps without size, and the irradiance of each pixel's middle in closed form."""
+    rng = np.random.default_rng(seed)
+    side = int(np.ceil(np.sqrt(number)))
+    places = np.stack([np.arange(number) % side, np.arange(number) // side], axis=1) + rng.uniform(
+        0.2, 0.8, (number, 2)
+    )
+    places = (places / side - 0.5) * 16
+    intensity = rng.uniform(1, 10, number)
+    lamps = tuple(
+        PunctualLight("point", (float(i),) * 3, Static(hw.translation(x, 1.5, z)))
+        for (x, z), i in zip(places, intensity, strict=True)
+    )
+    floor = hw.quad((-40, 0, 40), (80, 0, 0), (0, 0, -80))
+    view = hw.camera(hw.look_from((0, 500, 0), (0, 0, 0), up=(0, 0, -1)), 24, 24, fov_deg=2.2)
+    world = hw.world(floor, materials=(GREY,), view=view, punctual_lights=lamps)
+    half = 500 * np.tan(np.radians(1.1))
+    fine = (np.arange(24 * 8) + 0.5) / (24 * 8) * 2 * half - half
+    x, z = np.meshgrid(fine, fine)
+    exact = np.zeros_like(x)
+    for (a, b), i in zip(places, intensity, strict=True):
+        exact += 0.6 / np.pi * i * 1.5 / ((x - a) ** 2 + (z - b) ** 2 + 1.5**2) ** 1.5
+    return world, exact.reshape(24, 8, 24, 8).mean(axis=(1, 3))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sampler", ["pcg", "sobol"])
+def test_a_hundred_lamps_have_the_closed_forms_light(sampler):
+    world, exact = street(100)
+    frame = hw.render(world, spp=1024, max_depth=2, sampler=sampler)
+    if sampler == "pcg":  # the other one's variances are of four batches
+        off = (frame.plane("R") - exact) / np.sqrt(frame.plane("Variance.R"))
+        assert np.abs(off).max() < 6
+    assert abs(frame.plane("R").mean() / exact.mean() - 1) < 2e-3
+
+
+@pytest.mark.slow
+def test_a_hundred_lamps_are_hardly_noisier_than_ten():
+    noise = {}
+    for number in (10, 100):
+        world, exact = street(number)
+        frame = hw.render(world, spp=256, max_depth=2)
+        bright = exact > 0.2 * exact.mean()
+        noise[number] = np.sqrt((256 * frame.plane("Variance.R") / exact**2)[bright].mean())
+    # By power alone it is 3.3 for a hundred lamps.
+    assert noise[100] < 0.9
+    assert noise[100] < 1.6 * noise[10]
+
+
+def plates(seed=0):
+    """Glossy plates and a smooth metal ball in a room with lamps of all sorts that have a size."""
+    rng = np.random.default_rng(seed)
+    glossy = [
+        Material(kind="plastic", color=(0.2, 0.3, 0.4), alpha=0.1, ior=1.6),
+        Material(kind="conductor", color=(0.9, 0.7, 0.4), alpha=0.2),
+        Material(kind="principled", color=(0.4, 0.5, 0.3), alpha=0.05, metallic=0.5, clearcoat=1.0),
+        Material(kind="dielectric", ior=1.5, alpha=0.3),
+    ]
+    glow = Material(color=(0.0, 0.0, 0.0), emission=(6.0, 5.0, 4.0), emits_behind=False)
+    both = Material(color=(0.0, 0.0, 0.0), emission=(9.0, 9.0, 9.0))
+    meshes = [hw.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8))]
+    meshes += [hw.quad((-3 + 1.6 * i, 0.2, 0.8), (1.4, 0, 0), (0, 0.6, -1.4), 1 + i) for i in range(4)]
+    meshes += [
+        hw.quad((x, 2 + y, z), (0.3, 0, 0.1), (0.05, 0.1, 0.3), 5 + k % 2)
+        for k, (x, y, z) in enumerate(rng.uniform(-2, 1.5, (7, 3)))
+    ]
+    bulbs = tuple(
+        SphereLight(r, (0.05 / r**2,) * 3, Static(hw.translation(x, 1.5, -1.0)))
+        for x, r in ((-2, 0.05), (0, 0.1), (2, 0.3))
+    )
+    view = hw.camera(hw.look_from((0, 1.5, 4), (0, 0.5, 0)), 24, 16, fov_deg=60)
+    return hw.world(*meshes, materials=(GREY, *glossy, glow, both), view=view, sphere_lights=bulbs)
+
+
+@pytest.mark.slow
+def test_both_ways_to_find_light_agree_with_scattering_alone():
+    """Scattering alone knows nothing of the tree."""
+    blocks = {}
+    for strategy, spp in (("mis", 4096), ("scatter", 24576)):
+        frame = hw.render(plates(), spp=spp, max_depth=3, strategy=strategy, threads=None)
+        shape = (4, 4, 6, 4)
+        mean = frame.plane("G").reshape(shape).mean(axis=(1, 3))
+        error = np.sqrt(frame.plane("Variance.G").reshape(shape).mean(axis=(1, 3)) / 16)
+        blocks[strategy] = mean, error
+    (mis, mis_error), (brute, brute_error) = blocks["mis"], blocks["scatter"]
+    error = np.hypot(mis_error, brute_error)
+    assert np.all(np.abs(mis - brute) <= 4.5 * error)
+    assert abs(mis.mean() / brute.mean() - 1) < 0.01
