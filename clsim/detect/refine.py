@@ -74,7 +74,7 @@ class Refiner:
         self._on, self._off = config.threshold_on, config.threshold_off
         self._tolerance = tolerance_us * TICKS_PER_S / 1e6
         self._forecast = Forecast(place, self._on, self._off)
-        self._levels = traced_levels(config, names, self._shape)
+        self._levels = traced_levels(config, names, self._shape, tracer.lit)
         self.stats = RefineStats()
         self._between: list[Buffer] = []
         self._frames = 0

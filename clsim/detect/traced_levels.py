@@ -40,11 +40,12 @@ class TracedLevels(Protocol):
         ...
 
 
-def traced_levels(config: DetectorConfig, names: tuple[str, ...], shape: tuple[int, int]) -> TracedLevels:
-    """Return what serves frames, and requests, with those planes and that height and width."""
-    if EMISSION[0] in names:
-        return FirstHitLevels(config, names, shape)
-    return PathLevels(config, names)
+def traced_levels(config: DetectorConfig, names: tuple[str, ...], shape: tuple[int, int], lit: bool) -> TracedLevels:
+    """Return what serves frames, and requests, with those planes and that height and width.
+
+    ``lit`` tells whether the radiance of requests is whole.
+    """
+    return PathLevels(config, names) if lit else FirstHitLevels(config, names, shape)
 
 
 class PathLevels:

@@ -44,6 +44,8 @@ class PixelTracer(Protocol):
 
     names: tuple[str, ...]
     """Planes of what it traces."""
+    lit: bool
+    """Whether radiance is all of a pixel's; else it is what is emitted, and the light on what is seen is unknown."""
 
     def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> FloatArray:
         """Return the planes ``[C, N]`` of N pixels, y·width + x each, at N times [s]."""

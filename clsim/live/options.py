@@ -201,7 +201,7 @@ class LiveOptions:
         That is so unless a setting is given that goes without it, or the sampling itself.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
-        fits = self.noise != "independent" and self.first_hit_rays != 0 and self.time == "fixed"
+        fits = self.noise != "independent" and self.first_hit_rays != 0
         if light_stands_still and fits and free == (None,) * len(free) and self.basis in CACHED:
             return replace(self, sampling="cached")
         return self

@@ -161,6 +161,7 @@ class Pipeline:
         board: where the detector's maps of interest go, if the source wants them.
         governed: what sets the source's effort at the pace of the wall clock.
         share_cores: whether source and detector compute on the same cores.
+        in_step: whether the source waits with each frame until the last one's events are found.
     """
 
     def __init__(
@@ -177,6 +178,7 @@ class Pipeline:
         board: InterestBoard | None = None,
         governed: Governed | None = None,
         share_cores: bool = True,
+        in_step: bool = False,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
@@ -188,7 +190,7 @@ class Pipeline:
         self._schedule = schedule
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
-        self._board, self._governed = board, governed
+        self._board, self._governed, self._in_step = board, governed, in_step
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
         self._detector: object = None
@@ -291,7 +293,7 @@ class Pipeline:
                 if not schedule.recorded_times:
                     frame.time_us = schedule.time_us(index)
                 self._ring.publish()
-                if clock is not None and index < WARM_UP_FRAMES:
+                if self._in_step or (clock is not None and index < WARM_UP_FRAMES):
                     self._consumed.acquire()
                 index += 1
             self._ring.close()

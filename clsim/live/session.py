@@ -208,12 +208,13 @@ def open_live(
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
-        lambda: PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board),
+        lambda: stages.shown_by(PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board)),
         lambda: stages.build_detector(schedule),
         outputs,
         schedule,
         (stages.planes, camera.height, camera.width),
         ring=options.ring,
+        in_step=stages.in_step,
         pace=options.pace,
         board=board,
         governed=governed,

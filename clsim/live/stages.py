@@ -90,7 +90,18 @@ class Stages:
         """Build what renders the frames of the world's camera, steered by what it finds on ``board``."""
         from clsim.render import View
 
-        return View(data, self.render, board)
+        return self.shown_by(View(data, self.render, board))
+
+    def shown_by(self, view: View) -> View:
+        """Return the view, once what traces pixels between frames knows that it renders them."""
+        if self.retracing is not None:
+            self.retracing.views[:] = [view]
+        return view
+
+    @property
+    def in_step(self) -> bool:
+        """Whether no frame is rendered before the last one's events are found: pixels are traced in its light then."""
+        return self.retracing is not None and self.render.light_cache
 
 
 def load_options_world(options: LiveOptions) -> World:

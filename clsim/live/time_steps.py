@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from clsim.frames import PixelTracer
 from clsim.live.schedule import Schedule
 
 if TYPE_CHECKING:
-    from clsim.render import RenderOptions
+    from clsim.render import RenderOptions, View
     from clsim.scene import World
 
 TimeSteps = Literal["fixed", "adaptive"]
@@ -30,10 +30,12 @@ class Retracing:
     Attributes:
         tolerance_us: error of an event's time that will do [µs].
         render: options of the renderer.
+        views: what renders the frames; its light is that of requests, where it is kept on surfaces.
     """
 
     tolerance_us: float
     render: RenderOptions
+    views: list[View] = field(default_factory=list)
 
     def tracer(self, world: World, schedule: Schedule | None) -> PixelTracer | None:
         """Copy a world to the device and return what traces its pixels, at the times of a schedule.
@@ -45,7 +47,8 @@ class Retracing:
 
         if world.moving_s() == 0:
             return None
-        tracer = Retracer(SceneData(world, self.render.device, self.render.tree, instants=True), self.render)
+        data = SceneData(world, self.render.device, self.render.tree, instants=True)
+        tracer = Retracer(data, self.render, lambda: self.views[-1].light_keeper)
         return Looping(tracer, schedule) if schedule is not None and schedule.loop else tracer
 
 
@@ -54,12 +57,13 @@ class Looping:
 
     Attributes:
         names: planes of what it traces.
+        lit: whether their radiance is whole.
     """
 
     def __init__(self, tracer: Any, schedule: Schedule) -> None:
         """Shift the times of a run to those of the motion."""
         self._tracer, self._schedule = tracer, schedule
-        self.names = tracer.names
+        self.names, self.lit = tracer.names, tracer.lit
         self._shift_s = 0.0
 
     def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:

@@ -126,6 +126,20 @@ def _gain(lit: Lit) -> float:
     return wp.clamp(wp.log(now / before), -_LARGEST_GAIN, _LARGEST_GAIN)
 
 
+@wp.func
+def seen_light(
+    cells: wp.array(dtype=Cell),
+    things: wp.array(dtype=Thing),
+    number: int,
+    gathering: Gathering,
+    own: wp.vec3,
+    learnt: float,
+) -> wp.vec3:
+    """Return the radiance of a pixel that shows those things, by what was known and learnt when a frame was done."""
+    lit = _finished(_light(cells, things, number, gathering), own, own)
+    return (lit.emission + lit.light) * wp.exp(-learnt)
+
+
 def make_cached(
     sobol: bool,
     look: Any,

@@ -368,7 +368,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     if features.requests:
         from clsim.render.retraced import make_retraced
 
-        paths, first_hits = make_retraced(look, gather, store, *types, kernel_options())
+        paths, first_hits, in_kept_light = make_retraced(look, gather, store, *types, kernel_options())
+        if features.light_cache:
+            return in_kept_light
         return first_hits if features.first_hits else paths
     if features.first_hits:
         make: Any

@@ -22,6 +22,14 @@ _LARGEST_TABLE = 1 << 22
 _REMEMBERED = 256
 
 
+def nothing_shown(device: Any) -> dict[str, Any]:
+    """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
+    empty: dict[str, Any] = {"steering": Gathering()}
+    for name, kind in (("cells", Cell), ("own", wp.vec3), ("learnt", wp.float32)):
+        empty[name] = wp.zeros(1, dtype=kind, device=device)
+    return empty
+
+
 class LightKeeper:
     """Keeps what paths find, and tells pixels how many to trace: few where the light is known.
 
@@ -49,6 +57,7 @@ class LightKeeper:
         self._pixel_angle, self._sharp = pixel_angle, sharp
         self._frames = 0
         self._update = 0
+        self._found_more = False
         self._used: Any = wp.zeros(1, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells = self._table(1 << int(np.ceil(np.log2(_CELLS_PER_PIXEL * pixels))))
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
@@ -71,7 +80,11 @@ class LightKeeper:
         }
 
     def prepare(self, index: int) -> tuple[dict[str, Any], int]:
-        """Return the arguments of the kernel that change with a frame, and the full number of paths."""
+        """Return the arguments of the kernel that change with a frame, and the full number of paths.
+
+        What the paths of the last frame found is kept from now on.
+        """
+        self._learn()
         effort = self.effort
         if effort.spp != self._found["out_lights"].shape[0]:
             self._make_room(effort.spp)
@@ -86,8 +99,14 @@ class LightKeeper:
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
         return changed, effort.spp
 
+    @property
+    def shown(self) -> dict[str, Any]:
+        """The arguments of a kernel that sees chosen pixels in the light of the last frame (retraced.py)."""
+        return {"steering": self._gathering, "cells": self._cells, "own": self._own, "learnt": self._learnt}
+
     def forget(self) -> None:
         """Empty all cells: the light is another one."""
+        self._found_more = False
         for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt):
             each.zero_()
         self._frames = 0
@@ -96,13 +115,22 @@ class LightKeeper:
         """Do nothing: nobody is waited for."""
 
     def finish(self) -> bool:
-        """Count what the frame took and keep what its paths found; return whether it is to be rendered again.
+        """Count what the frame took; return whether it is to be rendered again.
 
         That is so for the first frame: nothing was known when it was rendered.
         """
         first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
         self.first_hit_rays += int(first_hit_rays)
         self.paths += int(paths)
+        self._found_more = True
+        self._frames += 1
+        return self._frames == 1
+
+    def _learn(self) -> None:
+        """Keep what the paths of the last frame found, unless that is done."""
+        if not self._found_more:
+            return
+        self._found_more = False
         self._update += 1
         self._open.set_param_by_name("update", self._update)
         self._open_cells()
@@ -113,8 +141,6 @@ class LightKeeper:
         self._average.set_param_by_name("sums", self._sums)
         self._average.set_param_by_name("cells", self._cells)
         self._average.launch()
-        self._frames += 1
-        return self._frames == 1
 
     def _table(self, rows: int) -> tuple[Any, Any, Any]:
         """Return free rows: their keys, their sums, and what those who look read."""

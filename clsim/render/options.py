@@ -142,7 +142,7 @@ class RenderOptions:
             self.follow_specular,
             sobol,
             first_hits,
-            self.light_cache and not requests,
+            self.light_cache,
             requests,
         )
 

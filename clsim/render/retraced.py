@@ -9,8 +9,10 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.cached import Gathering, seen_light
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
+from clsim.render.light_cache import Cell
 from clsim.render.things import THINGS, Thing, store_things
 
 
@@ -22,12 +24,14 @@ def make_retraced(
     view_type: Any,
     settings_type: Any,
     options: Any,
-) -> tuple[Any, Any]:
-    """Return two kernels, of which a thread is a request: all paths of the pixel, or its first-hit rays alone.
+) -> tuple[Any, Any, Any]:
+    """Return three kernels, of which a thread is a request: all paths of the pixel, its first-hit rays alone, or these
+    in the light that is kept on surfaces.
 
     ``pixels`` and ``instants``, int32 ``[N]``, tell the pixel (y·width + x) and the instant of each request;
     ``out_planes``, float32 ``[C, N]``, is as for frames, and ``out_bits`` the same memory as unsigned integers. Of
-    first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are.
+    first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
+    is that of the last frame (``cached.py``).
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -45,6 +49,28 @@ def make_retraced(
         moments = gather(scene, camera, settings, pixels[request], instants[request])
         store(moments, request, out_planes, out_bits)
 
+    @wp.func
+    def look_around(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        pixel: int,
+        instant: int,
+        looks: Looks,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        """Look through the corners of a pixel, and then at it."""
+        state = sampling.absorb(settings.stream, pixel)
+        corners = wp.zeros(shape=4, dtype=Sample)
+        seen = Seen()
+        i = wp.where(looks.steps > 0, 0, 4)
+        while i <= 4:
+            corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
+            corner = wp.where(i < 4, corner, -1)
+            seen = look(scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, things)
+            i = i + 1
+        return seen
+
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def retrace_first_hits(
         scene: scene_type,
@@ -57,22 +83,32 @@ def make_retraced(
         out_planes: wp.array2d(dtype=float),
     ):
         request = first + wp.tid()
-        pixel = pixels[request]
-        instant = instants[request]
-        state = sampling.absorb(settings.stream, pixel)
-        corners = wp.zeros(shape=4, dtype=Sample)
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = Seen()
-        # Through its corners, and then at the pixel.
-        i = wp.where(looks.steps > 0, 0, 4)
-        while i <= 4:
-            corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
-            corner = wp.where(i < 4, corner, -1)
-            seen = look(scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, things)
-            i = i + 1
+        seen = look_around(scene, camera, settings, pixels[request], instants[request], looks, things)
         emission = wp.vec3()
         for k in range(seen.things):
             emission += things[k].emission * things[k].share
         store_things(things, seen.things, seen.rays, emission, request, out_planes)
 
-    return retrace_paths, retrace_first_hits
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
+    def retrace_in_kept_light(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        first: int,
+        steering: Gathering,
+        cells: wp.array(dtype=Cell),
+        own: wp.array(dtype=wp.vec3),
+        learnt: wp.array(dtype=float),
+        pixels: wp.array(dtype=int),
+        instants: wp.array(dtype=int),
+        out_planes: wp.array2d(dtype=float),
+    ):
+        request = first + wp.tid()
+        pixel = pixels[request]
+        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        seen = look_around(scene, camera, settings, pixel, instants[request], steering.looks, things)
+        shown = seen_light(cells, things, seen.things, steering, own[pixel], learnt[pixel])
+        store_things(things, seen.things, seen.rays, shown, request, out_planes)
+
+    return retrace_paths, retrace_first_hits, retrace_in_kept_light

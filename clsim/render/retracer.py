@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +22,9 @@ from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.view import RenderCancelled, settings_of
 
+if TYPE_CHECKING:
+    from clsim.render.light_keeper import LightKeeper
+
 _MOST_INSTANTS = 64
 """Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
 _MIDDLE = ((0.5, 0.5),)
@@ -33,20 +37,25 @@ class Retracer:
     """One camera's pixels, traced where and when somebody asks.
 
     A pixel has the same bits at a time as in the frame of that time, as far as its planes are here: of frames with
-    first-hit rays those that such rays find, and instead of radiance emission alone.
+    first-hit rays those that such rays find, and instead of radiance emission alone, unless light is kept on surfaces:
+    then radiance is in the light of the last frame.
 
     Attributes:
         names: the planes.
+        lit: whether radiance is whole; else it is emission alone.
         requests: how many were answered so far.
         samples: paths, or first-hit rays, traced so far.
     """
 
-    def __init__(self, data: SceneData, options: RenderOptions) -> None:
+    def __init__(
+        self, data: SceneData, options: RenderOptions, keeper: Callable[[], LightKeeper] | None = None
+    ) -> None:
         """Build the kernel.
 
         Args:
             data: what is rendered, with a place for each of several instants; nothing else moves it.
             options: how it is rendered; as for the frames.
+            keeper: returns what keeps the light of the frames, where it is kept on surfaces.
 
         Raises:
             InputError: frames have noise of their own, or the camera exposes for a while.
@@ -62,6 +71,8 @@ class Retracer:
         self.requests = self.samples = 0
         self._data, self._device = data, data.device
         self._first_hits = options.first_hit_rays
+        self._keeper = keeper if options.light_cache else None
+        self.lit = self._keeper is not None or not self._first_hits
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
         self._follow: tuple[Any, Any, Any, Any] | None = None
@@ -160,7 +171,11 @@ class Retracer:
             "instants": self._upload(numbers),
             "out_planes": planes,
         }
-        if not self._tiles.run(len(pixels), changed | ({} if self._first_hits else {"out_bits": bits})):
+        if self._keeper is not None:
+            changed |= self._keeper().shown
+        elif not self._first_hits:
+            changed["out_bits"] = bits
+        if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()
         self.requests += len(pixels)
@@ -178,8 +193,13 @@ class Retracer:
             "instants": self._upload(np.zeros(tile)),
             "out_planes": planes,
         }
-        more = {"looks": self._looks} if self._first_hits else {"out_bits": bits}
-        return record(self._kernel, tile, self._device, **arguments, **more)
+        if self._keeper is not None:
+            from clsim.render.light_keeper import nothing_shown
+
+            arguments |= nothing_shown(self._device)
+        else:
+            arguments |= {"looks": self._looks} if self._first_hits else {"out_bits": bits}
+        return record(self._kernel, tile, self._device, **arguments)
 
     @property
     def _places(self) -> tuple[tuple[float, float], ...]:

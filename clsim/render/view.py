@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 import warp as wp
@@ -217,6 +217,12 @@ class View:
     def first_hit_rays(self) -> int:
         """First-hit rays traced so far."""
         return 0 if self._steerer is None else self._steerer.first_hit_rays
+
+    @property
+    def light_keeper(self) -> LightKeeper:
+        """What keeps the light that its frames are seen in, where it is kept on surfaces."""
+        assert self._options.light_cache
+        return cast("LightKeeper", self._steerer)
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""

@@ -49,6 +49,7 @@ def test_options_come_back_from_plain_values():
 def test_a_loop_asks_for_the_times_of_its_motion():
     class Tracer:
         names = ("R",)
+        lit = True
         asked: tuple[float, ...] = ()
 
         def motion(self, start_s, end_s):

@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
-from clsim.scene import Material, PunctualLight, SphereLight, Static
+from clsim.scene import Material, PunctualLight, SphereLight, Static, load_world
 
 FPS = 30.0
 FRAMES = (0, 3, 4, 11)
@@ -158,3 +158,26 @@ def test_what_deforms_is_traced_in_the_shape_of_its_time():
     """An instant at a time, each with trees of its own: exactly what a frame shows."""
     scene = replace(swelling(moving=True), fps=FPS)
     compare(scene, RenderOptions(spp=2, max_depth=3))
+
+
+@pytest.mark.slow
+def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in():
+    """At the frame's time it has the frame's bits, whatever the frame's own paths have found."""
+    world = load_world("two-boxes", resolution=(32, 24))
+    options = RenderOptions(
+        spp=4, probe_spp=1, probe_every=2, first_hit_rays=16, sampler="sobol", light_cache=True, threads=2
+    )
+    tracer = PathTracer(world, options)
+    retracer = Retracer(SceneData(world, instants=True), options, lambda: tracer.light_keeper)
+    frame = Frame(page_aligned((len(tracer.names), 24, 32)), tracer.names)
+    pixels = np.random.default_rng(3).permutation(24 * 32).astype(np.int32)
+    differ = tracer.names.index("Samples")
+    try:
+        for index in (0, 1, 2, 9):
+            tracer.fill(index, frame)
+            found = retracer.trace(pixels, np.full(len(pixels), frame_time_us(index, tracer.fps) * 1e-6))
+            expected = frame.planes.reshape(len(tracer.names), -1)[:, pixels]
+            np.testing.assert_array_equal(np.delete(found, differ, 0), np.delete(expected, differ, 0))
+    finally:
+        retracer.close()
+        tracer.close()
