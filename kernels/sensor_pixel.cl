@@ -14,6 +14,7 @@
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
+#define CELL 1000L        // [ns]: a launch's ends are whole µs, as is all at which noise is drawn
 #define MAX_EVENTS 1000   // of one pixel in one step
 #define MANY 3            // events in one step after which linear brightness between frames is a poor guess
 #define NEVER LONG_MAX
@@ -35,11 +36,6 @@ typedef struct {
     int capacity, count;
 } Outbox;
 
-// What a pixel sees without noise, linear from `at` on.
-typedef struct { long at; double level, slope; } Line;
-
-static inline double level_at(Line line, long t) { return line.level + line.slope * SECONDS(t - line.at); }
-
 // How far a time [s] lies ahead, in ns, rounded up.
 static inline long ahead(double seconds) {
     const double ns = seconds * 1e9;
@@ -52,13 +48,22 @@ static inline long ahead(double seconds) {
 #define LEAK_OF(p) 0.0
 #endif
 
-#include "sensor_front.clh"
-#include "sensor_noise.clh"
-
 #ifdef PARASITIC
+static inline double leak_under(const Pixel *p, double level) {
+    return p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
+}
+
+// Of a piece that is broken off at t: the light of all of it was counted.
+static inline void correct_leak(Pixel *p, long t, double level) {
+    if (p->since >= t) return;
+    const double more = (leak_under(p, level) - p->leak) * SECONDS(t - MAX(p->since, p->in.at));
+    p->leaked += more;
+    p->ref -= more;
+}
+
 // Light adds to the leak.
 static inline void change_leak(Pixel *p, long t, double level) {
-    const double leak = p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
+    const double leak = leak_under(p, level);
     if (leak == p->leak) return;
     if (p->since <= t) {
         p->leaked += p->leak * SECONDS(t - p->since);
@@ -68,6 +73,9 @@ static inline void change_leak(Pixel *p, long t, double level) {
     p->leak = leak;
 }
 #endif
+
+#include "sensor_front.clh"
+#include "sensor_noise.clh"
 
 // Work-item: CHUNK pixels of the image [H][span]. out_own: [planes][pixels], what each pixel keeps for ever.
 __kernel void make_pixels(__global const double *c, ulong seed, int pixels, int span, __global double *out_own) {
@@ -111,9 +119,6 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
         if (p->since > t) {
             if (p->since > end) return;
             t = p->since;
-#ifdef SHOT_NOISE
-            settle_noise(p, t);
-#endif
             take_reference(p, line, t);
         }
         if (p->fired >= MAX_EVENTS) {
@@ -121,11 +126,7 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
             return;
         }
         int rising, cause = -1;
-#ifdef SHOT_NOISE
-        long next = next_passage(p, line, t, &rising);
-#else
         long next = next_crossing(p, line, t, &rising);
-#endif
 #ifdef RATE_NOISE
         int noise_rising;
         const long noisy = next_arrival(p, line, t, MIN(next, end), &noise_rising);
@@ -138,12 +139,16 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
         if (next > end) return;
         t = next;
         const int exact = cause < 0;
-#ifdef SHOT_NOISE
-        if (exact) pass_at(p, line, t, rising);
-#endif
         fire(p, out, line, t, rising, exact ? cause_of(p, line, t, rising) : cause, exact);
     }
 }
+
+#ifdef SHOT_NOISE
+#include "sensor_shot.clh"
+#define RUN_PIECE run_noisy
+#else
+#define RUN_PIECE run_piece
+#endif
 
 // A knot of a brightness path, with the light there.
 typedef struct { long t; double level; Light light; } Knot;
@@ -155,39 +160,35 @@ static inline Knot knot_at(const Pixel *p, long t, double level) {
 
 // From a knot to the next one.
 static inline void run_segment(Pixel *p, Outbox *out, Knot from, Knot to) {
-    const double slope = to.t > from.t ? (to.level - from.level) / SECONDS(to.t - from.t) : 0;
-    long t = from.t;
+    if (from.t == to.t) return;
+    const double slope = (to.level - from.level) / SECONDS(to.t - from.t);
 #ifdef FRONT
     Light light = from.light;
-#endif
-    while (t < to.t) {
-        long end = to.t;
-#ifdef FRONT
-        end = MIN(end, t + front_reach(p, light, slope));
-#endif
-        const double level = from.level + slope * SECONDS(t - from.t);
-        const double after = end == to.t ? to.level : from.level + slope * SECONDS(end - from.t);
-#ifdef FRONT
-        const Light next_light = end == to.t ? to.light : light_of(p->c, after);
-        const Line line = advance_front(p, t, light, end, next_light);
-        light = next_light;
-#else
-        const Line line = {from.t, from.level, slope};
-#endif
-#ifdef PARASITIC
-        change_leak(p, t, 0.5 * (level + after));
-#endif
-#ifdef SHOT_NOISE
-        while (t < end) {
-            const long node = MIN(end, advance_noise(p, t, from.level + slope * SECONDS(t - from.t)));
-            run_piece(p, out, line, t, node);
-            t = node;
-        }
-#else
-        run_piece(p, out, line, t, end);
-        t = end;
-#endif
+    if (!follows_line(p, from.t, from.level) || !follows_line(p, to.t, to.level)) {
+        turn(p, from.t, from.level, light, slope);
+    } else if (p->in.level != from.level) {
+        light = light_of(p->c, p->in.level);
     }
+    for (long t = from.t; t < to.t;) {
+        const Piece piece = piece_of(p, light);
+        const long end = MIN(to.t, piece.end);
+#ifdef PARASITIC
+        change_leak(p, t, 0.5 * (p->in.level + level_at(p->in, piece.end)));
+#endif
+        RUN_PIECE(p, out, piece.seen, t, end);
+        p->seen = level_at(piece.seen, end);
+        if (end == piece.end) {
+            const Line in = {end, level_at(p->in, end), p->in.slope};
+            p->in = in;
+            p->front = piece.front;
+            light = piece.after;
+        }
+        t = end;
+    }
+#else
+    const Line line = {from.t, from.level, slope};
+    run_piece(p, out, line, from.t, to.t);
+#endif
 }
 
 // A pixel's first level, at t.
@@ -198,9 +199,10 @@ static inline void begin(Pixel *p, long t, double level) {
     change_leak(p, t, level);
 #endif
 #ifdef FRONT
-    line.level = start_front(p, level);
+    line.level = start_front(p, t, level);
 #endif
 #ifdef SHOT_NOISE
+    p->law.light = INT_MIN;
     start_noise(p, t, level);
 #endif
     p->ref = line.level;
@@ -225,18 +227,21 @@ static inline void begin(Pixel *p, long t, double level) {
 static inline double reference_for(const Pixel *p, long t, double level) {
     if (p->since > t) return level;
     double seen = level, ref = p->ref - LEAK_OF(p) * SECONDS(t - p->since);
-#if defined(FOLLOWER)
-    seen = p->follower;
-#elif defined(RECEPTOR)
-    seen = p->receptor;
-#elif defined(DARK)
-    seen = light_of(p->c, level).level;
+#ifdef FRONT
+    seen = p->seen;
 #endif
 #ifdef SHOT_NOISE
     ref -= p->noise_at_ref;
 #endif
     return level - (seen - ref);
 }
+
+#ifdef SHOT_NOISE
+// Noise goes on in whole µs.
+#define WHEN(ns) (((ns) + CELL / 2) / CELL * CELL)
+#else
+#define WHEN(ns) (ns)
+#endif
 
 #ifdef KNOTS
 // Work-item: CHUNK pixels of the list. out_rows: [H][span], where each is in the list.
@@ -267,22 +272,24 @@ __kernel void run_pixels(
     Outbox out = {out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, capacity, 0};
     long many = 0, capped = 0, most = 0;
     // Apart, so that a compiler takes several at a time.
-    Light lights[2][CHUNK];
-    for (int i = first; i < last; i++) lights[0][i - first] = light_of(c, start[i]);
-    for (int i = first; i < last; i++) lights[1][i - first] = light_of(c, end[i]);
+    Light lights[CHUNK];
+    for (int i = first; i < last; i++) lights[i - first] = light_of(c, start[i]);
     for (int i = first; i < last; i++) {
         Pixel p = loaded(c, seed, own, state, pixels, i, i % span, i / span);
+#ifdef SHOT_NOISE
+        set_law(&p, p.law.light);
+#endif
         const double before = start[i], now = end[i];
         if (i % span < width && now == now) {
             if (p.ref != p.ref && p.since <= t0) {
                 begin(&p, t1, now);
             } else {
-                Knot from = {t0, before, lights[0][i - first]};
-                const Knot to = {t1, now, lights[1][i - first]};
+                Knot from = {t0, before, lights[i - first]};
+                const Knot to = {t1, now};
 #ifdef KNOTS
                 if (rows[i] >= 0)
                     for (int k = offsets[rows[i]]; k < offsets[rows[i] + 1]; k++) {
-                        const Knot knot = knot_at(&p, t0 + times[k], levels[k]);
+                        const Knot knot = knot_at(&p, t0 + WHEN(times[k]), levels[k]);
                         run_segment(&p, &out, from, knot);
                         from = knot;
                     }

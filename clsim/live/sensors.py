@@ -34,7 +34,7 @@ def cost_of(sensor: SensorSettings | None, width: int, height: int) -> tuple[str
     """Return a sentence on what shot noise of a sensor of this size costs, if it has any."""
     if sensor is None or sensor.noise.shot == 0:
         return ()
-    seconds = width * height * sensor.noise.draws_per_s(sensor.front_end.follower_s) * _DRAW_S
+    seconds = width * height * 1e6 / sensor.noise.slot_us(sensor.front_end.follower_s) * _DRAW_S
     return (
         f"`sensor` {sensor.name} draws shot noise, which takes some {seconds:.0f} s of CPU for each simulated second; "
         "noise at rates (on_hz, off_hz) takes none to speak of",

@@ -12,8 +12,8 @@ from clsim.sensor.stage import Constants, Context, Stage, check_not_negative, ch
 from clsim.values import read_fields
 
 _DECADE = math.log(10.0)
-NODES_APART = 0.5
-"""Of noise, in time constants: what its bridges tell of the time between lets 1 to 2 % of all events be missed."""
+_SLOT = 0.75
+"""Of noise, at most, in time constants of the follower; between slots it is drawn where it may reach a threshold."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,11 @@ class FrontEnd(Stage):
     receptor_hz_per_lux: float | None = None
     follower_hz: float | None = None
 
-    state: ClassVar[Mapping[str, tuple[str, ...]]] = {"RECEPTOR": ("RECEPTOR",), "FOLLOWER": ("FOLLOWER",)}
+    state: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "FRONT": ("INPUT_SINCE", "INPUT_LEVEL", "INPUT_SLOPE"),
+        "RECEPTOR": ("RECEPTOR",),
+        "FOLLOWER": ("FOLLOWER",),
+    }
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -78,7 +82,8 @@ class FrontEnd(Stage):
             "RECEPTOR": self.receptor_hz_per_lux is not None,
             "FOLLOWER": self.follower_hz is not None,
         }
-        return tuple(name for name, on in parts.items() if on)
+        on = tuple(name for name, on in parts.items() if on)
+        return ("FRONT", *on) if on else ()
 
     def constants(self, context: Context) -> Constants:
         """In light of level 0, and seconds."""
@@ -114,7 +119,7 @@ class Noise(Stage):
 
     own: ClassVar[Mapping[str, tuple[str, ...]]] = {"RATE_NOISE": ("RATE_WAIT",)}
     state: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        "SHOT_NOISE": ("NOISE", "NEXT_NOISE", "NOISE_AT_REFERENCE", "NOISE_SINCE")
+        "SHOT_NOISE": ("NOISE_SLOT", "NOISE", "NEXT_NOISE", "NOISE_AT_REFERENCE", "NOISE_LIGHT")
     }
 
     def __post_init__(self) -> None:
@@ -150,12 +155,16 @@ class Noise(Stage):
             "RATE_SLOT_NS": float(round(1e9 * min(max(0.1 / most, 1e-3), 10.0))) if most > 0 else 1e9,
             "NOISE_SIGMA": self.shot,
             "NOISE_S": context.follower_s,
-            "NOISE_SLOT_NS": float(round(1e9 / self.draws_per_s(context.follower_s))),
+            "NOISE_SLOT_NS": 1e3 * self.slot_us(context.follower_s),
         }
 
-    def draws_per_s(self, follower_s: float) -> float:
-        """Return how often a pixel draws shot noise behind a source follower of this time constant [1/s]."""
-        return 1 / max(1e-6, NODES_APART * follower_s)
+    def slot_us(self, follower_s: float) -> int:
+        """Return how far apart shot noise behind a source follower of this time constant is drawn [µs].
+
+        A power of two, so that slots can be halved down to a µs, with which launches end.
+        """
+        longest = min(max(1.0, _SLOT * 1e6 * follower_s), 2.0**20)
+        return 1 << int(math.log2(longest))
 
 
 @dataclass(frozen=True)
@@ -183,7 +192,7 @@ class Leak(Stage):
     def macros(self) -> tuple[str, ...]:
         """Light's share for itself."""
         if self.parasitic_hz_per_lux > 0:
-            return ("LEAK", "PARASITIC")
+            return ("FRONT", "LEAK", "PARASITIC")
         return ("LEAK",) if self.hz > 0 else ()
 
     def constants(self, context: Context) -> Constants:

@@ -8,13 +8,24 @@ from clsim.opencl.device import choose_device
 from clsim.opencl.path import BrightnessPath, Knots
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import RealPixels, SensorSettings
-from clsim.sensor.pixel_stages import Defects, Noise, Threshold
+from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
 from clsim.sensor.stage import Context
 
 NEXT_TO_NOTHING = SensorSettings(
     threshold=Threshold(mismatch=1e-12), noise=Noise(1e-12, 1e-12), defects=Defects(dead_share=1e-12)
 )
 """Stages that are on and do nothing: tests that set some of their numbers share kernels. So do those with a leak."""
+
+EVERYTHING = SensorSettings(
+    threshold=Threshold(mismatch=0.02),
+    front_end=FrontEnd(0.5, 3.0, 300.0),
+    noise=Noise((30.0, 20.0), (10.0, 5.0), (10.0, 1000.0), 0.2, shot=0.1),
+    leak=Leak(3.0, 0.25, parasitic_hz_per_lux=0.05),
+    defects=Defects(hot_share=0.05, dead_share=0.05),
+    refractory=Refractory(300.0),
+    delay=Delay(30.0, 10.0),
+)
+"""A sensor all of whose pixels' stages are on."""
 
 SPLITS = {
     "30 fps": [round(k * 1e6 / 30) for k in range(13)],

@@ -8,8 +8,8 @@ import pytest
 
 from clsim.events import CAUSES
 from clsim.sensor import SensorSettings
-from clsim.sensor.pixel_stages import NODES_APART, FrontEnd, Leak, Noise, Refractory, Threshold
-from tests.sensor.benchtop import SPLITS, Benchtop
+from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Refractory, Threshold
+from tests.sensor.benchtop import EVERYTHING, SPLITS, Benchtop, planes
 
 FOLLOWER_HZ = 100.0
 TAU_S = 1 / (2 * math.pi * FOLLOWER_HZ)
@@ -91,19 +91,12 @@ def test_with_a_long_rest_noise_fires_at_the_rate_of_first_passages(ratio):
 
 @pytest.mark.parametrize("begin_us", [pytest.param(0, marks=pytest.mark.slow), 10**9])
 def test_noise_is_the_same_bits_at_every_frame_rate(begin_us):
-    settings = replace(
-        noisy(2.0, 300.0),
-        front_end=FrontEnd(0.5, 3.0, 300.0),
-        threshold=Threshold(mismatch=0.02),
-        leak=Leak(3.0),
-        noise=Noise(2.0, 2.0, shot=0.12),
-    )
     found = []
     for times_us in SPLITS.values():
-        bench = Benchtop(settings, 30, 10)
+        bench = Benchtop(EVERYTHING, 30, 10)
         events = bench.along([begin_us + t for t in times_us], [0.3] * len(times_us))
         found.append((events, np.concatenate(bench.causes)))
-    assert len(found[0][0]) > 2000 and set(found[0][1]) == {1, 2}
+    assert len(found[0][0]) > 2000 and set(found[0][1]) == {1, 2, 3}
     for events, causes in found[1:]:
         np.testing.assert_array_equal(events, found[0][0])
         np.testing.assert_array_equal(causes, found[0][1])
@@ -181,12 +174,11 @@ def test_noise_has_its_variance_and_forgets_at_its_pace():
     # Seen in the pixels' state: no event can be told from it.
     ratio, pixels = 20.0, 4000
     bench = Benchtop(noisy(ratio), pixels, on=THETA, off=THETA)
-    slot_us = round(NODES_APART * TAU_S * 1e9) / 1e3
-    plane = bench.pixels._macros["S_NOISE"]
+    slot_us = noisy(ratio).noise.slot_us(TAU_S)
 
     def noise_at(slot):
-        bench.to(math.ceil(slot * slot_us), 0.0)
-        return bench.place.read(bench.pixels._state)[plane].reshape(-1)[:pixels].copy()
+        bench.to(slot * slot_us, 0.0)
+        return planes(bench, "S")["NEXT_NOISE"]
 
     noise_at(0)
     first = noise_at(50)
@@ -195,7 +187,7 @@ def test_noise_has_its_variance_and_forgets_at_its_pace():
     for slots in (1, 2, 4, 20):
         later = noise_at(50 + slots)
         correlation = np.mean(first * later) / sigma**2
-        assert correlation == pytest.approx(math.exp(-slots * NODES_APART), abs=4 / math.sqrt(pixels))
+        assert correlation == pytest.approx(math.exp(-slots * slot_us * 1e-6 / TAU_S), abs=4 / math.sqrt(pixels))
         assert later.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
 
 
