@@ -13,7 +13,8 @@ import warp as wp
 from clsim.render.bsdf_conductor import conductor_fresnel, conductor_sample, conductor_value
 from clsim.render.bsdf_dielectric import dielectric_sample, dielectric_value, thin_sample
 from clsim.render.bsdf_diffuse import diffuse_sample, diffuse_value
-from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DIFFUSE, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
+from clsim.render.bsdf_disney import disney_sample, disney_value
+from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DIFFUSE, DISNEY, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
 from clsim.render.bsdf_parts import Scattered, Scattering
 from clsim.render.bsdf_plastic import plastic_sample, plastic_value
 from clsim.render.bsdf_principled import principled_sample, principled_value
@@ -32,6 +33,17 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
     glossy = kinds != ("diffuse",)
 
     @wp.func
+    def frame_of(b: Bsdf, normal: wp.vec3) -> wp.mat33:
+        """Return a rotation to the world whose third axis is the normal, the first along u where that matters."""
+        frame = tangent_frame(normal)
+        if wp.static(features.anisotropic):
+            along = b.tangent - normal * wp.dot(normal, b.tangent)
+            if wp.length(along) > 1.0e-12:
+                first = wp.normalize(along)
+                frame = wp.matrix_from_cols(first, wp.cross(normal, first), normal)
+        return frame
+
+    @wp.func
     def value(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> Scattering:
         result = Scattering()
         if wp.static("diffuse" in kinds):
@@ -39,7 +51,7 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
                 result = diffuse_value(b, normal, wi)
         if wp.static(glossy):
             if b.kind != DIFFUSE and not b.mirror:
-                frame = wp.transpose(tangent_frame(normal))
+                frame = wp.transpose(frame_of(b, normal))
                 out_local = frame * wo
                 in_local = frame * wi
                 if wp.static("conductor" in kinds):
@@ -54,6 +66,9 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
                 if wp.static("principled" in kinds):
                     if b.kind == PRINCIPLED:
                         result = principled_value(b, out_local, in_local)
+                if wp.static("disney" in kinds):
+                    if b.kind == DISNEY:
+                        result = disney_value(materials, b, out_local, in_local)
         return result
 
     @wp.func
@@ -64,7 +79,7 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
                 s = diffuse_sample(b, normal, u)
         if wp.static(glossy):
             if b.kind != DIFFUSE:
-                frame = tangent_frame(normal)
+                frame = frame_of(b, normal)
                 out_local = wp.transpose(frame) * wo
                 if wp.static("conductor" in kinds):
                     if b.kind == CONDUCTOR:
@@ -81,6 +96,9 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
                 if wp.static("principled" in kinds):
                     if b.kind == PRINCIPLED:
                         s = principled_sample(b, out_local, choice, u)
+                if wp.static("disney" in kinds):
+                    if b.kind == DISNEY:
+                        s = disney_sample(materials, b, out_local, choice, u)
                 s.direction = wp.normalize(frame * s.direction)
         return s
 

@@ -11,6 +11,7 @@ NUMBERS: dict[Kind, int] = {
     "thin-dielectric": 3,
     "plastic": 4,
     "principled": 5,
+    "disney": 6,
 }
 """A new model takes the next number, so that the others keep theirs."""
 KINDS = tuple(NUMBERS)
@@ -21,3 +22,4 @@ DIELECTRIC = wp.constant(NUMBERS["dielectric"])
 THIN_DIELECTRIC = wp.constant(NUMBERS["thin-dielectric"])
 PLASTIC = wp.constant(NUMBERS["plastic"])
 PRINCIPLED = wp.constant(NUMBERS["principled"])
+DISNEY = wp.constant(NUMBERS["disney"])

@@ -28,6 +28,7 @@ class SceneFeatures:
         checkers, images: some of these textures are checkerboards, or images.
         roughness_textures, emission_textures, normal_maps: some of them are of that use.
         bump_maps: some used material's normals are bent by heights.
+        anisotropic: some used material is rougher along one tangent than along the other.
         blends: some used material is a blend with another.
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
@@ -58,6 +59,7 @@ class SceneFeatures:
     emission_textures: bool
     normal_maps: bool
     bump_maps: bool
+    anisotropic: bool
     blends: bool
     alpha: bool
     transmission: bool
@@ -126,6 +128,7 @@ class Features(SceneFeatures):
             (self.emission_textures, "textures of emission"),
             (self.normal_maps, "normal maps"),
             (self.bump_maps, "bump maps"),
+            (self.anisotropic, "roughness that differs along u and v"),
             (self.blends, "blends of materials"),
             (self.alpha, "cut-out and translucent surfaces"),
             (self.follow_specular, "features seen through mirrors and clear glass"),
@@ -184,12 +187,12 @@ def textures_of(material: Material) -> dict[str, int]:
 
 def has_roughness(material: Material) -> bool:
     """Whether a texture of roughness means anything for the material."""
-    return material.kind in ("conductor", "dielectric", "plastic", "principled")
+    return material.kind in ("conductor", "dielectric", "plastic", "principled", "disney")
 
 
 def passes_light(material: Material) -> bool:
     """Whether light crosses the surface other than through its cut-outs."""
-    passes = material.kind == "principled" and material.transmission > 0
+    passes = material.kind in ("principled", "disney") and material.transmission > 0
     return passes or material.kind in ("dielectric", "thin-dielectric")
 
 
@@ -268,6 +271,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         emission_textures="emission" in uses,
         normal_maps="normal" in uses or "bump" in uses,
         bump_maps="bump" in uses,
+        anisotropic=any(material.stretch != 1 for material in materials),
         blends=any(material.blend_with >= 0 for material in materials),
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),

@@ -74,7 +74,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
     side = make_side(features)
     glossy = features.kinds != ("diffuse",)
-    refracts = "dielectric" in features.kinds
+    refracts = "dielectric" in features.kinds or "disney" in features.kinds
 
     @wp.func
     def shining(materials: Materials, point: Any) -> wp.vec3:

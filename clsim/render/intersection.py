@@ -237,7 +237,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 + geometry.colors[at[1]] * hit.weight1
                 + geometry.colors[at[2]] * weight2
             )
-        if wp.static(features.normal_maps):
+        if wp.static(features.normal_maps or features.anisotropic):
             at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             uv1 = geometry.uvs[at[1]] - geometry.uvs[at[0]]
             uv2 = geometry.uvs[at[2]] - geometry.uvs[at[0]]

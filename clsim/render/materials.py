@@ -6,7 +6,7 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, NUMBERS, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
+from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DISNEY, NUMBERS, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
 from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
@@ -41,6 +41,11 @@ class MaterialRow:
     transmission: float
     clearcoat: float
     clearcoat_alpha: float
+    specular_tint: float
+    sheen: float
+    sheen_tint: float
+    flatness: float
+    stretch: float
     nonlinear: int
     table: int
     inner: float
@@ -78,9 +83,12 @@ class Bsdf:
 
     ``eta`` is the index across the surface over that of the ray's side; ``mirror`` says that every lobe is perfectly
     smooth, ``dark`` that nothing is scattered at all; ``table_share`` is the weight of the table after plastic's.
+    ``row`` is the material's number, for what one model alone reads; ``tangent`` the way of u, 0 where there is none.
     """
 
     kind: int
+    row: int
+    tangent: wp.vec3
     color: wp.vec3
     specular: wp.vec3
     metal_eta: wp.vec3
@@ -136,6 +144,13 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
             b.alpha = row.alpha
             # Only the inside of glass is reached from the other side; coats and panes look the same from both.
             b.eta = wp.where(point.front or b.kind != DIELECTRIC, row.ior, 1.0 / row.ior)
+            if wp.static("disney" in features.kinds):
+                b.row = point.material
+                if b.kind == DISNEY and row.transmission > 0.0 and not point.front:
+                    b.eta = 1.0 / row.ior
+            if wp.static(features.anisotropic):
+                b.row = point.material
+                b.tangent = point.tangent
             b.metallic = row.metallic
             b.transmission = row.transmission
             b.clearcoat = row.clearcoat

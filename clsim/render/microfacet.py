@@ -43,6 +43,16 @@ def sample_visible_normal(wo: wp.vec3, alpha: float, u: wp.vec2) -> wp.vec3:
 
 
 @wp.func
+def evened(w: wp.vec3, factor: float) -> wp.vec3:
+    """Return a direction's image, no unit vector, in the frame where roughness is the same along both tangents.
+
+    With α·factor along x and α/factor along y, Λ and drawn normals are the isotropic ones of directions times
+    ``factor``, the distribution is that of normals over it (Heitz, JCGT 3(2), 2014, section 5.3).
+    """
+    return wp.vec3(w[0] * factor, w[1] / factor, w[2])
+
+
+@wp.func
 def reflected(wo: wp.vec3, h: wp.vec3) -> wp.vec3:
     """Return the mirror direction."""
     return wp.normalize(h * (2.0 * wp.dot(wo, h)) - wo)

@@ -63,7 +63,7 @@ class GeometryData:
         geometry.material_ids = array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32, device)
         if features.smooth_normals:
             geometry.normals = array(np.concatenate([flat_or_smooth(mesh) for mesh in shapes]), wp.vec3, device)
-        if features.textures:
+        if features.textures or features.anisotropic:
             geometry.uvs = array(np.concatenate([uvs(mesh) for mesh in shapes]), wp.vec2, device)
         if features.vertex_colors:
             geometry.colors = array(np.concatenate([colors_of(mesh) for mesh in shapes]), wp.vec3, device)

@@ -42,6 +42,8 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
     row.k = wp.vec3(*(material.k or (0.0, 0.0, 0.0)))
     for name in ("alpha", "ior", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "alpha_cutoff"):
         setattr(row, name, getattr(material, name))
+    for name in ("specular_tint", "sheen", "sheen_tint", "flatness", "stretch"):
+        setattr(row, name, getattr(material, name))
     row.nonlinear = int(material.nonlinear)
     if material.kind == "plastic":
         row.table = sum(map(len, tables))

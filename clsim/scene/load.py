@@ -92,7 +92,7 @@ def _lit(world: World) -> bool:
 
 
 def _is_glass(material: Material) -> bool:
-    principled = material.kind == "principled" and material.transmission > 0
+    principled = material.kind in ("principled", "disney") and material.transmission > 0
     return principled or material.kind in ("dielectric", "thin-dielectric")
 
 

@@ -96,7 +96,7 @@ class _Reader:
             meshes=tuple(self.meshes),
             instances=tuple(self.instances),
             materials=tuple(self.materials.materials),
-            textures=tuple(self.materials.textures),
+            textures=tuple(self.materials.textures.textures),
             sphere_lights=tuple(lights),
             punctual_lights=tuple(self.punctual_lights),
             environment=self.environment if lit else ENVIRONMENT,
@@ -152,7 +152,7 @@ class _Reader:
             if emitter.type != "area":
                 self._warn(f"emitters of type {emitter.type} are left out")
             elif (image := emitter.child("radiance")) is not None:
-                emission, texture = (1.0, 1.0, 1.0), self.materials.texture(image)
+                emission, texture = (1.0, 1.0, 1.0), self.materials.textures.index(image)
             else:
                 emission = _radiance(emitter, "radiance")
         bsdf = next(iter(shape.of_kind("bsdf")), None)

@@ -50,6 +50,7 @@ class Plugin:
         children: objects inside it, references resolved.
         place: file and line.
         folder: where its files lie.
+        id: by which others refer to it, if any.
     """
 
     kind: str
@@ -59,6 +60,7 @@ class Plugin:
     children: list[Plugin]
     place: str
     folder: Path
+    id: str = ""
 
     def get(self, name: str, default: Any) -> Any:
         """Return a property; raises InputError where its type is not that of the default."""
@@ -183,6 +185,7 @@ class _Reader:
             [],
             element.place,
             folder,
+            attributes.get("id", ""),
         )
         self._fill(found, element, folder, defaults)
         if "id" in attributes:
@@ -237,7 +240,9 @@ class _Reader:
             raise InputError(
                 f"{element.place}: refers to {attributes.get('id', '')!r}, which is not defined in the scene"
             )
-        return Plugin(target.kind, target.type, name, target.values, target.children, target.place, target.folder)
+        return Plugin(
+            target.kind, target.type, name, target.values, target.children, target.place, target.folder, target.id
+        )
 
     def _include(
         self, plugin: Plugin, element: Element, attributes: dict[str, str], folder: Path, defaults: Parameters

@@ -16,6 +16,19 @@ from clsim.scene.world import TEXTURES, AlphaMode, Camera, CheckerTexture, Kind,
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
+SHARES = (
+    "alpha",
+    "metallic",
+    "transmission",
+    "clearcoat",
+    "clearcoat_alpha",
+    "specular_tint",
+    "sheen_tint",
+    "flatness",
+    "opacity",
+    "blend_share",
+)
+"""What of a material is a number from 0 to 1."""
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
 
@@ -106,7 +119,7 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
             yield f"{name}: {key} is {getattr(material, key)}, expected -1 or one of the {textures} textures"
     if not _within(material.color, 1.0):
         yield f"{name}: color is {material.color}, expected numbers from 0 to 1"
-    for key in ("alpha", "metallic", "transmission", "clearcoat", "clearcoat_alpha", "opacity", "blend_share"):
+    for key in SHARES:
         if not _within((getattr(material, key),), 1.0):
             yield f"{name}: {key} is {getattr(material, key)}, expected a number from 0 to 1"
     # Beyond 1 a cut-off cuts everything, which glTF allows.
@@ -117,6 +130,12 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
             yield f"{name}: {key} is {getattr(material, key)}, expected a finite number"
     if not 0 < material.ior < math.inf:
         yield f"{name}: ior is {material.ior}, expected a positive number"
+    if material.kind == "disney" and material.ior <= 1:
+        yield f"{name}: ior is {material.ior}, expected more than 1 for the kind disney"
+    if not 0 < material.stretch < math.inf:
+        yield f"{name}: stretch is {material.stretch}, expected a positive number"
+    if not _within((material.sheen,)):
+        yield f"{name}: sheen is {material.sheen}, expected a finite number from 0"
     for key in ("emission", "eta", "k", "specular_color"):
         if not _within(getattr(material, key) or ()):
             yield f"{name}: {key} is {getattr(material, key)}, expected finite numbers from 0"

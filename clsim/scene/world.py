@@ -18,7 +18,7 @@ Vec3 = tuple[float, float, float]
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
 Wrap = Literal["repeat", "clamp", "mirror"]
-Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"]
+Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled", "disney"]
 AlphaMode = Literal["opaque", "mask", "blend"]
 Back = Literal["same", "black", "culled"]
 Falloff = Literal["squared", "linear", "smooth"]
@@ -107,7 +107,8 @@ class Material:
         kind: the scattering model: ``diffuse``; ``conductor`` (metal: complex index ``eta``, ``k``, or Schlick with
             F0 = ``color`` where ``eta`` is None); ``dielectric`` (glass, refracting, index ``ior``);
             ``thin-dielectric`` (a pane); ``plastic`` (a dielectric coat of index ``ior`` over a diffuse base);
-            ``principled`` (glTF metallic-roughness with clearcoat and transmission).
+            ``principled`` (glTF metallic-roughness with clearcoat and transmission); ``disney`` (the model of Burley,
+            SIGGRAPH 2012 and 2015, as Mitsuba's ``principled`` has it: what passes is refracted).
         color: diffuse reflectance or base colour, Schlick's F0 of a metal, what glass lets pass (multiplied by the
             texture where there is one).
         emission: radiance that the surface emits; a triangle that emits is an area light.
@@ -120,6 +121,8 @@ class Material:
         roughness_texture: G is perceptual roughness (α = (G·√alpha)²), B metalness, as in glTF.
         specular_color: multiplies the specular lobe; of glass and panes what they reflect, of ``principled`` F0 and
             F90 of its dielectric layer.
+        specular_tint, sheen, sheen_tint, flatness: what only ``disney`` has; 0 … 1.
+        stretch: roughness along u is α·stretch and along v α/stretch, of ``conductor`` and ``disney``.
         nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
         bump_texture: its luminance is height over the surface, ``bump_scale`` metres for 1; it bends normals.
         blend_with: index of another material of which this one is a blend; -1 for none. That may be one again.
@@ -144,6 +147,11 @@ class Material:
     eta: Vec3 | None = None
     k: Vec3 | None = None
     specular_color: Vec3 = (1.0, 1.0, 1.0)
+    specular_tint: float = 0.0
+    sheen: float = 0.0
+    sheen_tint: float = 0.0
+    flatness: float = 0.0
+    stretch: float = 1.0
     nonlinear: bool = False
     transmission: float = 0.0
     clearcoat: float = 0.0

@@ -29,6 +29,20 @@ ROUGH = {
         kind="principled", color=(0.8, 0.5, 0.2), alpha=0.5, clearcoat=0.8, clearcoat_alpha=0.04, metallic=0.3
     ),
     "principled pane": Material(kind="principled", color=(0.8, 0.5, 0.2), alpha=0.2, transmission=0.6),
+    "disney": Material(
+        kind="disney",
+        color=(0.8, 0.5, 0.2),
+        alpha=0.2,
+        stretch=1.6,
+        metallic=0.3,
+        transmission=0.5,
+        specular_tint=0.4,
+        sheen=0.8,
+        sheen_tint=0.5,
+        flatness=0.3,
+        clearcoat=0.7,
+        clearcoat_alpha=0.1,
+    ),
 }
 NARROW = ("conductor .05", "principled coat", "principled metal")
 MIRRORS = {
@@ -129,7 +143,7 @@ def test_reflection_is_reciprocal(name):
     there = lone.evaluate(a, below)[0] / b[:, 2:]
     # Seen from the other side, the frame is turned over.
     back = lone.evaluate(below * (1, 1, -1), a * (1, 1, -1), front=False)[0] / a[:, 2:]
-    eta2 = ROUGH[name].ior ** 2 if ROUGH[name].kind == "dielectric" else 1.0
+    eta2 = ROUGH[name].ior ** 2 if ROUGH[name].kind in ("dielectric", "disney") else 1.0
     np.testing.assert_allclose(there * eta2, back, rtol=5e-3, atol=1e-5)
     assert (there > 0).any() == (ROUGH[name].kind == "dielectric" or ROUGH[name].transmission > 0)
 

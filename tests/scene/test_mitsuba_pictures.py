@@ -23,6 +23,8 @@ SENSOR = f"""
     </sensor>"""
 FLOOR = """<shape type="rectangle"><transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>
     <bsdf type="diffuse"><rgb name="reflectance" value="0.6, 0.5, 0.4"/></bsdf></shape>"""
+SUN = """<emitter type="directional"><vector name="direction" x="-1" y="-0.8" z="-0.3"/>
+    <rgb name="irradiance" value="3"/></emitter>"""
 SKY = '<emitter type="constant"><rgb name="radiance" value="0.5, 0.6, 0.8"/></emitter>'
 
 
@@ -161,6 +163,31 @@ def test_bump_maps(mi, tmp_path):
         <boolean name="raw" value="true"/></texture>"""
     place = '<transform name="to_world"><scale value="3"/><rotate x="1" angle="-90"/></transform>'
     bumpy = f'<bsdf type="bumpmap">{texture}<float name="scale" value="0.1"/>{DIFFUSE}</bsdf>'
-    sun = """<emitter type="directional"><vector name="direction" x="-1" y="-0.8" z="-0.3"/>
-        <rgb name="irradiance" value="3"/></emitter>"""
-    assert_alike(mi, tmp_path, f'<shape type="rectangle">{place}{bumpy}</shape>' + sun, spp=512)
+    assert_alike(mi, tmp_path, f'<shape type="rectangle">{place}{bumpy}</shape>' + SUN, spp=512)
+
+
+def floats(**values):
+    return "".join(f'<float name="{name}" value="{value}"/>' for name, value in values.items())
+
+
+PRINCIPLED = {
+    "rough": floats(roughness=0.7, flatness=0.5),
+    "sheen": floats(roughness=0.9, sheen=1, sheen_tint=0.7),
+    "tinted": floats(roughness=0.3, spec_tint=0.8, specular=0.9),
+    "coat": floats(clearcoat=1, clearcoat_gloss=0.4),
+    "metal": floats(roughness=0.5, metallic=0.8, anisotropic=0.9),
+    "glass": floats(roughness=0.3, spec_trans=0.8, eta=1.4),
+}
+
+
+@pytest.mark.parametrize("lobes", PRINCIPLED.values(), ids=PRINCIPLED)
+def test_principled(mi, tmp_path, lobes):
+    """A ball and a panel, seen from both sides; what passes light is no panel."""
+    bsdf = f'<bsdf type="principled"><rgb name="base_color" value="0.7, 0.3, 0.1"/>{lobes}</bsdf>'
+    ball = '<transform name="to_world"><scale value="0.6"/><translate x="-0.6" y="0.7" z="1"/></transform>'
+    body = f'<shape type="sphere">{ball}{bsdf}</shape>'
+    if "spec_trans" not in lobes:
+        place = '<transform name="to_world"><scale value="0.5"/><rotate y="1" angle="-30"/><translate x="0.9" y="0.7"/>'
+        body += f'<shape type="rectangle">{place}</transform><bsdf type="twosided">{bsdf}</bsdf></shape>'
+        body += f'<shape type="rectangle">{place.replace("-30", "150")}<translate z="-0.3"/></transform>{bsdf}</shape>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + SUN + body, spp=1024)
