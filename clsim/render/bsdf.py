@@ -10,13 +10,13 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.bsdf_conductor import conductor_fresnel, conductor_sample, conductor_value
-from clsim.render.bsdf_dielectric import dielectric_sample, dielectric_value, thin_sample
+from clsim.render.bsdf_conductor import conductor_fresnel, make_conductor
+from clsim.render.bsdf_dielectric import make_dielectric, thin_sample
 from clsim.render.bsdf_diffuse import diffuse_sample, diffuse_value
 from clsim.render.bsdf_disney import disney_sample, disney_value
 from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DIFFUSE, DISNEY, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
 from clsim.render.bsdf_parts import Scattered, Scattering
-from clsim.render.bsdf_plastic import plastic_sample, plastic_value
+from clsim.render.bsdf_plastic import make_plastic
 from clsim.render.bsdf_principled import principled_sample, principled_value
 from clsim.render.features import Features
 from clsim.render.materials import Bsdf, Materials
@@ -31,6 +31,9 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
     """
     kinds = features.kinds
     glossy = kinds != ("diffuse",)
+    conductor_value, conductor_sample = make_conductor(features)
+    dielectric_value, dielectric_sample = make_dielectric(features)
+    plastic_value, plastic_sample = make_plastic(features)
 
     @wp.func
     def frame_of(b: Bsdf, normal: wp.vec3) -> wp.mat33:

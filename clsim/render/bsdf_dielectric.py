@@ -6,83 +6,84 @@ Walter et al., Microfacet Models for Refraction, EGSR 2007. A material's color m
 color what is reflected.
 """
 
+from typing import Any
+
 import warp as wp
 
+from clsim.render.bsdf_facets import make_facets
 from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.features import Features
 from clsim.render.materials import Bsdf
-from clsim.render.microfacet import (
-    SMOOTH,
-    fresnel_dielectric,
-    ggx,
-    reflected,
-    refracted,
-    sample_visible_normal,
-    smith_g1,
-)
+from clsim.render.microfacet import SMOOTH, fresnel_dielectric, reflected, refracted
 
 
-@wp.func
-def dielectric_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
-    """Return f·cos θ and density of rough glass (Walter et al., eq. 20 and 21), for radiance."""
-    result = Scattering()
-    if b.alpha >= SMOOTH and wi[2] != 0.0:
-        if wi[2] > 0.0:
-            h = wp.normalize(wo + wi)
-            reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
-            visible = ggx(h, b.alpha) * smith_g1(wo, b.alpha) / wo[2]
-            result.pdf = 0.25 * visible * reflectance
-            result.value = b.specular * (result.pdf * smith_g1(wi, b.alpha))
+def make_dielectric(features: Features) -> tuple[Any, Any]:
+    """Return the Warp functions ``dielectric_value(bsdf, wo, wi)`` and ``dielectric_sample(bsdf, wo, choice, u)``."""
+    draw, seen, shadowing = make_facets(features)
+
+    @wp.func
+    def dielectric_value(b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
+        """Return f·cos θ and density of rough glass (Walter et al., eq. 20 and 21), for radiance."""
+        result = Scattering()
+        if b.alpha >= SMOOTH and wi[2] != 0.0:
+            if wi[2] > 0.0:
+                h = wp.normalize(wo + wi)
+                reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
+                visible = seen(b, wo, h) / wo[2]
+                result.pdf = 0.25 * visible * reflectance
+                result.value = b.specular * (result.pdf * shadowing(b, wo, wi, h))
+            else:
+                h = wo + wi * b.eta
+                length = wp.length(h)
+                # Without a difference of indices there is no microfacet between the two directions.
+                if length > 1.0e-6:
+                    h = h * (wp.sign(h[2]) / length)
+                    out_h = wp.dot(wo, h)
+                    in_h = wp.dot(wi, h)
+                    if out_h > 0.0 and in_h < 0.0:
+                        passing = 1.0 - fresnel_dielectric(out_h, b.eta)[0]
+                        denominator = out_h + b.eta * in_h
+                        visible = seen(b, wo, h) * out_h / wo[2]
+                        density = visible * passing * (-in_h) / (denominator * denominator)
+                        result.pdf = density * b.eta * b.eta
+                        result.value = b.color * (density * shadowing(b, wo, wi, h))
+        return result
+
+    @wp.func
+    def dielectric_sample(b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
+        """Draw reflection or refraction, by Fresnel's reflectance of the microfacet drawn before."""
+        s = Scattered()
+        s.eta2 = 1.0
+        h = wp.vec3(0.0, 0.0, 1.0)
+        rough = b.alpha >= SMOOTH
+        if rough:
+            h = draw(b, wo, u)
+        out_h = wp.dot(wo, h)
+        f = fresnel_dielectric(out_h, b.eta)
+        s.delta = not rough
+        left = float(1.0)
+        if choice < f[0]:
+            s.direction = reflected(wo, h)
+            if s.direction[2] > 0.0:
+                if rough:
+                    left = shadowing(b, wo, s.direction, h)
+                    s.pdf = 0.25 * seen(b, wo, h) / wo[2] * f[0]
+                s.weight = b.specular * left
         else:
-            h = wo + wi * b.eta
-            length = wp.length(h)
-            # Without a difference of indices there is no microfacet between the two directions.
-            if length > 1.0e-6:
-                h = h * (wp.sign(h[2]) / length)
-                out_h = wp.dot(wo, h)
-                in_h = wp.dot(wi, h)
-                if out_h > 0.0 and in_h < 0.0:
-                    passing = 1.0 - fresnel_dielectric(out_h, b.eta)[0]
+            s.direction = refracted(wo, h, f[1], b.eta)
+            if s.direction[2] < 0.0:
+                s.eta2 = b.eta * b.eta
+                if rough:
+                    left = shadowing(b, wo, s.direction, h)
+                    in_h = wp.dot(s.direction, h)
                     denominator = out_h + b.eta * in_h
-                    visible = ggx(h, b.alpha) * smith_g1(wo, b.alpha) * out_h / wo[2]
-                    density = visible * passing * (-in_h) / (denominator * denominator)
-                    result.pdf = density * b.eta * b.eta
-                    result.value = b.color * (density * smith_g1(wi, b.alpha))
-    return result
+                    visible = seen(b, wo, h) * out_h / wo[2]
+                    # Where the indices are nearly equal, all light goes straight on and the density has no bound.
+                    s.pdf = visible * (1.0 - f[0]) * (-in_h) * s.eta2 / wp.max(denominator * denominator, 1.0e-20)
+                s.weight = b.color * (left / s.eta2)
+        return s
 
-
-@wp.func
-def dielectric_sample(b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
-    """Draw reflection or refraction, by Fresnel's reflectance of the microfacet drawn before."""
-    s = Scattered()
-    s.eta2 = 1.0
-    h = wp.vec3(0.0, 0.0, 1.0)
-    rough = b.alpha >= SMOOTH
-    if rough:
-        h = sample_visible_normal(wo, b.alpha, u)
-    out_h = wp.dot(wo, h)
-    f = fresnel_dielectric(out_h, b.eta)
-    s.delta = not rough
-    shadowing = float(1.0)
-    if choice < f[0]:
-        s.direction = reflected(wo, h)
-        if s.direction[2] > 0.0:
-            if rough:
-                shadowing = smith_g1(s.direction, b.alpha)
-                s.pdf = 0.25 * ggx(h, b.alpha) * smith_g1(wo, b.alpha) / wo[2] * f[0]
-            s.weight = b.specular * shadowing
-    else:
-        s.direction = refracted(wo, h, f[1], b.eta)
-        if s.direction[2] < 0.0:
-            s.eta2 = b.eta * b.eta
-            if rough:
-                shadowing = smith_g1(s.direction, b.alpha)
-                in_h = wp.dot(s.direction, h)
-                denominator = out_h + b.eta * in_h
-                visible = ggx(h, b.alpha) * smith_g1(wo, b.alpha) * out_h / wo[2]
-                # Where the indices are nearly equal, all light goes straight on and the density has no bound.
-                s.pdf = visible * (1.0 - f[0]) * (-in_h) * s.eta2 / wp.max(denominator * denominator, 1.0e-20)
-            s.weight = b.color * (shadowing / s.eta2)
-    return s
+    return dielectric_value, dielectric_sample
 
 
 @wp.func

@@ -2,11 +2,15 @@
 # ruff: noqa: UP018
 """Plastic: a dielectric coat over a diffuse base, as Mitsuba's plastic and roughplastic, as Warp functions."""
 
+from typing import Any
+
 import warp as wp
 
+from clsim.render.bsdf_facets import make_facets
 from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.features import Features
 from clsim.render.materials import Bsdf
-from clsim.render.microfacet import SMOOTH, fresnel_dielectric, ggx, reflected, sample_visible_normal, smith_g1
+from clsim.render.microfacet import SMOOTH, fresnel_dielectric, reflected
 from clsim.render.plastic_tables import TABLE_SIZE
 from clsim.render.sampling import cosine_hemisphere, luminance
 
@@ -36,44 +40,51 @@ def _coat_probability(b: Bsdf, passing: float) -> float:
     return coat / wp.max(coat + passing * luminance(b.color), 1.0e-20)
 
 
-@wp.func
-def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
-    """Return f·cos θ and density of plastic, without the coat where that is a mirror."""
-    result = Scattering()
-    if wi[2] > 0.0:
-        passing = _passing(transmittance, b, wo[2])
-        coat = _coat_probability(b, passing)
-        inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
-        lambert = wi[2] / wp.pi
-        scale = passing * _passing(transmittance, b, wi[2]) * lambert / (b.eta * b.eta)
-        result.value = wp.cw_div(b.color, inner) * scale
-        result.pdf = (1.0 - coat) * lambert
-        if b.alpha >= SMOOTH:
-            h = wp.normalize(wo + wi)
-            density = ggx(h, b.alpha) * smith_g1(wo, b.alpha) / (4.0 * wo[2])
-            reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
-            result.value += b.specular * (density * smith_g1(wi, b.alpha) * reflectance)
-            result.pdf += coat * density
-    return result
+def make_plastic(features: Features) -> tuple[Any, Any]:
+    """Return the Warp functions ``plastic_value(transmittance, bsdf, wo, wi)`` and ``plastic_sample``."""
+    draw, seen, shadowing = make_facets(features)
 
+    @wp.func
+    def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
+        """Return f·cos θ and density of plastic, without the coat where that is a mirror."""
+        result = Scattering()
+        if wi[2] > 0.0:
+            passing = _passing(transmittance, b, wo[2])
+            coat = _coat_probability(b, passing)
+            inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
+            lambert = wi[2] / wp.pi
+            scale = passing * _passing(transmittance, b, wi[2]) * lambert / (b.eta * b.eta)
+            result.value = wp.cw_div(b.color, inner) * scale
+            result.pdf = (1.0 - coat) * lambert
+            if b.alpha >= SMOOTH:
+                h = wp.normalize(wo + wi)
+                density = seen(b, wo, h) / (4.0 * wo[2])
+                reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
+                result.value += b.specular * (density * shadowing(b, wo, wi, h) * reflectance)
+                result.pdf += coat * density
+        return result
 
-@wp.func
-def plastic_sample(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
-    """Draw the coat or the base, by the light that they return."""
-    s = Scattered()
-    s.eta2 = 1.0
-    coat = _coat_probability(b, _passing(transmittance, b, wo[2]))
-    if choice < coat and b.alpha < SMOOTH:
-        s.direction = wp.vec3(-wo[0], -wo[1], wo[2])
-        s.weight = b.specular * (fresnel_dielectric(wo[2], b.eta)[0] / coat)
-        s.delta = True
-    else:
-        if choice < coat:
-            s.direction = reflected(wo, sample_visible_normal(wo, b.alpha, u))
+    @wp.func
+    def plastic_sample(
+        transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2
+    ) -> Scattered:
+        """Draw the coat or the base, by the light that they return."""
+        s = Scattered()
+        s.eta2 = 1.0
+        coat = _coat_probability(b, _passing(transmittance, b, wo[2]))
+        if choice < coat and b.alpha < SMOOTH:
+            s.direction = wp.vec3(-wo[0], -wo[1], wo[2])
+            s.weight = b.specular * (fresnel_dielectric(wo[2], b.eta)[0] / coat)
+            s.delta = True
         else:
-            s.direction = cosine_hemisphere(wp.vec3(0.0, 0.0, 1.0), u)
-        both = plastic_value(transmittance, b, wo, s.direction)
-        s.pdf = both.pdf
-        if both.pdf > 0.0:
-            s.weight = both.value / both.pdf
-    return s
+            if choice < coat:
+                s.direction = reflected(wo, draw(b, wo, u))
+            else:
+                s.direction = cosine_hemisphere(wp.vec3(0.0, 0.0, 1.0), u)
+            both = plastic_value(transmittance, b, wo, s.direction)
+            s.pdf = both.pdf
+            if both.pdf > 0.0:
+                s.weight = both.value / both.pdf
+        return s
+
+    return plastic_value, plastic_sample

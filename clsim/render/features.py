@@ -28,6 +28,7 @@ class SceneFeatures:
         checkers, images: some of these textures are checkerboards, or images.
         roughness_textures, emission_textures, normal_maps: some of them are of that use.
         bump_maps: some used material's normals are bent by heights.
+        beckmann: some used material's microfacets are of Beckmann's distribution.
         anisotropic: some used material is rougher along one tangent than along the other.
         blends: some used material is a blend with another.
         alpha: some used material is cut out or translucent.
@@ -59,6 +60,7 @@ class SceneFeatures:
     emission_textures: bool
     normal_maps: bool
     bump_maps: bool
+    beckmann: bool
     anisotropic: bool
     blends: bool
     alpha: bool
@@ -128,6 +130,7 @@ class Features(SceneFeatures):
             (self.emission_textures, "textures of emission"),
             (self.normal_maps, "normal maps"),
             (self.bump_maps, "bump maps"),
+            (self.beckmann, "Beckmann's microfacets"),
             (self.anisotropic, "roughness that differs along u and v"),
             (self.blends, "blends of materials"),
             (self.alpha, "cut-out and translucent surfaces"),
@@ -271,6 +274,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         emission_textures="emission" in uses,
         normal_maps="normal" in uses or "bump" in uses,
         bump_maps="bump" in uses,
+        beckmann=any(material.distribution == "beckmann" for material in materials),
         anisotropic=any(material.stretch != 1 for material in materials),
         blends=any(material.blend_with >= 0 for material in materials),
         alpha=any(material.alpha_mode != "opaque" for material in materials),

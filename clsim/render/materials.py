@@ -46,6 +46,7 @@ class MaterialRow:
     sheen_tint: float
     flatness: float
     stretch: float
+    beckmann: int
     nonlinear: int
     table: int
     inner: float
@@ -89,6 +90,8 @@ class Bsdf:
     kind: int
     row: int
     tangent: wp.vec3
+    stretch: float
+    beckmann: int
     color: wp.vec3
     specular: wp.vec3
     metal_eta: wp.vec3
@@ -149,8 +152,10 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
                 if b.kind == DISNEY and row.transmission > 0.0 and not point.front:
                     b.eta = 1.0 / row.ior
             if wp.static(features.anisotropic):
-                b.row = point.material
+                b.stretch = row.stretch
                 b.tangent = point.tangent
+            if wp.static(features.beckmann):
+                b.beckmann = row.beckmann
             b.metallic = row.metallic
             b.transmission = row.transmission
             b.clearcoat = row.clearcoat

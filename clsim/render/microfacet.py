@@ -1,4 +1,6 @@
-"""Microfacets: the GGX distribution, Smith's shadowing and Fresnel's equations, as Warp functions.
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018
+"""Microfacets: the distributions GGX and Beckmann, Smith's shadowing and Fresnel's equations, as Warp functions.
 
 Directions are in the frame of the shading normal, z up; ``wo`` points to where light leaves for (the viewer), ``wi`` to
 where it comes from, both away from the surface. Walter et al., Microfacet Models for Refraction, EGSR 2007.
@@ -29,6 +31,26 @@ def smith_lambda(w: wp.vec3, alpha: float) -> float:
 def smith_g1(w: wp.vec3, alpha: float) -> float:
     """Return the share of microfacets that a direction on either side sees."""
     return 1.0 / (1.0 + smith_lambda(w, alpha))
+
+
+@wp.func
+def beckmann(h: wp.vec3, alpha: float) -> float:
+    """Return D(h) of Beckmann [sr⁻¹] (Walter et al., eq. 25)."""
+    a2 = alpha * alpha
+    z2 = wp.max(h[2] * h[2], 1.0e-12)
+    return wp.exp(-(h[0] * h[0] + h[1] * h[1]) / (a2 * z2)) / (wp.pi * a2 * z2 * z2)
+
+
+@wp.func
+def beckmann_g1(w: wp.vec3, alpha: float) -> float:
+    """Return Beckmann's ``smith_g1`` by the rational fit of Walter et al. (eq. 27), good to .35 %."""
+    tan2 = (w[0] * w[0] + w[1] * w[1]) / wp.max(w[2] * w[2], 1.0e-12)
+    a2 = 1.0 / wp.max(alpha * alpha * tan2, 1.0e-20)
+    share = float(1.0)
+    if a2 < 2.56:
+        a = wp.sqrt(a2)
+        share = (3.535 * a + 2.181 * a2) / (1.0 + 2.276 * a + 2.577 * a2)
+    return share
 
 
 @wp.func

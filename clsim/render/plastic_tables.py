@@ -7,6 +7,8 @@ from functools import lru_cache
 import numpy as np
 import numpy.typing as npt
 
+from clsim.scene.world import Distribution
+
 F64 = npt.NDArray[np.float64]
 TABLE_SIZE = 64
 """Entries of a table, at equal steps of the cosine from 0 to 1; the kernel interpolates linearly."""
@@ -16,37 +18,40 @@ _SMOOTH = 1e-3
 
 
 @lru_cache(maxsize=256)
-def coat(alpha: float, ior: float) -> tuple[F64, float]:
+def coat(alpha: float, ior: float, distribution: Distribution = "ggx") -> tuple[F64, float]:
     """Return the transmittance from outside [TABLE_SIZE] and the mean reflectance of diffuse light from inside.
 
     Args:
-        alpha: GGX roughness; smooth below 0.001.
+        alpha: roughness; smooth below 0.001.
         ior: index of the coat over that around it.
+        distribution: of its microfacets.
     """
     cosines = np.maximum(np.linspace(0.0, 1.0, TABLE_SIZE), 1e-6)
-    passing = _directional(cosines, alpha, ior, through=True)
+    passing = _directional(cosines, alpha, ior, distribution, through=True)
     if alpha >= _SMOOTH:
         # 2·∫ R(μ)·μ dμ as Mitsuba sums it, so that its scenes keep their colours: 1/64 too low.
-        return passing, float(2.0 * np.mean(cosines * _directional(cosines, alpha, 1.0 / ior, through=False)))
+        return passing, float(
+            2.0 * np.mean(cosines * _directional(cosines, alpha, 1.0 / ior, distribution, through=False))
+        )
     # The reflectance from inside has a kink where total reflection begins.
     nodes, weights = np.polynomial.legendre.leggauss(96)
     critical = np.sqrt(max(1.0 - 1.0 / ior**2, 0.0)) if ior > 1 else 0.5
     inner = 0.0
     for low, high in ((0.0, critical), (critical, 1.0)):
         mu = low + (high - low) * 0.5 * (nodes + 1.0)
-        back = _directional(mu, alpha, 1.0 / ior, through=False)
+        back = _directional(mu, alpha, 1.0 / ior, distribution, through=False)
         inner += float(np.sum(weights * 0.5 * (high - low) * 2.0 * mu * back))
     return passing, inner
 
 
-def coats(alpha: float, ior: float) -> tuple[F64, F64]:
+def coats(alpha: float, ior: float, distribution: Distribution = "ggx") -> tuple[F64, F64]:
     """Return ``coat`` [STACK_SIZE, TABLE_SIZE] and [STACK_SIZE] for √α from 0 to that of ``alpha``."""
     roughness = np.sqrt(alpha) * np.linspace(0.0, 1.0, STACK_SIZE)
-    found = [coat(float(r * r), ior) for r in roughness]
+    found = [coat(float(r * r), ior, distribution) for r in roughness]
     return np.array([passing for passing, _ in found]), np.array([inner for _, inner in found])
 
 
-def _directional(mu: F64, alpha: float, eta: float, *, through: bool) -> F64:
+def _directional(mu: F64, alpha: float, eta: float, distribution: Distribution, *, through: bool) -> F64:
     """Return the share that is refracted (or reflected) of light from each cosine, over the visible microfacets."""
     if alpha < _SMOOTH:
         reflectance, _ = _fresnel(mu, eta)
@@ -67,10 +72,32 @@ def _directional(mu: F64, alpha: float, eta: float, *, through: bool) -> F64:
         else:
             wi_z = 2.0 * out_h * h[:, 2] - wo[2]
             share = np.where(wi_z > 0, reflectance, 0.0)
-        tan2 = np.maximum(1.0 - wi_z**2, 0.0) / np.maximum(wi_z**2, 1e-12)
-        shadowing = 2.0 / (1.0 + np.sqrt(1.0 + alpha**2 * tan2))
+        shadowing = _ggx_g1(wi_z, alpha)
+        if distribution == "beckmann":
+            # The normals drawn are GGX's.
+            tan2 = (1.0 - h[:, 2] ** 2) / (alpha * h[:, 2]) ** 2
+            shadowing = np.exp(-tan2) * (1.0 + tan2) ** 2 * _beckmann_g1(wi_z, alpha)
+            shadowing *= _beckmann_g1(cosine, alpha) / _ggx_g1(cosine, alpha)
         result[i] = np.sum(weight * share * shadowing)
     return result
+
+
+def _tan2(cosine: npt.ArrayLike) -> F64:
+    c2 = np.square(np.asarray(cosine, np.float64))
+    return np.asarray(np.maximum(1.0 - c2, 0.0) / np.maximum(c2, 1e-12))
+
+
+def _ggx_g1(cosine: npt.ArrayLike, alpha: float) -> F64:
+    """``microfacet.smith_g1`` for many cosines."""
+    return np.asarray(2.0 / (1.0 + np.sqrt(1.0 + alpha**2 * _tan2(cosine))))
+
+
+def _beckmann_g1(cosine: npt.ArrayLike, alpha: float) -> F64:
+    """``microfacet.beckmann_g1`` for many cosines."""
+    a = 1.0 / np.sqrt(np.maximum(alpha**2 * _tan2(cosine), 1e-20))
+    rough = np.minimum(a, 1.6)
+    fit = (3.535 * rough + 2.181 * rough**2) / (1.0 + 2.276 * rough + 2.577 * rough**2)
+    return np.where(a < 1.6, fit, 1.0)
 
 
 def _visible_normals(wo: F64, alpha: float, u0: F64, u1: F64) -> F64:

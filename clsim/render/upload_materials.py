@@ -44,14 +44,15 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
         setattr(row, name, getattr(material, name))
     for name in ("specular_tint", "sheen", "sheen_tint", "flatness", "stretch"):
         setattr(row, name, getattr(material, name))
+    row.beckmann = int(material.distribution == "beckmann")
     row.nonlinear = int(material.nonlinear)
     if material.kind == "plastic":
         row.table = sum(map(len, tables))
         if material.roughness_texture >= 0:
-            passing, inner = coats(material.alpha, material.ior)
+            passing, inner = coats(material.alpha, material.ior, material.distribution)
             tables += [passing.ravel(), inner]
         else:
-            table, row.inner = coat(material.alpha, material.ior)
+            table, row.inner = coat(material.alpha, material.ior, material.distribution)
             tables.append(table)
     row.emits_behind = int(material.emits_behind)
     # Light that crosses a surface must be able to come back.

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from clsim.errors import InputError
-from clsim.scene.mitsuba_principled import read_principled
+from clsim.scene.mitsuba_principled import LEAST_ALPHA, read_principled
 from clsim.scene.mitsuba_textures import WHITE, TextureReader, luminance
 from clsim.scene.mitsuba_values import Color
 from clsim.scene.mitsuba_xml import Plugin
@@ -204,15 +203,18 @@ class MaterialReader:
         return nested[0]
 
     def _roughened(self, material: Material, bsdf: Plugin) -> Material:
-        """Return the material with the bsdf's roughness, a number or a texture."""
-        if bsdf.get("distribution", "beckmann").lower() != "ggx":
-            self._warn("rough surfaces of the Beckmann distribution are rendered with GGX's")
+        """Return the material with the bsdf's microfacets: their distribution, and roughness or its texture."""
+        distribution = bsdf.get("distribution", "beckmann").lower()
+        if distribution not in ("beckmann", "ggx"):
+            self._warn(f"rough surfaces of the distribution {distribution} are rendered with Beckmann's")
+        material = replace(material, distribution="ggx" if distribution == "ggx" else "beckmann")
         texture = bsdf.child("alpha")
         if texture is not None:
             return replace(material, alpha=1.0, roughness_texture=self.textures.roughness(self.textures.index(texture)))
-        if "alpha_u" in bsdf.values or "alpha_v" in bsdf.values:
-            self._warn("anisotropic roughness is averaged")
-            return replace(material, alpha=float(np.sqrt(bsdf.get("alpha_u", 0.1) * bsdf.get("alpha_v", 0.1))))
+        both = [self.textures.color(bsdf, name, 0.1, plain=True)[0] for name in ("alpha_u", "alpha_v")]
+        if any(name in bsdf.values or bsdf.child(name) is not None for name in ("alpha_u", "alpha_v")):
+            along_u, along_v = (max(luminance(alpha), LEAST_ALPHA) for alpha in both)
+            return replace(material, alpha=math.sqrt(along_u * along_v), stretch=math.sqrt(along_u / along_v))
         return replace(material, alpha=bsdf.get("alpha", 0.1))
 
     def _ior(self, bsdf: Plugin, inside: str) -> float:

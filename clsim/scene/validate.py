@@ -12,7 +12,19 @@ from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Motion
-from clsim.scene.world import TEXTURES, AlphaMode, Camera, CheckerTexture, Kind, Material, Mesh, Texture, World, Wrap
+from clsim.scene.world import (
+    TEXTURES,
+    AlphaMode,
+    Camera,
+    CheckerTexture,
+    Distribution,
+    Kind,
+    Material,
+    Mesh,
+    Texture,
+    World,
+    Wrap,
+)
 
 MAX_SIDE = 16384
 MAX_PIXELS = 1 << 26
@@ -114,6 +126,9 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
         yield f"{name}: kind is {material.kind!r}, expected one of {', '.join(get_args(Kind))}"
     if material.alpha_mode not in get_args(AlphaMode):
         yield f"{name}: alpha_mode is {material.alpha_mode!r}, expected one of {', '.join(get_args(AlphaMode))}"
+    if material.distribution not in get_args(Distribution):
+        expected = ", ".join(get_args(Distribution))
+        yield f"{name}: distribution is {material.distribution!r}, expected one of {expected}"
     for key in TEXTURES:
         if not -1 <= getattr(material, key) < textures:
             yield f"{name}: {key} is {getattr(material, key)}, expected -1 or one of the {textures} textures"

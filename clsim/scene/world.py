@@ -20,6 +20,7 @@ I32 = npt.NDArray[np.int32]
 Wrap = Literal["repeat", "clamp", "mirror"]
 Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled", "disney"]
 AlphaMode = Literal["opaque", "mask", "blend"]
+Distribution = Literal["ggx", "beckmann"]
 Back = Literal["same", "black", "culled"]
 Falloff = Literal["squared", "linear", "smooth"]
 
@@ -117,12 +118,13 @@ class Material:
         back: what else the back does: ``same`` scatters as the front; ``black`` scatters nothing (Mitsuba's surfaces
             that are not ``twosided``); ``culled`` is invisible to the camera, but scatters and blocks light as the
             front does (glTF's single-sided faces). Glass and what else passes light scatters on both sides.
-        alpha: GGX roughness α of the specular lobe; 0 is a perfect mirror or smooth glass.
+        alpha: roughness α of the specular lobe; 0 is a perfect mirror or smooth glass.
+        distribution: of the microfacets of ``conductor``, ``dielectric`` and ``plastic``; others have GGX's.
         roughness_texture: G is perceptual roughness (α = (G·√alpha)²), B metalness, as in glTF.
         specular_color: multiplies the specular lobe; of glass and panes what they reflect, of ``principled`` F0 and
             F90 of its dielectric layer.
         specular_tint, sheen, sheen_tint, flatness: what only ``disney`` has; 0 … 1.
-        stretch: roughness along u is α·stretch and along v α/stretch, of ``conductor`` and ``disney``.
+        stretch: roughness along u is α·stretch and along v α/stretch, of ``conductor``, ``dielectric``, ``disney``.
         nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
         bump_texture: its luminance is height over the surface, ``bump_scale`` metres for 1; it bends normals.
         blend_with: index of another material of which this one is a blend; -1 for none. That may be one again.
@@ -141,6 +143,7 @@ class Material:
     emits_behind: bool = True
     back: Back = "same"
     alpha: float = 0.0
+    distribution: Distribution = "ggx"
     roughness_texture: int = -1
     metallic: float = 0.0
     ior: float = 1.5

@@ -36,8 +36,13 @@ def test_materials(tmp_path):
     assert flat.color == pytest.approx((0.5, 0.5, 0.5), rel=0.01)
     _, world = material(tmp_path, '<bsdf type="hk"/>')
     assert any("hk" in warning for warning in world.warnings)
-    _, world = material(tmp_path, '<bsdf type="roughplastic"/>')
-    assert any("Beckmann" in warning for warning in world.warnings)
+    rough, world = material(tmp_path, '<bsdf type="roughplastic"/>')
+    assert rough.distribution == "beckmann" and not world.warnings
+    _, world = material(tmp_path, '<bsdf type="roughplastic"><string name="distribution" value="phong"/></bsdf>')
+    assert any("phong" in warning and "scene.xml:2" in warning for warning in world.warnings)
+    both = '<float name="alpha_u" value="0.4"/><float name="alpha_v" value="0.1"/>'
+    brushed, world = material(tmp_path, f'<bsdf type="roughconductor">{both}</bsdf>')
+    assert (brushed.alpha, brushed.stretch) == pytest.approx((0.2, 2.0)) and not world.warnings
     with pytest.raises(InputError, match="hk"):
         load_world(scene(tmp_path, SENSOR + '<shape type="cube"><bsdf type="hk"/></shape>'), strict=True)
 

@@ -191,3 +191,22 @@ def test_principled(mi, tmp_path, lobes):
         body += f'<shape type="rectangle">{place}</transform><bsdf type="twosided">{bsdf}</bsdf></shape>'
         body += f'<shape type="rectangle">{place.replace("-30", "150")}<translate z="-0.3"/></transform>{bsdf}</shape>'
     assert_alike(mi, tmp_path, FLOOR + SKY + SUN + body, spp=1024)
+
+
+FACETS = {
+    "metal": ("roughconductor", '<string name="material" value="Cu"/>' + floats(alpha=0.3)),
+    "brushed": ("roughconductor", '<string name="material" value="Al"/>' + floats(alpha_u=0.05, alpha_v=0.4)),
+    "glass": ("roughdielectric", floats(alpha=0.3)),
+    "coat": ("roughplastic", '<rgb name="diffuse_reflectance" value="0.1, 0.2, 0.4"/>' + floats(alpha=0.3)),
+}
+
+
+@pytest.mark.parametrize(("kind", "values"), FACETS.values(), ids=FACETS)
+def test_beckmanns_microfacets(mi, tmp_path, kind, values):
+    """Mitsuba's default: a ball and a panel, under a low sun; what is brushed shines along u and v differently."""
+    bsdf = f'<bsdf type="{kind}">{values}</bsdf>'
+    ball = '<transform name="to_world"><scale value="0.6"/><translate x="-0.6" y="0.7" z="1"/></transform>'
+    place = '<transform name="to_world"><scale value="0.5"/><rotate y="1" angle="-30"/><translate x="0.9" y="0.7"/>'
+    body = f'<shape type="sphere">{ball}{bsdf}</shape>'
+    body += f'<shape type="rectangle">{place}</transform>{bsdf}</shape>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + SUN + body, spp=1024)
