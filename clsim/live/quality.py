@@ -106,7 +106,7 @@ CACHED: dict[Quality, Point] = {
         spp=2,
         first_hit_rays=8,
         sampler="sobol",
-        probe_every=16,
+        probe_every=64,
     ),
     "balanced": Point(
         method="esim",

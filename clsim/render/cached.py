@@ -17,7 +17,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks
-from clsim.render.light_cache import Cell, Kept, look_up
+from clsim.render.light_cache import Asked, Cell, Kept, look_up
 from clsim.render.sampling import luminance
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
@@ -42,7 +42,7 @@ class Gathering:
         every: a pixel whose light is known traces them in each so many-th frame, in turn with its neighbours.
         turn: number of the frame.
         known: where what is known of the light is at least so much, the probe will do; 0 … 1.
-        last_update: the update of the cells whose gain is no event.
+        asked: which cells are asked for the light, and the update whose gain is no event.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
     """
 
@@ -51,7 +51,7 @@ class Gathering:
     every: int
     turn: int
     known: float
-    last_update: int
+    asked: Asked
     cell_angle: float
 
 
@@ -89,7 +89,7 @@ def _light(cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: i
             if apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL:
                 at = things[k].position
                 facing = first.normal
-                kept = look_up(cells, gathering.last_update, at, facing, first.depth * gathering.cell_angle)
+                kept = look_up(cells, gathering.asked, at, facing, first.depth * gathering.cell_angle)
             s.covered += things[k].share
             s.known = wp.min(s.known, kept.known)
             albedo = things[k].albedo * things[k].share
@@ -199,22 +199,21 @@ def make_cached(
         albedo = wp.vec3(0.0, 0.0, 0.0)
         if wp.static(sobol):
             stream.scrambling = sampling.stream_key(sampling.absorb(state, -2))
-        for i in range(settings.samples):
+        for i in range(wanted):
             where = wp.vec4(0.0, 0.0, 0.0, 0.0)
-            if i < wanted:
-                number = traced[pixel] + i
-                if wp.static(sobol):
-                    stream.reversed_index = reverse_bits(wp.uint32(number))
-                stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
-                sample = shoot(scene, camera, settings, pixel, 0, stream, False)
-                if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                    reflected = sample.radiance - sample.emission
-                    p = sample.position
-                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
-                    out_normals[i, pixel] = sample.normal
-                    out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
-                    radiance = radiance + reflected
-                    albedo = albedo + lit_albedo(sample)
+            number = traced[pixel] + i
+            if wp.static(sobol):
+                stream.reversed_index = reverse_bits(wp.uint32(number))
+            stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
+            sample = shoot(scene, camera, settings, pixel, 0, stream, False)
+            if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                reflected = sample.radiance - sample.emission
+                p = sample.position
+                where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
+                out_normals[i, pixel] = sample.normal
+                out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
+                radiance = radiance + reflected
+                albedo = albedo + lit_albedo(sample)
             out_positions[i, pixel] = where
         if albedo[0] > 0.0:
             own[pixel] = wp.cw_div(radiance, albedo)

@@ -24,7 +24,7 @@ STILL = 0.05
 _INSIDE = 4
 """First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at; an eighth of
 all, where that is more …"""
-_INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
+_INSIDE_PLAIN = ((16, 0), (64, 1), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""

@@ -21,7 +21,7 @@ from clsim.render.compiler import kernel_options
 
 wp.set_module_options(kernel_options())
 
-LEVELS = 3
+LEVELS = 2
 _LEVELS = wp.constant(LEVELS)
 _WANTED = wp.constant(1024.0)
 """Paths with which a level counts as much as all coarser ones: coarse cells blur light, fine ones are noisy."""
@@ -32,6 +32,9 @@ _ALIGNED = wp.constant(0.9999)
 _ENOUGH = wp.constant(0.02)
 """Share of the coarser levels below which they are not asked."""
 _PROBES = wp.constant(64)
+BLOCK = 16
+"""Cells side by side on a surface that have neighbouring rows."""
+_BLOCK = wp.constant(BLOCK)
 _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
 """Irradiance counts as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
@@ -39,6 +42,8 @@ _LARGEST = wp.constant(65536.0)
 SUMS = 4
 """Of R, G and B, and the number of paths."""
 _COUNT = wp.constant(3)
+_PATHS = wp.constant(1)
+"""Of what a pixel spent: first-hit rays, and these."""
 
 
 @wp.struct
@@ -79,10 +84,25 @@ class Kept:
     known_before: bool
 
 
+@wp.struct
+class Asked:
+    """Which cells are asked for the light, and what counts as before.
+
+    Attributes:
+        finest: the first level that is asked; 0 has the finest cells.
+        finest_before: the same, for the light as it was known before.
+        last_update: what was known before is what cells knew before that update.
+    """
+
+    finest: int
+    finest_before: int
+    last_update: int
+
+
 @wp.func
-def _side_m(width_m: float) -> float:
-    """Return the side of the finest cells where they may be so wide: a power of 2, so that few sides occur."""
-    return wp.pow(2.0, wp.floor(wp.log2(wp.max(width_m, 1.0e-9))))
+def _size(width_m: float) -> int:
+    """Return the logarithm to base 2 of the side of the finest cells where they may be so wide; so few sides occur."""
+    return int(wp.floor(wp.log2(wp.max(width_m, 1.0e-9))))
 
 
 @wp.func
@@ -97,9 +117,9 @@ def _face(normal: wp.vec3) -> int:
 
 
 @wp.func
-def _grid(side_m: float, face: int) -> wp.uint64:
-    """Return what tells the cells of this side and face from others, for `_key_of`."""
-    return sampling.absorb(wp.uint64(face), int(wp.log2(side_m)))
+def _grid(size: int, face: int) -> wp.uint64:
+    """Return what tells the cells of this size and face from others, for `_key_of`."""
+    return sampling.absorb(wp.uint64(face), size)
 
 
 @wp.func
@@ -109,20 +129,33 @@ def _in_cells(position: wp.vec3, side_m: float) -> wp.vec3:
 
 
 @wp.func
-def _key_of(grid: wp.uint64, x: float, y: float, z: float) -> wp.int64:
-    """Return the key of the cell with these whole coordinates, never 0."""
-    mixed = wp.uint64(wp.int64(x)) * wp.uint64(0x9E3779B97F4A7C15) + wp.uint64(wp.int64(y)) * wp.uint64(
-        0xD1342543DE82EF95
-    )
-    mixed = mixed + wp.uint64(wp.int64(z)) * wp.uint64(0x94D049BB133111EB)
-    return wp.int64(sampling.mix64(grid + mixed) | wp.uint64(1))
+def _key_of(grid: wp.uint64, axis: int, x: float, y: float, z: float) -> wp.int64:
+    """Return the key of the cell with these whole coordinates, never 0, in the grid of a face across that axis.
+
+    Its low bits tell where the cell lies in a block of 4×4 along the surface, the rest is the block's hash.
+    """
+    u = wp.int64(wp.where(axis == 0, y, x))
+    v = wp.int64(wp.where(axis == 2, y, z))
+    across = wp.int64(wp.where(axis == 0, x, wp.where(axis == 1, y, z)))
+    mixed = wp.uint64(u >> wp.int64(2)) * wp.uint64(0x9E3779B97F4A7C15)
+    mixed = mixed + wp.uint64(v >> wp.int64(2)) * wp.uint64(0xD1342543DE82EF95)
+    mixed = mixed + wp.uint64(across) * wp.uint64(0x94D049BB133111EB)
+    inside = ((u & wp.int64(3)) << wp.int64(2)) | (v & wp.int64(3))
+    block = (sampling.mix64(grid + mixed) | wp.uint64(1)) << wp.uint64(4)
+    return wp.int64(block) | inside
+
+
+@wp.func
+def _first_row(key: wp.int64, mask: int) -> int:
+    """Return the row in which to look first: those of a block lie together, for neighbours are looked up together."""
+    return (int(wp.uint64(key) >> wp.uint64(20)) & mask & ~(_BLOCK - 1)) | int(key & wp.int64(_BLOCK - 1))
 
 
 @wp.func
 def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
     """Return the row of a cell, -1 where there is none."""
     mask = cells.shape[0] - 1
-    row = int(wp.uint64(key) >> wp.uint64(20)) & mask
+    row = _first_row(key, mask)
     found = int(-1)
     for _ in range(_PROBES):
         there = cells[row].key
@@ -130,15 +163,18 @@ def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
             found = row
         if there == key or there == wp.int64(0):
             break
-        row = (row + 1) & mask
+        row = (row + _BLOCK) & mask
     return found
 
 
 @wp.func
 def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
-    """Return the row of a cell, a new one if need be; -1 where there is no room."""
+    """Return the row of a cell, a new one if need be; -1 where there is no room.
+
+    ``out_used`` counts rows taken, and cells that found no room.
+    """
     mask = keys.shape[0] - 1
-    row = int(wp.uint64(key) >> wp.uint64(20)) & mask
+    row = _first_row(key, mask)
     found = int(-1)
     for _ in range(_PROBES):
         there = wp.atomic_cas(keys, row, wp.int64(0), key)
@@ -147,24 +183,27 @@ def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.ar
         if there == wp.int64(0) or there == key:
             found = row
             break
-        row = (row + 1) & mask
+        row = (row + _BLOCK) & mask
+    if found < 0:
+        wp.atomic_add(out_used, 1, 1)
     return found
 
 
 @wp.func
-def look_up(cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, normal: wp.vec3, width_m: float) -> Kept:
-    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
-
-    What was known before is what it was before ``last_update``.
-    """
+def look_up(cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal: wp.vec3, width_m: float) -> Kept:
+    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones."""
     kept = Kept()
-    side_m = _side_m(width_m)
+    size = _size(width_m)
+    side_m = wp.pow(2.0, float(size))
     face = _face(normal)
     left = float(1.0)
     left_before = float(1.0)
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
-    for _ in range(_LEVELS):
+    for level in range(_LEVELS):
+        if level < asked.finest and level < asked.finest_before:
+            side_m = side_m * 2.0
+            continue
         at = _in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
         corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
         part = at - corner
@@ -172,7 +211,7 @@ def look_up(cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, no
         if wp.abs(normal[axis]) > _ALIGNED:
             corner[axis] = wp.floor(at[axis] + 0.5)
             part[axis] = 0.0
-        grid = _grid(side_m, face)
+        grid = _grid(size + level, face)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
         before = wp.vec3(0.0, 0.0, 0.0)
@@ -183,22 +222,22 @@ def look_up(cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, no
             dz = float(i >> 2)
             weight = (1.0 - wp.abs(dx - part[0])) * (1.0 - wp.abs(dy - part[1])) * (1.0 - wp.abs(dz - part[2]))
             if weight > 1.0e-4:
-                row = _find(cells, _key_of(grid, corner[0] + dx, corner[1] + dy, corner[2] + dz))
+                row = _find(cells, _key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
                 if row >= 0:
                     cell = cells[row]
                     light += cell.light * (weight * cell.count)
                     count += weight * cell.count
-                    if cell.update == last_update:
+                    if cell.update == asked.last_update:
                         before += cell.before * (weight * cell.count_before)
                         count_before += weight * cell.count_before
                     else:
                         before += cell.light * (weight * cell.count)
                         count_before += weight * cell.count
-        if count > 0.0:
+        if count > 0.0 and level >= asked.finest:
             share = left * count / (count + _WANTED)
             kept.light += light * (share / count)
             left = left - share
-        if count_before > 0.0:
+        if count_before > 0.0 and level >= asked.finest_before:
             share = left_before * count_before / (count_before + _WANTED)
             kept.before += before * (share / count_before)
             left_before = left_before - share
@@ -216,31 +255,35 @@ def look_up(cells: wp.array(dtype=Cell), last_update: int, position: wp.vec3, no
 
 @wp.kernel(enable_backward=False)
 def open_cells(
+    spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
     normals: wp.array2d(dtype=wp.vec3),
+    finest: int,
     update: int,
     keys: wp.array(dtype=wp.int64),
-    sums: wp.array2d(dtype=wp.int64),
     cells: wp.array(dtype=Cell),
     out_rows: wp.array3d(dtype=int),
     out_used: wp.array(dtype=int),
 ):
-    """Find or make the cells of each path, and keep what they knew so far.
+    """Find or make the cells of each path from the level ``finest`` on, and keep what they knew so far.
 
-    A thread is a pixel. ``positions`` ``[paths, H·W]`` has the largest width of the finest cells there [m] last, 0
-    where no path was.
+    A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
+    largest width of the finest cells there [m] last, 0 where a path met nothing.
     """
     pixel = wp.tid()
-    for i in range(positions.shape[0]):
+    for i in range(spent[_PATHS, pixel]):
         p = positions[i, pixel]
         if p[3] > 0.0:
-            side_m = _side_m(p[3])
+            size = _size(p[3])
+            side_m = wp.pow(2.0, float(size))
             face = _face(normals[i, pixel])
             for level in range(_LEVELS):
-                grid = _grid(side_m, face)
+                grid = _grid(size + level, face)
                 at = _in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
-                key = _key_of(grid, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
-                row = _find_or_make(keys, key, out_used)
+                key = _key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
+                row = int(-1)
+                if level >= finest:
+                    row = _find_or_make(keys, key, out_used)
                 out_rows[i, level, pixel] = row
                 if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
                     # Whoever comes first or at the same time writes the same.
@@ -253,6 +296,7 @@ def open_cells(
 
 @wp.kernel(enable_backward=False)
 def add_to_cells(
+    spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
@@ -260,7 +304,7 @@ def add_to_cells(
 ):
     """Add each path's irradiance to its cells; a thread is a pixel."""
     pixel = wp.tid()
-    for i in range(positions.shape[0]):
+    for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             light = lights[i, pixel]
             for level in range(_LEVELS):
@@ -274,6 +318,7 @@ def add_to_cells(
 
 @wp.kernel(enable_backward=False)
 def average(
+    spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
     rows: wp.array3d(dtype=int),
     sums: wp.array2d(dtype=wp.int64),
@@ -281,7 +326,7 @@ def average(
 ):
     """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
     pixel = wp.tid()
-    for i in range(positions.shape[0]):
+    for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]

@@ -10,13 +10,15 @@ import warp as wp
 from clsim.render.cached import Gathering
 from clsim.render.effort import Effort, looks_of
 from clsim.render.launch import record
-from clsim.render.light_cache import LEVELS, SUMS, Cell, add_to_cells, average, move_cells, open_cells
+from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, add_to_cells, average, move_cells, open_cells
 
 KNOWN = 0.1
 """Where less is known of the light, a pixel traces all its paths."""
-_CELL_PX = 4.0
+_CELL_PX = 8.0
 """Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
-_CELLS_PER_PIXEL = 8
+_ENOUGH_FOR_FINE = 4
+"""Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
+_CELLS_PER_PIXEL = 2
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
@@ -28,6 +30,11 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     for name, kind in (("cells", Cell), ("own", wp.vec3), ("learnt", wp.float32)):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
     return empty
+
+
+def _finest_of(effort: Effort) -> int:
+    """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
+    return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
 
 
 class LightKeeper:
@@ -58,8 +65,11 @@ class LightKeeper:
         self._frames = 0
         self._update = 0
         self._found_more = False
-        self._used: Any = wp.zeros(1, dtype=wp.int32, device=device)
-        self._keys, self._sums, self._cells = self._table(1 << int(np.ceil(np.log2(_CELLS_PER_PIXEL * pixels))))
+        self._finest = _finest_of(effort)
+        self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
+        self._keys, self._sums, self._cells = self._table(
+            1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
+        )
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
@@ -94,8 +104,12 @@ class LightKeeper:
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
         self._gathering.cell_angle = _CELL_PX * self._pixel_angle
+        asked: Any = Asked()
         # The first frame is rendered twice, and what it learns is no gain over a frame before.
-        self._gathering.last_update = self._update if self._frames > 1 else -1
+        asked.last_update = self._update if self._frames > 1 else -1
+        asked.finest_before = self._finest
+        asked.finest = self._finest = _finest_of(effort)
+        self._gathering.asked = asked
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
         return changed, effort.spp
 
@@ -133,6 +147,7 @@ class LightKeeper:
         self._found_more = False
         self._update += 1
         self._open.set_param_by_name("update", self._update)
+        self._open.set_param_by_name("finest", self._finest)
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
@@ -157,24 +172,24 @@ class LightKeeper:
         lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
         rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
-        found = {"positions": positions, "rows": rows}
+        found = {"spent": self._spent, "positions": positions}
         table = {"sums": self._sums, "cells": self._cells}
         self._open = record(
-            open_cells, shape[1], self._device, positions=positions, normals=normals, update=0, keys=self._keys,
-            **table, out_rows=rows, out_used=self._used,
+            open_cells, shape[1], self._device, **found, normals=normals, finest=0, update=0, keys=self._keys,
+            cells=self._cells, out_rows=rows, out_used=self._used,
         )  # fmt: skip
-        self._add = record(add_to_cells, shape[1], self._device, **found, lights=lights, sums=self._sums)
-        self._average = record(average, shape[1], self._device, **found, **table)
+        self._add = record(add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums)
+        self._average = record(average, shape[1], self._device, **found, rows=rows, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)
-        self._open.set_param_by_name("sums", self._sums)
         self._open.set_param_by_name("cells", self._cells)
         self._open.launch()
 
     def _is_full(self) -> bool:
         """Whether cells are hard to find, or were not found at all."""
-        return bool(self._used.numpy()[0] > self._cells.shape[0] // 2)
+        used, missed = self._used.numpy()
+        return bool(used > self._cells.shape[0] // 2 or missed > 0)
 
     def _grow(self) -> bool:
         """Move the cells to a table twice as large; where that is too large, forget those long unseen, if any.

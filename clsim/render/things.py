@@ -117,13 +117,16 @@ def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample):
 
 @wp.func
 def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, area: float):
-    """Turn sums into means; shares are those of the rays, or of the two sides of a straight edge."""
+    """Turn sums into means; shares are those of the rays, or of the two sides of a straight edge.
+
+    Where no ray counted, there is no more than one thing.
+    """
     rays = float(0.0)
     for k in range(number):
         rays += things[k].rays
     for k in range(number):
         mine = things[k].rays
-        things[k].share = mine / wp.max(rays, 1.0)
+        things[k].share = wp.where(rays > 0.0, mine / wp.max(rays, 1.0), 1.0)
         if straight:
             things[k].share = wp.where(k == 0, area, 1.0 - area)
         if mine > 0.0:
@@ -133,7 +136,7 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             things[k].normal = things[k].normal / mine
             things[k].depth = things[k].depth / mine
         else:
-            # Of a narrow strip, what the corner saw.
+            # Of a narrow strip, or where no ray looked inside: what the corner saw.
             first = things[k].first
             things[k].emission = first.emission
             if first.hit:

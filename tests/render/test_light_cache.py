@@ -69,8 +69,10 @@ def test_a_table_that_grows_loses_nothing(monkeypatch):
     large = Run(world, **CACHED)
     monkeypatch.setattr(light_keeper, "_CELLS_PER_PIXEL", 0.25)
     small = Run(world, **CACHED)
+    few = small.tracer._steerer._cells.shape[0]
     for index in range(4):
         np.testing.assert_array_equal(small.fill(index).planes, large.fill(index).planes)
+    assert small.tracer._steerer._cells.shape[0] > few
 
 
 def test_a_table_that_may_not_grow_forgets(monkeypatch):
