@@ -1,56 +1,40 @@
 // Which pixels may fire, and the level of those that cannot.
 //
-// Work-item: VW pixels. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH.
+// Work-item: a row. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how many of each.
 
 #include "model.clh"
 #include "brightness.clh"
-
-static inline void decide(
-    realv mask, realv ref, realv predicted, realv now, __global const real *before, realv solve, real on, real off,
-    int inside, __global real *out_level, __global uchar *out_flags)
-{
-    realv low = ref - off, high = ref + on;
-    realv level = predicted > high ? high : predicted;
-    level = level < low ? low : level;
-    const realv ready = ref == ref ? (realv)1 : (realv)0;
-    const realv flag = mask > 0 ? (ready > 0 ? (realv)KEPT + solve : (realv)FRESH) : (realv)SKIPPED;
-    level = flag == (realv)KEPT ? level : now;
-    STORE(out_level, flag == (realv)SKIPPED ? LOAD(before) : level);
-    for (int lane = 0; lane < VW; lane++) out_flags[lane] = lane < inside ? (uchar)((real *)&flag)[lane] : SKIPPED;
-}
+#include "gate.clh"
 
 // The level of every pixel is known (its log luminance, or a regression): those that reach a threshold may fire.
 __kernel void gate_level(
     __global const real *packed, long start, __global const real *level, long level_row, long level_start, int pitch, int span,
     int width, __global const real *references, real on, real off, __global const real *before, __global real *out_level,
-    __global uchar *out_flags)
+    __global uchar *out_flags, __global int *out_counts)
 {
-    const int x = get_global_id(0) * VW, y = get_global_id(1);
-    const size_t at = (size_t)y * span + x;
-    const realv mask = LOAD(packed + start + (size_t)(y + BORDER) * PLANES * pitch + BORDER + x);
-    const realv now = levels_of(LOAD(level + y * level_row + level_start + x));
-    const realv ref = LOAD(references + at), change = now - ref;
-    const realv solve = change >= on ? (realv)1 : (change <= -off ? (realv)1 : (realv)0);
-    decide(mask, ref, now, now, before + at, solve, on, off, width - x, out_level + at, out_flags + at);
+    const int y = get_global_id(0);
+    packed += start + (size_t)(y + BORDER) * PLANES * pitch + BORDER;
+    level += y * level_row + level_start;
+    for (int x = 0; x < span; x += VW) {
+        const size_t at = (size_t)y * span + x;
+        const realv now = levels_of(LOAD(level + x));
+        decide_level(
+            LOAD(packed + x), LOAD(references + at), now, before + at, on, off, width - x, out_level + at, out_flags + at);
+    }
+    count_flags(out_flags + (size_t)y * span, width, out_counts + 4 * y);
 }
 
 #ifdef MODEL
 // The closed form of the paper's test: dR = (beta.delta)^2 (Tsuji et al., ICIP 2023, proposition 1), counted from the
 // reference; with RADIANCE also what box means show beyond the features, and features that leave their old range.
-__kernel void gate_model(
-    __global const real *packed, long start, __global const real *boxes, int pitch, int span, int width, real share,
-    __global const real *model, __global const real *references, real on, real off, __global const real *before,
-    __global real *out_level, __global uchar *out_flags)
+static inline void predict(
+    __global const real *packed, __global const real *boxes, int pitch, int span, int inside, real share,
+    __global const real *model, realv ref, real on, real off, __global const real *before, __global real *out_level,
+    __global uchar *out_flags)
 {
-    const int x = get_global_id(0) * VW, y = get_global_id(1);
-    packed += start + (size_t)(y + BORDER) * PLANES * pitch + BORDER + x;
     const realv mask = LOAD(packed);
-    model += (size_t)y * MODEL_PLANES * span + x;
-    const size_t at = (size_t)y * span + x;
-    const realv ref = LOAD(references + at);
     realv moved = 0, solve = 0;
 #ifdef RADIANCE
-    boxes += (size_t)y * BOX_PLANES * span + x;
     realv unexplained = LOAD(boxes + B_BRIGHTNESS * span) - LOAD(model + M_BOX * span);
     unexplained -= LOAD(model + M_SLOPE * span) * LOAD(boxes + B_X * span);
     unexplained -= LOAD(model + (M_SLOPE + 1) * span) * LOAD(boxes + B_Y * span);
@@ -82,7 +66,27 @@ __kernel void gate_model(
     solve = change > share * on ? (realv)1 : (change < -share * off ? (realv)1 : solve);
 #endif
     // Those that may fire get their level once it is regressed.
-    decide(mask, ref, predicted, LOAD(before + at), before + at, solve, on, off, width - x, out_level + at, out_flags + at);
+    decide(mask, ref, predicted, LOAD(before), before, solve, on, off, inside, out_level, out_flags);
+}
+
+__kernel void gate_model(
+    __global const real *packed, long start, __global const real *boxes, int pitch, int span, int width, real share,
+    __global const real *model, __global const real *references, real on, real off, __global const real *before,
+    __global real *out_level, __global uchar *out_flags, __global int *out_counts)
+{
+    const int y = get_global_id(0);
+    packed += start + (size_t)(y + BORDER) * PLANES * pitch + BORDER;
+    model += (size_t)y * MODEL_PLANES * span;
+#ifdef RADIANCE
+    boxes += (size_t)y * BOX_PLANES * span;
+#endif
+    for (int x = 0; x < span; x += VW) {
+        const size_t at = (size_t)y * span + x;
+        predict(
+            packed + x, boxes + x, pitch, span, width - x, share, model + x, LOAD(references + at), on, off, before + at,
+            out_level + at, out_flags + at);
+    }
+    count_flags(out_flags + (size_t)y * span, width, out_counts + 4 * y);
 }
 
 // Work-item: CHUNK pixels of the list, which take the level that was regressed for them. fit: [H][1 + D][span].
@@ -97,24 +101,7 @@ __kernel void take_levels(
 }
 #endif
 
-// Work-item: one row. How many of its pixels are in each class: [H][4].
-__kernel void count_flags(__global const uchar *flags, int width, int span, __global int *out_counts)
-{
-    const int y = get_global_id(0);
-    int kept = 0, solved = 0, fresh = 0;
-    for (int x = 0; x < width; x++) {
-        const uchar flag = flags[(size_t)y * span + x];
-        kept += flag == KEPT;
-        solved += flag == SOLVED;
-        fresh += flag == FRESH;
-    }
-    out_counts[4 * y] = width - kept - solved - fresh;
-    out_counts[4 * y + KEPT] = kept;
-    out_counts[4 * y + SOLVED] = solved;
-    out_counts[4 * y + FRESH] = fresh;
-}
-
-// Work-item: one row. The pixels to solve, in raster order, as y·span + x; counts: as count_flags finds them.
+// Work-item: one row. The pixels to solve, in raster order, as y·span + x.
 __kernel void list_pixels(
     __global const uchar *flags, __global const int *counts, int width, int span, __global int *out_list)
 {

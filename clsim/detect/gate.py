@@ -61,26 +61,28 @@ class Gate:
 
     Attributes:
         flags: ``[H, span]`` bytes, what becomes of each pixel (packed.clh).
+        counts: ``[H, 4]``, how many of each there are in a row.
         pixels: ``[H·span]``, after `collect` the pixels that may fire or are new, in raster order, as y·span + x.
     """
 
-    def __init__(self, place: Place, test: str, macros: Mapping[str, object] | None = None) -> None:
-        """Build the kernels, with the one called ``test`` to tell which pixels may fire."""
+    def __init__(self, place: Place, macros: Mapping[str, object] | None = None) -> None:
+        """Allocate memory, and build the kernels that all gates have."""
         self._place = place
         layout = place.layout
         self._macros = {"CHUNK": CHUNK, **(macros or {})}
-        self._test, self._count, self._list = place.kernels("gate", (test, "count_flags", "list_pixels"), self._macros)
+        (self._list,) = place.kernels("gate", ("list_pixels",), self._macros)
         self.flags = place.allocate(layout.image_shape, np.uint8)
+        self.counts = place.allocate((layout.height, 4), np.int32)
         self.pixels = place.allocate((layout.height * layout.span,), np.int32)
-        self._counts = place.allocate((layout.height, 4), np.int32)
         self._host_counts = np.zeros((layout.height, 4), dtype=np.int32)
 
     def collect(self) -> Counts:
-        """Count the flags and list the pixels that may fire or are new."""
-        layout, launch = self._place.layout, self._place.launch
-        launch(self._count, (layout.height,), self.flags, layout.width, layout.span, self._counts)
-        launch(self._list, (layout.height,), self.flags, self._counts, layout.width, layout.span, self.pixels)
-        totals = self._place.read(self._counts, self._host_counts).sum(axis=0)
+        """List the flagged pixels that may fire or are new, and count all."""
+        layout = self._place.layout
+        self._place.launch(
+            self._list, (layout.height,), self.flags, self.counts, layout.width, layout.span, self.pixels
+        )
+        totals = self._place.read(self.counts, self._host_counts).sum(axis=0)
         return Counts(*totals.tolist())
 
 
@@ -89,15 +91,16 @@ class LevelGate(Gate):
 
     def __init__(self, place: Place) -> None:
         """Build the kernels."""
-        super().__init__(place, "gate_level")
+        super().__init__(place)
+        (self._test,) = place.kernels("gate", ("gate_level",), self._macros)
 
     def test(self, packed: Buffer, start: int, level: Level, levels: Levels, references: Buffer) -> None:
         """Flag pixels by their ``level`` and write it into ``levels``; the packed frame is at ``start``."""
         layout = self._place.layout
         self._place.launch(
-            self._test, layout.vectors, packed, np.int64(start), level.values, np.int64(level.row),
+            self._test, (layout.height,), packed, np.int64(start), level.values, np.int64(level.row),
             np.int64(level.start), layout.pitch, layout.span, layout.width, references, levels.threshold_on,
-            levels.threshold_off, levels.start, levels.end, self.flags,
+            levels.threshold_off, levels.start, levels.end, self.flags, self.counts,
         )  # fmt: skip
 
 
@@ -106,8 +109,8 @@ class ModelGate(Gate):
 
     def __init__(self, place: Place, macros: Mapping[str, object]) -> None:
         """Build the kernels; ``macros`` as `clsim.detect.models.model_macros` gives them."""
-        super().__init__(place, "gate_model", macros)
-        (self._take,) = place.kernels("gate", ("take_levels",), self._macros)
+        super().__init__(place, macros)
+        self._test, self._take = place.kernels("gate", ("gate_model", "take_levels"), self._macros)
         self._no_boxes = place.allocate((1,))
 
     def test(
@@ -120,9 +123,9 @@ class ModelGate(Gate):
         """
         layout = self._place.layout
         self._place.launch(
-            self._test, layout.vectors, packed, np.int64(start), self._no_boxes if boxes is None else boxes,
+            self._test, (layout.height,), packed, np.int64(start), self._no_boxes if boxes is None else boxes,
             layout.pitch, layout.span, layout.width, share, model, references, levels.threshold_on,
-            levels.threshold_off, levels.start, levels.end, self.flags,
+            levels.threshold_off, levels.start, levels.end, self.flags, self.counts,
         )  # fmt: skip
 
     def take_levels(self, count: int, fit: Buffer, levels: Levels) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.gate import Gate, Levels
 from clsim.detect.layout import BORDER, Place
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES
@@ -23,6 +24,8 @@ NEEDED_PLANES = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
 PACKED_PLANES = 9
 """Planes of a packed image after mask and luminance (irradiance.cl)."""
 _DETAIL_PLANES, _ENERGY_PLANES = 3, 4
+_ROWS = 4
+"""Rows of windows that a work-item sums up."""
 
 
 def check_planes(names: tuple[str, ...]) -> None:
@@ -65,37 +68,45 @@ class Demodulation:
 
 
 class Smoothing:
-    """Averages irradiance over each pixel's window and turns it back into brightness.
+    """Averages irradiance over each pixel's window, turns it back into brightness, and tells who may fire by that.
 
     Attributes:
-        level: ``[H, span]``, L of each pixel [natural-log units].
+        gate: what it tells.
         error: ``[H, span]``, the standard error of the window's mean, as a share of brightness, where `run` was asked.
     """
 
     def __init__(self, place: Place, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Build the kernels for this window."""
         self._place = place
-        kernels = ("smooth_plain", "smooth_with_error", "sum_energies", "level_of_details")
-        self._plain, self._with_error, self._sum, self._level = place.kernels(
+        kernels = ("smooth_plain", "smooth_with_error", "sum_energies", "gate_details")
+        self._plain, self._with_error, self._sum, self._test = place.kernels(
             "irradiance", kernels, _macros(config, names), _prefix(place)
         )
+        self.gate = Gate(place)
         layout = place.layout
         rows = layout.height + 2 * BORDER
         self._details = place.allocate((rows, _DETAIL_PLANES, layout.pitch))
         self._energies = place.allocate((layout.height, _ENERGY_PLANES, layout.pitch))
         self._sums = place.allocate((rows, _ENERGY_PLANES, layout.pitch))
-        self.level = place.allocate((layout.height, layout.span))
         self.error = place.allocate((layout.height, layout.span))
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
         """Smooth a packed frame."""
         layout, launch = self._place.layout, self._place.launch
+        size = (layout.vectors[0], -(-layout.height // _ROWS))
         kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
-        launch(kernel, layout.vectors, packed, layout.pitch, layout.span, self._details, *out_error)
+        launch(kernel, size, packed, layout.height, layout.pitch, layout.span, self._details, *out_error)
         launch(
             self._sum, (layout.height,), packed, self._details, layout.width, layout.pitch, self._energies, self._sums
         )
-        launch(self._level, layout.vectors, packed, self._details, self._sums, layout.pitch, layout.span, self.level)
+
+    def test(self, packed: Buffer, levels: Levels, references: Buffer) -> None:
+        """Write the smoothed frame's ``levels``, and flag pixels by them."""
+        layout, gate = self._place.layout, self.gate
+        self._place.launch(
+            self._test, (layout.height,), packed, self._details, self._sums, layout.pitch, layout.span, layout.width,
+            references, levels.threshold_on, levels.threshold_off, levels.start, levels.end, gate.flags, gate.counts,
+        )  # fmt: skip
 
 
 def _detail_noise(reach: int) -> tuple[float, float]:
@@ -120,6 +131,7 @@ def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]
     coarse, fine = _detail_noise(config.side // 2)
     return {
         "REACH": config.side // 2,
+        "ROWS": _ROWS,
         "COARSE_NOISE": f"{coarse:.17e}",
         "FINE_NOISE": f"{fine:.17e}",
         "HAS_COVERAGE": int(COVERAGE[0] in names),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.gate import Counts, Level, LevelGate, Levels
+from clsim.detect.gate import Counts, Levels
 from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing, check_planes
 from clsim.detect.methods.base import Method, Setting, Stages
 from clsim.detect.wlr import History
@@ -13,22 +13,19 @@ from clsim.opencl.workplace import Buffer
 class IrradianceStages(Stages):
     """Smoothing of every pixel."""
 
-    gate: LevelGate
-
     def __init__(self, setting: Setting) -> None:
         """Build the kernels."""
         self.place = setting.place(PACKED_PLANES)
         self.pack: Demodulation = Demodulation(self.place, setting.config, setting.names)
         self.smoothing = Smoothing(self.place, setting.config, setting.names)
-        self.gate = LevelGate(self.place)
+        self.gate = self.smoothing.gate
         self._error_known = False
 
     def observe(self, history: History, levels: Levels, references: Buffer, *, with_error: bool) -> Counts:
         """Smooth and test what comes out."""
         self.smoothing.run(self.pack.packed, with_error=with_error)
         self._error_known = with_error
-        level = Level(self.smoothing.level, 0, self.place.layout.span)
-        self.gate.test(self.pack.packed, self.pack.offset(history.slot), level, levels, references)
+        self.smoothing.test(self.pack.packed, levels, references)
         return self.gate.collect()
 
     @property
