@@ -19,10 +19,11 @@ from clsim.events import Causes, EventBatch
 from clsim.events.batch import gather
 from clsim.frames import Frame, page_aligned
 from clsim.live.options import LiveOptions
-from clsim.live.pipeline import InterestedDetector, TellsCauses
+from clsim.live.pipeline import InterestedDetector
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import plan_stages
 from clsim.live.time_steps import TimeSteps
+from clsim.opencl.workplace import Workplace
 from clsim.radiance import RadianceCamera
 from clsim.render import SceneData
 from clsim.scene import Camera, World, validate
@@ -36,8 +37,8 @@ from clsim.truth.cut import cut
 from clsim.truth.names import plane_names
 from clsim.values import read_value
 
-_APART = (SceneData, Camera, FrameMemory)
-"""What a snapshot leaves as it is: the scene on its device, and memory that is lent and taken back."""
+_APART = (SceneData, Camera, FrameMemory, Workplace)
+"""What a snapshot leaves as it is: the scene on its device, memory that is lent and taken back, kernels' arguments."""
 
 
 class Simulator:
@@ -230,7 +231,7 @@ class Simulator:
         self._causes.clear()
         batches = [self._advance(time_us) for time_us in self._clock.frame_times(self._next, self.time_us, until_us)]
         self._clock.wait_for(until_us)
-        return gather(batches)
+        return batches[0] if len(batches) == 1 else gather(batches)
 
     @property
     def causes(self) -> Causes:
@@ -363,7 +364,7 @@ class Simulator:
             self._view.fill_truth(self._frame, before_us, after_us, after_us)
             self._data.move_anew()  # a pose may yet be set for a time at which the scene was for the sake of flow
         events: EventBatch = self._detector.step(self._frame).copy()
-        causes = self._detector.causes if isinstance(self._detector, TellsCauses) else None
+        causes = getattr(self._detector, "causes", None)  # not all detectors tell them
         self._causes.append(np.zeros(len(events), np.uint8) if causes is None else causes)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, self._detector).interest())

@@ -92,6 +92,8 @@ def _without_numpy(value: Any) -> Any:
 
 def _read(kind: Any, value: Any) -> Any:
     """Return ``value`` as one of ``kind``; raises TypeError where it is none."""
+    if kind in _READERS:
+        return _READERS[kind](value)
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
         for part in parts:
@@ -109,8 +111,6 @@ def _read(kind: Any, value: Any) -> Any:
             return from_plain(kind, value)  # type: ignore[arg-type]
         if isinstance(value, kind):  # type: ignore[arg-type]
             return value
-    elif kind in _READERS:
-        return _READERS[kind](value)
     elif isinstance(value, kind):
         return value
     raise TypeError

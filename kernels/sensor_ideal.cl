@@ -1,8 +1,7 @@
 // The ideal pixel: brightness becomes events. First how many each listed pixel fires, then, once their places are known,
 // the events.
 //
-// Build macros: CHUNK (pixels of the list that one work-item handles), FRAME_RULE (at most one event, at the step's end),
-// KNOTS (the path tells levels within the step).
+// Build macros: FRAME_RULE (at most one event, at the step's end), KNOTS (the path tells levels within the step).
 
 #include "types.clh"
 
@@ -38,17 +37,18 @@ static inline real crossings_to(real level, real on, real off, real *ref, int *r
 #define KNOT_ARGUMENTS
 #endif
 
-// Work-item: CHUNK pixels of the list, which holds y·span + x. start and end: levels at both ends of the step; KNOTS:
+// Work-item: `chunk` pixels of the list, which holds y·span + x. start and end: levels at both ends of the step; KNOTS:
 // levels[k] at times[k] [ns from the start], k = offsets[i] … offsets[i + 1] - 1, for the i-th of the list. Updates the
 // references; a pixel without one (NaN) takes the level as its first and fires nothing.
 // out_fired: crossings, negative where the last is OFF; out_from: level before, reference before, level after.
 // out_counts per work-item: events to write, pixels with many crossings and no knots, events left out, most crossings of a
 // pixel without knots.
 __kernel void decide_events(
-    __global const int *list, int count, __global const real *start, __global const real *end, KNOT_ARGUMENTS real on,
-    real off, __global real *references, __global int *out_fired, __global real *out_from, __global long *out_counts)
+    __global const int *list, int count, int chunk, __global const real *start, __global const real *end,
+    KNOT_ARGUMENTS real on, real off, __global real *references, __global int *out_fired, __global real *out_from,
+    __global long *out_counts)
 {
-    const int first = get_global_id(0) * CHUNK, last = MIN(first + CHUNK, count);
+    const int first = get_global_id(0) * chunk, last = MIN(first + chunk, count);
     long events = 0, many = 0, capped = 0, most = 0;
     for (int i = first; i < last; i++) {
         const real now = end[list[i]], before = start[list[i]], ref = references[list[i]];
@@ -112,14 +112,17 @@ typedef struct {
     uint on;
 } Event;
 
-// Work-item: CHUNK pixels of the list, from work-item first_chunk on; its events go to out_events from place[work-item] on.
+// Work-item: `chunk` pixels of the list, from work-item first_chunk on. Their events follow those of the work-items before
+// in out_events, if all of them have room there: there is room for `room`.
 __kernel void emit_events(
-    __global const int *list, int count, int first_chunk, __global const int *fired, __global const real *from,
-    __global const int *place, int span, long time_before, long step, KNOT_ARGUMENTS real on, real off,
-    __global Event *out_events)
+    __global const int *list, int count, int chunk, int first_chunk, __global const int *fired,
+    __global const real *from, __global const long *counts, long room, int span, long time_before, long step,
+    KNOT_ARGUMENTS real on, real off, __global Event *out_events)
 {
-    const int first = (first_chunk + get_global_id(0)) * CHUNK, last = MIN(first + CHUNK, count);
-    int next = place[get_global_id(0)];
+    const int mine = first_chunk + get_global_id(0), first = mine * chunk, last = MIN(first + chunk, count);
+    long next = 0;
+    for (int k = first_chunk; k < mine; k++) next += counts[4 * k];
+    if (next + counts[4 * mine] > room) return;
     for (int i = first; i < last; i++) {
         int left = fired[i] > 0 ? fired[i] : -fired[i];
         if (!left) continue;

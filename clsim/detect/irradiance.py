@@ -25,7 +25,7 @@ PACKED_PLANES = 9
 """Planes of a packed image after mask and luminance (irradiance.cl)."""
 _DETAIL_PLANES, _ENERGY_PLANES = 3, 4
 _ROWS = 4
-"""Rows of windows that a work-item sums up."""
+"""Rows that a work-item smooths, or sums up."""
 
 
 def check_planes(names: tuple[str, ...]) -> None:
@@ -86,19 +86,21 @@ class Smoothing:
         layout = place.layout
         rows = layout.height + 2 * BORDER
         self._details = place.allocate((rows, _DETAIL_PLANES, layout.pitch))
-        self._energies = place.allocate((layout.height, _ENERGY_PLANES, layout.pitch))
+        self._strips = -(-layout.height // _ROWS)
+        self._energies = place.allocate((self._strips, _ENERGY_PLANES, layout.pitch))
         self._sums = place.allocate((rows, _ENERGY_PLANES, layout.pitch))
         self.error = place.allocate((layout.height, layout.span))
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
         """Smooth a packed frame."""
         layout, launch = self._place.layout, self._place.launch
-        size = (layout.vectors[0], -(-layout.height // _ROWS))
         kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
+        size = (layout.vectors[0], self._strips)
         launch(kernel, size, packed, layout.height, layout.pitch, layout.span, self._details, *out_error)
         launch(
-            self._sum, (layout.height,), packed, self._details, layout.width, layout.pitch, self._energies, self._sums
-        )
+            self._sum, (self._strips,), packed, self._details, layout.width, layout.height, layout.pitch,
+            self._energies, self._sums,
+        )  # fmt: skip
 
     def test(self, packed: Buffer, levels: Levels, references: Buffer) -> None:
         """Write the smoothed frame's ``levels``, and flag pixels by them."""

@@ -21,7 +21,8 @@ class FrameMemory:
     """OpenCL buffers over the memory of frames: no copy on a CPU.
 
     The buffer of an address is kept, with a reference to the array so that the address cannot be given away; a ring's
-    slots are therefore registered once. Outside `lend` the memory belongs to the host (it is mapped).
+    slots are therefore registered once. Outside `lend` the memory belongs to the host: it is mapped, where the device is
+    not the host itself.
     """
 
     def __init__(self, device: Device, queue: Any) -> None:
@@ -37,7 +38,8 @@ class FrameMemory:
         key = (planes.ctypes.data, planes.nbytes)
         if key in self._known:
             memory, _, mapped = self._known[key]
-            mapped.base.release(self._queue)
+            if mapped is not None:
+                mapped.base.release(self._queue)
         else:
             flags = cl.mem_flags.READ_ONLY | cl.mem_flags.USE_HOST_PTR
             memory = cl.Buffer(self._device.context, flags, hostbuf=planes)
@@ -51,6 +53,8 @@ class FrameMemory:
         """Give the frame's memory back to the host, which has it when it has waited for a later command."""
         import pyopencl as cl
 
+        if self._device.is_cpu:
+            return  # to map would hand it from the host to the host, by way of another thread
         planes = frame.planes
         key = (planes.ctypes.data, planes.nbytes)
         memory = self._known[key][0]

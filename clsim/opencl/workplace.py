@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Generic, TypeVar
@@ -15,6 +15,8 @@ import numpy.typing as npt
 from clsim.opencl.device import Device
 
 _NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
+_LINE = 128
+"""Bytes at whose multiples memory begins: as many as a cache fetches at once."""
 _INCLUDE = re.compile(r'^#include "(.+)".*$', re.MULTILINE)
 
 
@@ -55,11 +57,12 @@ GridT = TypeVar("GridT", bound=Grid, covariant=True)
 
 @dataclass(frozen=True)
 class Buffer:
-    """Device memory and the shape of what it holds."""
+    """Device memory and the shape of what it holds; ``host`` has the same bytes, where the device is the host."""
 
     memory: Any
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    host: npt.NDArray[np.uint8] | None = field(default=None, compare=False)
 
 
 class Workplace(Generic[GridT]):
@@ -74,7 +77,8 @@ class Workplace(Generic[GridT]):
         self.layout = layout
         self.queue = queue
         self.real = np.dtype(layout.real)
-        self._typed: set[Any] = set()
+        self._bound: dict[Any, tuple[tuple[Any, ...], list[Any]]] = {}
+        """The arguments that kernels have, as they were given and as OpenCL takes them."""
         self._options: dict[str, object] = {"VW": layout.lanes, **(macros or {})}
         if self.real == np.float64:
             self._options["DOUBLE"] = 1
@@ -100,9 +104,15 @@ class Workplace(Generic[GridT]):
 
         kind = np.dtype(self.real if dtype is None else dtype)
         size = max(int(np.prod(shape, dtype=np.int64)) * kind.itemsize, kind.itemsize)
-        memory = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
+        flags: Any = cl.mem_flags.READ_WRITE
+        host = None
+        if self.device.is_cpu:
+            flags |= cl.mem_flags.USE_HOST_PTR
+            host = np.empty(size + _LINE, dtype=np.uint8)
+            host = host[-host.ctypes.data % _LINE :][:size]
+        memory = cl.Buffer(self.device.context, flags, size, hostbuf=host)
         cl.enqueue_fill_buffer(self.queue, memory, np.array(fill, dtype=kind), 0, size)
-        return Buffer(memory, shape, kind)
+        return Buffer(memory, shape, kind, host)
 
     def fill(self, buffer: Buffer, value: float) -> None:
         """Let all items of a buffer have one value."""
@@ -116,19 +126,12 @@ class Workplace(Generic[GridT]):
         import pyopencl as cl
 
         result = np.empty(buffer.shape, buffer.dtype) if out is None else out
-        if result.nbytes:
+        if buffer.host is not None:
+            self.queue.finish()
+            result.reshape(-1).view(np.uint8)[:] = buffer.host[: result.nbytes]
+        elif result.nbytes:
             cl.enqueue_copy(self.queue, result, buffer.memory)
         return result
-
-    def begin_write(self, buffer: Buffer, values: npt.NDArray[Any]) -> Any:
-        """Enqueue a copy to a buffer, and return its event; ``values`` must not change before it is done.
-
-        Keep the event as long: one that is let go of waits. To wake PoCL's threads after a wait costs more than a
-        small kernel.
-        """
-        import pyopencl as cl
-
-        return cl.enqueue_copy(self.queue, buffer.memory, values, is_blocking=False)
 
     def write(self, buffer: Buffer, values: npt.NDArray[Any]) -> None:
         """Copy an array of the host to a buffer."""
@@ -139,15 +142,25 @@ class Workplace(Generic[GridT]):
 
     def launch(self, kernel: Any, size: tuple[int, ...], *arguments: Any) -> None:
         """Enqueue a kernel over ``size`` work-items; float arguments take the build's precision."""
-        values = [self._argument(a) for a in arguments]
-        if kernel not in self._typed:
+        import pyopencl as cl
+
+        bound = self._bound.get(kernel)
+        if bound is None:
+            values = [self._argument(a) for a in arguments]
             # Told the types, pyopencl sets numbers fifty times as fast as by way of numpy's buffers.
             kernel.set_scalar_arg_dtypes([value.dtype if isinstance(value, np.generic) else None for value in values])
-            self._typed.add(kernel)
+            kernel.set_args(*values)
+            self._bound[kernel] = arguments, values
+        elif bound[0] != arguments:
+            values = [
+                value if old is new else self._argument(new)
+                for old, value, new in zip(*bound, arguments, strict=True)
+            ]
+            kernel.set_args(*values)
+            self._bound[kernel] = arguments, values
         # One work-item a work-group on a CPU: left to choose, PoCL runs many in one loop whose private arrays
         # overflow its threads' stacks.
-        local = (1,) * len(size) if self.device.is_cpu else None
-        kernel(self.queue, size, local, *values)
+        cl.enqueue_nd_range_kernel(self.queue, kernel, size, (1,) * len(size) if self.device.is_cpu else None)
 
     def _argument(self, value: Any) -> Any:
         if isinstance(value, Buffer):

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from clsim.events import Causes, EventBatch, empty_batch
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
-_CHUNK = 64
-"""Pixels of the path's list that one work-item turns into events."""
+_CHUNK, _LARGEST_CHUNK = 64, 1024
+"""Pixels of the path's list that one work-item turns into events, at least and at most."""
+_CHUNKS = 2048
+"""Work-items up to which they do not grow: each sums up what those before it write."""
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step (MAX_EVENTS in sensor_ideal.cl)."""
 _WRITTEN = np.dtype([("t", np.int64), ("x", np.uint16), ("y", np.uint16), ("on", np.uint32)])
 """An event as kernels write it (Event in sensor_ideal.cl)."""
 _PORTION = 1 << 20
-"""Events that are written at a time, at most: more of a step come in several portions, so memory does not grow."""
+"""Events that are written at a time, at most, and more than a work-item has: memory does not grow with a step's."""
 
 
 @dataclass(frozen=True)
@@ -75,21 +75,18 @@ class IdealPixels:
         self._place, self._thresholds = place, thresholds
         self._kernels = {False: self._build({})}
         pixels = place.layout.height * place.layout.span
-        chunks = -(-pixels // _CHUNK)
+        chunks = min(-(-pixels // _CHUNK), max(_CHUNKS, -(-pixels // _LARGEST_CHUNK)))
         self.references = place.allocate(place.layout.image_shape, fill=np.nan)
         self._crossings = place.allocate((pixels,), np.int32)
         self._from = place.allocate((pixels, 3))
         self._counts = place.allocate((chunks, 4), np.int64)
         self._host_counts = np.zeros((chunks, 4), dtype=np.int64)
-        self._starts = place.allocate((chunks,), np.int32)
-        self._capacity = min(max(pixels, _CHUNK * _MOST_OF_A_PIXEL), _PORTION)
-        self._out = Buffer(place.allocate((2 * self._capacity,), np.int64).memory, (self._capacity,), _WRITTEN)
+        self._capacity = min(max(pixels, _chunk(pixels) * _MOST_OF_A_PIXEL), _PORTION)
+        self._out = replace(place.allocate((2 * self._capacity,), np.int64), shape=(self._capacity,), dtype=_WRITTEN)
         self._host_out = np.empty(self._capacity, dtype=_WRITTEN)
 
     def _build(self, more: dict[str, object]) -> list[Any]:
-        macros: dict[str, object] = {"CHUNK": _CHUNK, **more}
-        if self._thresholds.at_step_ends:
-            macros["FRAME_RULE"] = 1
+        macros = more | ({"FRAME_RULE": 1} if self._thresholds.at_step_ends else {})
         return self._place.kernels("sensor_ideal", ("decide_events", "emit_events"), macros)
 
     def _for(self, path: BrightnessPath) -> tuple[Any, Any, tuple[Buffer, ...]]:
@@ -110,50 +107,49 @@ class IdealPixels:
             return Fired(empty_batch(), self._crossings)
         place, thresholds = self._place, self._thresholds
         decide, _, knots = self._for(path)
-        chunks = -(-path.count // _CHUNK)
+        chunk = _chunk(path.count)
+        chunks = -(-path.count // chunk)
         place.launch(
-            decide, (chunks,), path.pixels, path.count, path.start, path.end, *knots, thresholds.on, thresholds.off,
-            self.references, self._crossings, self._from, self._counts,
+            decide, (chunks,), path.pixels, path.count, chunk, path.start, path.end, *knots, thresholds.on,
+            thresholds.off, self.references, self._crossings, self._from, self._counts,
         )  # fmt: skip
+        self._emit(path, chunk, 0, chunks)  # before anyone knows how many there are: as a rule they have room
         counts = place.read(self._counts, self._host_counts[:chunks])
+        ends = np.cumsum(counts[:, 0])
         total, many, capped = (int(value) for value in counts[:, :3].sum(axis=0))
-        most = int(counts[:, 3].max())
         batch = empty_batch(total)
-        done = 0
-        for first, last in self._portions(counts[:, 0]):
-            done += self._write(path, first, counts[first:last, 0], batch[done:])
-        return Fired(self._sorted(batch), self._crossings, many, most, capped)
+        first, done = 0, 0
+        while done < total:
+            if first:
+                self._emit(path, chunk, first, chunks)
+            first = int(np.searchsorted(ends, done + self._capacity, side="right"))
+            self._copy(batch[done : int(ends[first - 1])])
+            done = int(ends[first - 1])
+        return Fired(self._sorted(batch), self._crossings, many, int(counts[:, 3].max()), capped)
 
-    def _portions(self, events: npt.NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-        """Yield runs of chunks, first and last + 1, that fit the buffers; ``events`` counts those of each chunk."""
-        ends = np.cumsum(events)
-        first, before = 0, 0
-        while before < ends[-1]:
-            last = int(np.searchsorted(ends, before + self._capacity, side="right"))
-            yield first, last
-            first, before = last, int(ends[last - 1])
-
-    def _write(self, path: BrightnessPath, first: int, events: npt.NDArray[np.int64], out_batch: EventBatch) -> int:
-        """Write the events of the chunks from ``first`` on, in raster order, and return how many there are."""
+    def _emit(self, path: BrightnessPath, chunk: int, first: int, chunks: int) -> None:
+        """Let the work-items from ``first`` on write their events, in raster order, as far as there is room."""
         place, thresholds = self._place, self._thresholds
         _, emit, knots = self._for(path)
-        starts = np.zeros(len(events), dtype=np.int32)
-        np.cumsum(events[:-1], out=starts[1:])
-        total = int(events.sum())
-        writing = place.begin_write(self._starts, starts)
         place.launch(
-            emit, (len(events),), path.pixels, path.count, first, self._crossings, self._from, self._starts,
-            place.layout.span, np.int64(path.start_us), np.int64(path.end_us - path.start_us), *knots, thresholds.on,
-            thresholds.off, self._out,
+            emit, (chunks - first,), path.pixels, path.count, chunk, first, self._crossings, self._from, self._counts,
+            np.int64(self._capacity), place.layout.span, np.int64(path.start_us),
+            np.int64(path.end_us - path.start_us), *knots, thresholds.on, thresholds.off, self._out,
         )  # fmt: skip
-        written = place.read(self._out, self._host_out[:total])
-        writing.wait()
+
+    def _copy(self, out_batch: EventBatch) -> None:
+        """Read the first ``len(out_batch)`` events that were written."""
+        written = self._place.read(self._out, self._host_out[: len(out_batch)])
         for name in out_batch.dtype.names or ():
-            out_batch[name][:total] = written[name]
-        return total
+            out_batch[name] = written[name]
 
     def _sorted(self, batch: EventBatch) -> EventBatch:
         # In raster order already: a stable sort by time is all that is left to do.
         if self._thresholds.at_step_ends:
             return batch
         return batch[np.argsort(batch["t"], kind="stable")]
+
+
+def _chunk(pixels: int) -> int:
+    """Return how many of so many listed pixels one work-item handles."""
+    return min(max(_CHUNK, -(-pixels // _CHUNKS)), _LARGEST_CHUNK)
