@@ -21,8 +21,8 @@ class FrameMemory:
     """OpenCL buffers over the memory of frames: no copy on a CPU.
 
     The buffer of an address is kept, with a reference to the array so that the address cannot be given away; a ring's
-    slots are therefore registered once. Outside `lend` the memory belongs to the host: it is mapped, where the device is
-    not the host itself.
+    slots are therefore registered once. Outside `lend` the memory belongs to the host: it is mapped, unless the device
+    is the host itself.
     """
 
     def __init__(self, device: Device, queue: Any) -> None:

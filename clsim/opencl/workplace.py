@@ -153,8 +153,7 @@ class Workplace(Generic[GridT]):
             self._bound[kernel] = arguments, values
         elif bound[0] != arguments:
             values = [
-                value if old is new else self._argument(new)
-                for old, value, new in zip(*bound, arguments, strict=True)
+                value if old is new else self._argument(new) for old, value, new in zip(*bound, arguments, strict=True)
             ]
             kernel.set_args(*values)
             self._bound[kernel] = arguments, values

@@ -50,6 +50,7 @@ LAYOUTS = (
     LayoutKind("mvsec", (".mvsec",), "mvsec", ("intensity", "image", "depth", "flow", "poses", "imu"), folder=True),
     LayoutKind("ecd", (".ecd",), "ecd", ("intensity", "image", "depth", "poses", "imu"), folder=True),
     LayoutKind("tumvie", (".tumvie",), "tumvie", ("intensity", "image", "poses", "imu"), folder=True),
+    LayoutKind("event_utils", (".event_utils",), "event_utils", ("intensity", "image", "flow"), folder=True),
     LayoutKind("tum", (".tum",), "tum", ("poses",)),
     LayoutKind("ros", (".mcap", ".db3", ".bag"), "ros", ("intensity", "image", "depth", "flow", "poses", "imu")),
 )

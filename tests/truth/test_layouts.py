@@ -209,6 +209,43 @@ def test_mvsec_is_as_its_users_read_it(tmp_path: Path) -> None:
             assert np.array_equal(shown, np.where(known, shot.planes["flow"][..., axis], 0))
 
 
+def test_event_utils_finds_what_its_readers_ask_for(tmp_path: Path) -> None:
+    """By h5py and numpy alone: its loaders want torch, and are no package."""
+    layout = open_layout(str(tmp_path / "run.event_utils"), recordings.about())
+    expected = recordings.feed(layout, close=False)
+    kept = {file.stem: np.load(file, mmap_mode="r") for file in (tmp_path / "run.event_utils/memmap").glob("*.npy")}
+    layout.close()
+    e, shots = expected.events, expected.shots
+    with h5py.File(tmp_path / "run.event_utils/run.h5") as file:
+        columns = {name: file[f"events/{name}"][:] for name in ("xs", "ys", "ts", "ps")}
+        assert columns["ts"].dtype == np.float64 and columns["ps"].dtype == np.bool_
+        assert np.array_equal(np.rint(columns["ts"] * 1e6), e["t"]) and np.array_equal(columns["ps"], e["on"])
+        assert np.array_equal(columns["xs"], e["x"]) and np.array_equal(columns["ys"], e["y"])
+        told = dict(file.attrs)
+        counts = [told[name] for name in ("num_events", "num_pos", "num_neg", "num_imgs", "num_flow")]
+        assert counts == [len(e), e["on"].sum(), (~e["on"]).sum(), len(shots), len(shots)]
+        assert list(told["sensor_resolution"]) == [recordings.HEIGHT, recordings.WIDTH]
+        assert [told["t0"], told["tk"]] == [columns["ts"][0], columns["ts"][-1]]
+        assert told["duration"] == told["tk"] - told["t0"]
+        for k, shot in enumerate(shots):
+            image, flow = file[f"images/image{k:09d}"], file[f"flow/flow{k:09d}"]
+            assert image.dtype == np.uint8 and np.array_equal(image[:], shot.planes["image"])
+            assert image.attrs["timestamp"] == flow.attrs["timestamp"] == shot.time_us * 1e-6
+            # As its own packager has it: the last event before the image, by a search in the file's times.
+            before = np.searchsorted(columns["ts"], image.attrs["timestamp"]) - 1
+            assert image.attrs["event_idx"] == max(before, 0) and list(image.attrs["size"]) == list(image.shape)
+            known = shot.planes["flow"][..., 2] > 0
+            speed = np.where(known[..., None], shot.planes["flow"][..., :2], 0) / (recordings.STEP_US * 1e-6)
+            assert flow.shape == (2, recordings.HEIGHT, recordings.WIDTH) and flow.dtype == np.float32
+            np.testing.assert_allclose(flow[:], np.moveaxis(speed, 2, 0), rtol=1e-6)
+            assert np.array_equal(kept["images"][k, :, :, 0], image) and np.array_equal(kept["optic_flow"][k], flow)
+    assert np.array_equal(kept["t"][:, 0], columns["ts"]) and np.array_equal(kept["p"][:, 0], columns["ps"])
+    assert np.array_equal(kept["xy"], np.stack([columns["xs"], columns["ys"]], axis=1))
+    assert kept["timestamps"].shape == (len(shots), 1) and "metadata.json" in os.listdir(
+        tmp_path / "run.event_utils/memmap"
+    )
+
+
 def original_dsec(path: Path, block_style: bool) -> recordings.Given:
     """A sequence as DSEC publishes it: nothing beyond, numbers left out, images of another camera."""
     source = path / "made.dsec"
@@ -329,12 +366,16 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
     convert_recording(str(home), str(tmp_path / "own.h5"))
 
 
-def same(a: Shot, b: Shot, exact: bool, levels: int = 0) -> None:
-    """Assert that frames are alike; pictures up to so many levels."""
+def same(a: Shot, b: Shot, exact: bool, levels: int = 0, ulps: int = 0) -> None:
+    """Assert that frames are alike; pictures up to so many levels, flow up to roundings of float32."""
     assert (a.time_us, a.event_index) == (b.time_us, b.event_index)
     for name in set(a.planes) & set(b.planes):
         if name == "image":
             assert np.abs(a.planes[name].astype(int) - b.planes[name]).max() <= levels
+        elif name == "flow" and ulps:
+            known = a.planes[name][..., 2] > 0
+            assert np.array_equal(known, b.planes[name][..., 2] > 0)
+            np.testing.assert_array_max_ulp(a.planes[name][known][:, :2], b.planes[name][known][:, :2], ulps)
         elif name in ("object", "material") or exact:
             assert np.array_equal(a.planes[name], b.planes[name]), name
     if "depth" in b.planes:
@@ -346,7 +387,7 @@ def test_a_round_trip_loses_nothing_that_both_hold(tmp_path: Path, ending: str) 
     """To another layout and back, and there again: the second and the third are the same to the bit."""
     names = ("a.h5", f"b{ending}", "c.h5", f"d{ending}")
     start, there, back, again = (str(tmp_path / name) for name in names)
-    jpeg = 3 if ending == ".tumvie" else 0
+    jpeg, speeds = 3 if ending == ".tumvie" else 0, 2 if ending == ".event_utils" else 0  # px and px/s
     given_events = recorded(Path(start)).events
     kind = layout_of(there)
     count, left_out = convert_recording(start, there)
@@ -357,16 +398,17 @@ def test_a_round_trip_loses_nothing_that_both_hold(tmp_path: Path, ending: str) 
     for other in (second, third, fourth):
         assert np.concatenate(list(other.events())).tobytes() == given_events.tobytes()
     for a, b in zip(first.shots(), second.shots(), strict=True):
-        same(a, b, exact=False, levels=jpeg)
+        same(a, b, exact=False, levels=jpeg, ulps=speeds)
     for a, b, c in zip(second.shots(), third.shots(), fourth.shots(), strict=True):
         same(a, b, exact=True)
-        same(b, c, exact=True, levels=jpeg)
+        same(b, c, exact=True, levels=jpeg, ulps=speeds)
     tracks = {track.name: track for track in first.tracks()}
     for mine, theirs in ((second, third), (second, fourth)):
         for a, b in zip(mine.tracks(), theirs.tracks(), strict=True):
             assert a.name == b.name and np.array_equal(a.times_us, b.times_us)
             assert np.abs(a.poses - b.poses).max() < 1e-8 and np.abs(a.poses - tracks[a.name].poses).max() < 1e-8
-        for a, b, c in zip(first.imu(), mine.imu(), theirs.imu(), strict=True):
+        samples = zip(first.imu(), mine.imu(), theirs.imu(), strict=True) if "imu" in kind.holds else ()
+        for a, b, c in samples:
             assert np.array_equal(a.times_us, b.times_us) and np.abs(a.acceleration - b.acceleration).max() < 1e-6
             assert np.abs(b.angular_velocity - c.angular_velocity).max() < 1e-12
     assert second.about.camera["intrinsics_px"] == pytest.approx(first.about.camera["intrinsics_px"])
