@@ -11,7 +11,7 @@ from clsim.detect.config import (
     Bandwidth,
     Gate,
     Kernel,
-    Luminance,
+    Luma,
     Precision,
     Regress,
     Response,
@@ -94,7 +94,7 @@ SHRINK = Annotated[
     ),
 ]
 RESPONSE = Annotated[Response | None, advanced(help="Brightness of a luminance. [ln]")]
-LUMINANCE = Annotated[Luminance | None, advanced(help="Weights of R, G and B. [rec709]")]
+LUMINANCE = Annotated[Luma | None, advanced(help="Weights of R, G and B. [rec709]")]
 SCALE = Annotated[float | None, advanced(help="Factor on luminance. [the frames', or 1]")]
 FLOOR = Annotated[float | None, advanced(help="Smallest luminance after scaling. [the frames', or 1e-4]")]
 FEATURES = Annotated[str | None, advanced(help="auto, or planes by name: Depth,Nx,Ny,Nz,Albedo.R … [auto]")]

@@ -19,7 +19,8 @@ Kernel = Literal["gaussian", "epanechnikov"]
 Response = Literal["ln", "lin-log"]
 Regress = Literal["log", "linear"]
 Bandwidth = Literal["fixed", "tsvd", "optimised"]
-Luminance = Literal["rec709", "rec601"]
+Luma = Literal["rec709", "rec601"]
+Luminance = Luma | tuple[float, float, float]
 Precision = Literal["float32", "float64"]
 SMALLEST_THRESHOLD = 1e-36
 """The number of crossings in a step, up to 160 / C, must be a number in float32."""
@@ -69,6 +70,7 @@ class DetectorConfig:
     """
     response: Response = "ln"
     luminance: Luminance = "rec709"
+    """What of R, G and B brightness is: a standard's luminance, or three weights."""
     scale: float = 1.0
     floor: float = 1e-4
     features: tuple[str, ...] | None = None

@@ -12,6 +12,11 @@ FEATURE_PLANES = DEPTH + NORMAL + ALBEDO + COVERAGE
 LUMINANCE_WEIGHTS = {"rec709": (0.2126, 0.7152, 0.0722), "rec601": (0.299, 0.587, 0.114)}
 
 
+def luminance_weights(config: DetectorConfig) -> tuple[float, float, float]:
+    """Return what brightness has of R, G and B."""
+    return LUMINANCE_WEIGHTS[config.luminance] if isinstance(config.luminance, str) else config.luminance
+
+
 def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the planes to regress on, in the order of ``names``.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.features import luminance_weights
 from clsim.detect.gate import Gate, Levels
 from clsim.detect.layout import BORDER, Place
 from clsim.errors import InputError
@@ -50,7 +50,7 @@ class Demodulation:
         planes = (*NEEDED_PLANES, *optional)
         self._source = place.allocate((len(planes),), np.int32)
         place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
-        self._weights = LUMINANCE_WEIGHTS[config.luminance]
+        self._weights = luminance_weights(config)
         self._scale = float(config.scale)
         self.packed = place.allocate((1, *place.layout.packed_shape))
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.features import luminance_weights
 from clsim.detect.layout import Place
 from clsim.frames import COVERAGE, DEPTH, LUMINANCE_VARIANCE, RADIANCE, Frame
 from clsim.opencl.device import Device
@@ -95,7 +95,7 @@ class Pack:
         planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
         self._source = place.allocate((len(planes),), np.int32)
         place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
-        self._weights = [weight * config.scale for weight in LUMINANCE_WEIGHTS[config.luminance]]
+        self._weights = [weight * config.scale for weight in luminance_weights(config)]
         self._variance = names.index(LUMINANCE_VARIANCE) if place.layout.extra else -1
         self._variance_scale = config.scale**2
         height = place.layout.height

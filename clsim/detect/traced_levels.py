@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.features import LUMINANCE_WEIGHTS
+from clsim.detect.features import luminance_weights
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, RADIANCE, Frame
 
 F32 = npt.NDArray[np.float32]
@@ -53,7 +53,7 @@ class PathLevels:
 
     def __init__(self, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Prepare for requests with those planes."""
-        self._weights = config.scale * np.array(LUMINANCE_WEIGHTS[config.luminance])
+        self._weights = config.scale * np.array(luminance_weights(config))
         self._rgb = [names.index(name) for name in RADIANCE]
         self._floor = config.floor
 
@@ -78,7 +78,7 @@ class FirstHitLevels:
     def __init__(self, config: DetectorConfig, names: tuple[str, ...], shape: tuple[int, int]) -> None:
         """Prepare for frames of that height and width."""
         self._scale, self._floor, self._shape = config.scale, config.floor, shape
-        self._weights = np.array(LUMINANCE_WEIGHTS[config.luminance], np.float32)
+        self._weights = np.array(luminance_weights(config), np.float32)
         self._albedo = [names.index(name) for name in ALBEDO]
         self._single = [names.index(name) for name in (*COVERAGE, *EMISSION, *DEPTH)]
         self._ends: list[tuple[F32, F32, F32]] = []

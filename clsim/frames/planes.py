@@ -108,7 +108,13 @@ PLANES = (
         "first-hit rays",
     ),
     Plane(
-        "Luminance", ("Luminance",), _RADIANCE_UNIT, "Rec. 709 luminance of R, G and B", "mean", True, "variance only"
+        "Luminance",
+        ("Luminance",),
+        _RADIANCE_UNIT,
+        "luminance of R, G and B: Rec. 709's, or the sensor's weights",
+        "mean",
+        True,
+        "variance only",
     ),
     _truth("Z", ("Z",), "m", "distance along the camera's axis to what the pixel's centre shows; inf where nothing is"),
     _truth("Truth.Depth", ("Truth.Depth",), "m", "distance along the ray to it; inf where nothing is"),

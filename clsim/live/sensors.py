@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clsim.errors import InputError
+from clsim.scene.spectral import spectral_weights
 from clsim.sensor.presets import load_sensor
 from clsim.sensor.settings import SensorSettings
 from clsim.sensor.specimen import Specimen
@@ -78,6 +79,8 @@ class RecordedSensor:
             return dict(given)
         threshold = self.sensor.threshold
         asked: dict[str, Any] = {"threshold_on": threshold.on, "threshold_off": threshold.off}
+        spectral = self.sensor.optics.spectral
+        asked["luminance"] = None if spectral is None else spectral_weights(spectral)
         if method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
             asked["method"] = DENSE_METHOD
         return {name: value for name, value in asked.items() if value is not None} | dict(given)

@@ -15,6 +15,7 @@ from clsim.live.sensors import cost_of, specimen_of
 from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
 from clsim.scene import World, load_world
 from clsim.scene.modulation import missed
+from clsim.scene.spectral import spectral_weights
 from clsim.truth.names import plane_names
 
 if TYPE_CHECKING:
@@ -116,6 +117,8 @@ def load_options_world(options: LiveOptions) -> World:
     )
     if options.resolution is None and options.sensor is not None:
         world = _seen_by(world, options.sensor.optics)
+    if options.sensor is not None and options.sensor.optics.spectral is not None:
+        world = replace(world, sensor=replace(world.sensor, spectral=options.sensor.optics.spectral))
     return world
 
 
@@ -247,4 +250,5 @@ def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
         history=options.history,
         scale=sensor.scale,
         floor=sensor.floor,
+        luminance="rec709" if sensor.spectral == "luminance" else spectral_weights(sensor.spectral),
     )

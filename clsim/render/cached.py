@@ -18,7 +18,7 @@ from clsim.render import sampling
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks
 from clsim.render.light_cache import Asked, Cell, Kept, look_up
-from clsim.render.sampling import luminance
+from clsim.render.sampling import brightness
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
@@ -73,7 +73,9 @@ class Lit:
 
 
 @wp.func
-def _light(cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: int, gathering: Gathering) -> Lit:
+def _light(
+    cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: int, gathering: Gathering, weights: wp.vec3
+) -> Lit:
     """Look up the light of each thing that a pixel shows, in the middle of what it shows of it."""
     s = Lit()
     s.known = 1.0
@@ -99,29 +101,29 @@ def _light(cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: i
             else:
                 s.unlit += albedo
             if kept.known_before:
-                s.before += luminance(wp.cw_mul(albedo, kept.before))
+                s.before += brightness(wp.cw_mul(albedo, kept.before), weights)
             else:
                 s.unlit_before += albedo
     return s
 
 
 @wp.func
-def _finished(lit: Lit, own: wp.vec3, own_before: wp.vec3) -> Lit:
+def _finished(lit: Lit, own: wp.vec3, own_before: wp.vec3, weights: wp.vec3) -> Lit:
     """Return the sums with a pixel's own light where no cell knows any."""
     s = lit
     s.light += wp.cw_mul(s.unlit, own)
-    if luminance(own_before) > 0.0:
-        s.before += luminance(wp.cw_mul(s.unlit_before, own_before))
+    if brightness(own_before, weights) > 0.0:
+        s.before += brightness(wp.cw_mul(s.unlit_before, own_before), weights)
     else:
-        s.before += luminance(wp.cw_mul(s.unlit_before, own))
+        s.before += brightness(wp.cw_mul(s.unlit_before, own), weights)
     return s
 
 
 @wp.func
-def _gain(lit: Lit) -> float:
+def _gain(lit: Lit, weights: wp.vec3) -> float:
     """Return by how much a pixel's log luminance has changed because light is known better, not because it changed."""
-    shining = luminance(lit.emission)
-    now = wp.max(shining + luminance(lit.light), _DARKEST)
+    shining = brightness(lit.emission, weights)
+    now = wp.max(shining + brightness(lit.light, weights), _DARKEST)
     before = wp.max(shining + lit.before, _DARKEST)
     return wp.clamp(wp.log(now / before), -_LARGEST_GAIN, _LARGEST_GAIN)
 
@@ -187,7 +189,7 @@ def make_cached(
         seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
         if corner_pass:
             return
-        lit = _light(cells, things, seen.things, steering)
+        lit = _light(cells, things, seen.things, steering, settings.spectral)
         wanted = int(settings.samples)
         if lit.known >= steering.known:
             turn = pixel % settings.width + pixel // settings.width + steering.turn
@@ -218,10 +220,10 @@ def make_cached(
         if albedo[0] > 0.0:
             own[pixel] = wp.cw_div(radiance, albedo)
         traced[pixel] = traced[pixel] + wanted
-        lit = _finished(lit, own[pixel], before)
-        learnt[pixel] = learnt[pixel] + _gain(lit)
+        lit = _finished(lit, own[pixel], before, settings.spectral)
+        learnt[pixel] = learnt[pixel] + _gain(lit, settings.spectral)
         shown = (lit.emission + lit.light) * wp.exp(-learnt[pixel])
-        store_things(things, seen.things, seen.rays + wanted, shown, pixel, out_planes)
+        store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
         out_spent[0, pixel] = seen.rays
         out_spent[1, pixel] = wanted
 

@@ -9,7 +9,7 @@ from typing import Any
 import warp as wp
 
 from clsim.frames import rendered_planes
-from clsim.render.sampling import luminance
+from clsim.render.sampling import brightness
 
 
 @wp.struct
@@ -77,7 +77,7 @@ def _unknown(out_bits: wp.array2d(dtype=wp.uint32), plane: int, width: int, pixe
 
 
 def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
-    """Return the Warp functions ``add(moments, sample)``, ``merge``, ``store(moments, pixel, out_planes, out_bits)``.
+    """Return the Warp functions ``add(moments, sample, weights)``, ``merge`` and ``store``.
 
     Where samples are ``batched``, those within a batch depend on each other: each batch is added up by itself, and
     ``merge(moments, batch)`` adds its means as if they were samples, weighted by their numbers of samples.
@@ -87,7 +87,7 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
     spread = {plane.name: planes.first_variance(plane.name) for plane in planes.with_variance}
 
     @wp.func
-    def merge(moments: Moments, batch: Moments) -> Moments:
+    def merge(moments: Moments, batch: Moments, weights: wp.vec3) -> Moments:
         m = moments
         if batch.count > 0.0:
             m.batches = m.batches + 1.0
@@ -100,7 +100,7 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
             m.covered = m.covered + covered_delta * share
             if wp.static(variances):
                 m.radiance_m2 = m.radiance_m2 + wp.cw_mul(delta, batch.radiance - m.radiance) * batch.count
-                y = luminance(batch.radiance)
+                y = brightness(batch.radiance, weights)
                 y_delta = y - m.luminance
                 m.luminance = m.luminance + y_delta * share
                 m.luminance_m2 = m.luminance_m2 + y_delta * (y - m.luminance) * batch.count
@@ -122,14 +122,14 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
         return m
 
     @wp.func
-    def add(moments: Moments, sample: Sample) -> Moments:
+    def add(moments: Moments, sample: Sample, weights: wp.vec3) -> Moments:
         m = moments
         m.count = m.count + 1.0
         delta = sample.radiance - m.radiance
         m.radiance = m.radiance + delta / m.count
         if wp.static(variances and not batched):
             m.radiance_m2 = m.radiance_m2 + wp.cw_mul(delta, sample.radiance - m.radiance)
-            y = luminance(sample.radiance)
+            y = brightness(sample.radiance, weights)
             y_delta = y - m.luminance
             m.luminance = m.luminance + y_delta / m.count
             m.luminance_m2 = m.luminance_m2 + y_delta * (y - m.luminance)

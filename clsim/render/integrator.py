@@ -36,7 +36,8 @@ _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
 
-    The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers.
+    The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
+    what pixels see of R, G and B.
     """
 
     samples: int
@@ -46,6 +47,7 @@ class Settings:
     width: int
     opens: float
     lasts: float
+    spectral: wp.vec3
     stream: wp.uint64
 
 
@@ -351,15 +353,15 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
                     sample = shoot(scene, camera, settings, pixel, instant, stream, False)
                     if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                        part = add(part, sample)
-                moments = merge(moments, part)
+                        part = add(part, sample, settings.spectral)
+                moments = merge(moments, part, settings.spectral)
         else:
             for i in range(settings.samples):
                 stream.key = sampling.stream_key(sampling.absorb(state, i))
                 sample = shoot(scene, camera, settings, pixel, instant, stream, False)
                 # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
                 if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                    moments = add(moments, sample)
+                    moments = add(moments, sample, settings.spectral)
         return moments
 
     types = Scene, CameraState, Settings

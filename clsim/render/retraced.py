@@ -88,7 +88,7 @@ def make_retraced(
         emission = wp.vec3()
         for k in range(seen.things):
             emission += things[k].emission * things[k].share
-        store_things(things, seen.things, seen.rays, emission, request, out_planes)
+        store_things(things, seen.things, seen.rays, emission, settings.spectral, request, out_planes)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def retrace_in_kept_light(

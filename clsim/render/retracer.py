@@ -78,7 +78,7 @@ class Retracer:
         self._follow: tuple[Any, Any, Any, Any] | None = None
         self._kernel = build_kernel(features, data.tree)
         self._camera = CameraData(camera, features, data.origin_m, self._device)
-        self._settings: Any = settings_of(options, camera.width)
+        self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
         if self._first_hits:
             self._settings.samples = self._first_hits

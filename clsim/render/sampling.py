@@ -155,6 +155,12 @@ def luminance(c: wp.vec3) -> float:
     return 0.2126 * c[0] + 0.7152 * c[1] + 0.0722 * c[2]
 
 
+@wp.func
+def brightness(c: wp.vec3, weights: wp.vec3) -> float:
+    """Return what a pixel sees of a linear colour, by its weights of R, G and B."""
+    return weights[0] * c[0] + weights[1] * c[1] + weights[2] * c[2]
+
+
 @wp.func_native(native_code("finite.h"))
 def _finite(x: float) -> bool: ...
 

@@ -193,7 +193,7 @@ def make_steered(
             known[pixel] = traced
             irradiance[pixel] = e
         shown = _lit(things, seen.things, e)
-        store_things(things, seen.things, seen.rays + paths, shown, pixel, out_planes)
+        store_things(things, seen.things, seen.rays + paths, shown, settings.spectral, pixel, out_planes)
         out_spent[0, pixel] = seen.rays
         out_spent[1, pixel] = paths
 

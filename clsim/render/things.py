@@ -9,7 +9,7 @@ import warp as wp
 
 from clsim.frames import rendered_planes
 from clsim.render.film import Sample, store3
-from clsim.render.sampling import luminance
+from clsim.render.sampling import brightness, luminance
 
 THINGS = 8
 """Things of a pixel that are told apart; what else there is counts for the last of them."""
@@ -152,6 +152,7 @@ def store_things(
     number: int,
     samples: int,
     radiance: wp.vec3,
+    weights: wp.vec3,
     pixel: int,
     out_planes: wp.array2d(dtype=float),
 ):
@@ -176,4 +177,4 @@ def store_things(
     out_planes[wp.static(_FIRST["Depth"]), pixel] = depth * each
     out_planes[wp.static(_FIRST["Coverage"]), pixel] = covered
     out_planes[wp.static(_FIRST["Samples"]), pixel] = float(samples)
-    out_planes[wp.static(_FIRST["Emission"]), pixel] = luminance(emission)
+    out_planes[wp.static(_FIRST["Emission"]), pixel] = brightness(emission, weights)

@@ -20,6 +20,8 @@ from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
+from clsim.scene.spectral import spectral_weights
+from clsim.scene.world import Spectral
 
 if TYPE_CHECKING:
     from clsim.render.light_keeper import LightKeeper
@@ -31,14 +33,15 @@ SOBOL_BATCHES = 4
 """Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
 
 
-def settings_of(options: RenderOptions, width: int) -> Any:
-    """Return the kernel's settings for pictures of that width."""
+def settings_of(options: RenderOptions, width: int, spectral: Spectral) -> Any:
+    """Return the kernel's settings for pictures of that width, of pixels that see such light."""
     settings: Any = Settings()
     settings.samples = options.spp
     settings.batches = SOBOL_BATCHES
     settings.max_depth = options.max_depth
     settings.roulette_start = options.roulette_start
     settings.width = width
+    settings.spectral = wp.vec3(*spectral_weights(spectral))
     return settings
 
 
@@ -101,7 +104,7 @@ class View:
         self._kernel = build_kernel(features, data.tree)
         self._sharp = features.sharp
         self._camera = CameraData(camera, features, data.origin_m, self._device)
-        self._settings: Any = settings_of(options, camera.width)
+        self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share

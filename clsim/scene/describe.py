@@ -51,6 +51,7 @@ def describe(world: World) -> dict[str, Any]:
         "changing_lights": sorted({name for name, _ in world.modulations()}),
         "environment": list(world.environment),
         "thresholds": {"on": world.sensor.threshold_on, "off": world.sensor.threshold_off},
+        "spectral": world.sensor.spectral,
         "needs": {
             "textures": any(getattr(world.materials[k], key) >= 0 for k in used for key in TEXTURES),
             "transparency": any(world.materials[k].alpha_mode != "opaque" for k in used),

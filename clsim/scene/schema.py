@@ -32,6 +32,7 @@ from clsim.scene.schema_light import (
     Modulation,
     PwmTable,
     SineTable,
+    Spectral,
 )
 from clsim.scene.spectra import METALS
 
@@ -288,6 +289,9 @@ class SensorTable(Table):
     scale: Positive = 1.0
     floor: Positive = 1e-4
     lux_per_unit: Positive = Field(default=100.0, description="illuminance of the sensor under a luminance of 1")
+    spectral: Spectral = Field(
+        default="luminance", description="what Y is: of eyes, of silicon, or weights of R, G and B, for their sum 1"
+    )
 
 
 class SceneTable(Table):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from datetime import datetime, timezone
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, Strict
+from pydantic import AfterValidator, BeforeValidator, Field, Strict
 
 from clsim.scene.schema_base import Flag, NonNegative, NonNegatives, Number, Positive, Share, Table
+from clsim.scene.spectral import are_weights
 
 
 def _in_greenwich(time: datetime) -> datetime:
@@ -16,6 +17,17 @@ def _in_greenwich(time: datetime) -> datetime:
         return time if time.tzinfo is None else time.astimezone(timezone.utc).replace(tzinfo=None)
     except OverflowError:
         raise ValueError("expected a time in the years 1 to 9999 of Greenwich") from None
+
+
+def _seen(spectral: Any) -> Any:
+    """Refuse what are no weights, in one sentence."""
+    numbers = isinstance(spectral, list | tuple) and [type(each) in (int, float) for each in spectral] == [True] * 3
+    if (numbers or isinstance(spectral, str)) and are_weights(spectral):
+        return spectral
+    raise ValueError("expected luminance, silicon, or weights of R, G and B from 0, and not all 0")
+
+
+Spectral = Annotated[Literal["luminance", "silicon"] | tuple[float, float, float], BeforeValidator(_seen)]
 
 
 class SineTable(Table):

@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.scene.geometry import is_similarity
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Motion
+from clsim.scene.spectral import are_weights
 from clsim.scene.world import (
     TEXTURES,
     AlphaMode,
@@ -105,6 +106,8 @@ def _problems(world: World) -> Iterator[str]:
     for key in ("threshold_on", "threshold_off", "scale", "floor", "lux_per_unit"):
         if not 0 < getattr(sensor, key) < math.inf:
             yield f"sensor: {key} is {getattr(sensor, key)}, expected a positive number"
+    if not are_weights(sensor.spectral):
+        yield f"sensor: spectral is {sensor.spectral}, expected weights of R, G and B from 0, and not all 0"
     if 0 < sensor.floor < SMALLEST_FLOOR:
         yield f"sensor: floor is {sensor.floor:g}, expected at least {SMALLEST_FLOOR:g}"
     for key in ("fps", "duration_s"):

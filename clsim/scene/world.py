@@ -23,6 +23,7 @@ AlphaMode = Literal["opaque", "mask", "blend"]
 Distribution = Literal["ggx", "beckmann"]
 Back = Literal["same", "black", "culled"]
 Falloff = Literal["squared", "linear", "smooth"]
+Spectral = Literal["luminance", "silicon"] | Vec3
 
 
 class Deformation(Protocol):
@@ -297,7 +298,10 @@ class Mount:
 
 @dataclass(frozen=True)
 class Sensor:
-    """What the pixel sees: L = ln max(scale·Y, floor), Y the luminance; thresholds in natural-log units."""
+    """What the pixel sees: L = ln max(scale·Y, floor), Y the luminance; thresholds in natural-log units.
+
+    ``spectral`` may say that Y is another sum of R, G and B (`clsim.scene.spectral`).
+    """
 
     threshold_on: float = 0.2
     threshold_off: float = 0.2
@@ -305,6 +309,7 @@ class Sensor:
     floor: float = 1e-4
     lux_per_unit: float = 100.0
     """Illuminance of the sensor under a luminance of 1 [lux]."""
+    spectral: Spectral = "luminance"
 
 
 @dataclass(frozen=True)

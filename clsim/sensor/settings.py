@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from clsim.errors import InputError
+from clsim.scene.spectral import are_weights
+from clsim.scene.world import Spectral
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
 from clsim.sensor.stage import Stage, check_not_negative, check_positive
 from clsim.values import read_fields, read_value
@@ -63,12 +65,14 @@ class Optics:
         width, height: of the chip [pixels].
         pitch_um: from pixel to pixel [µm]; told, not simulated.
         fov_deg: horizontal field of view [degrees].
+        spectral: how much of R, G and B its pixels see; see `clsim.scene.spectral`.
     """
 
     width: int | None = None
     height: int | None = None
     pitch_um: float | None = None
     fov_deg: float | None = None
+    spectral: Spectral | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -78,6 +82,8 @@ class Optics:
             raise InputError("`width` and `height` belong together; give both")
         if self.fov_deg is not None and self.fov_deg >= 180:
             raise InputError(f"`fov_deg` must be less than 180, got {self.fov_deg:g}")
+        if self.spectral is not None and not are_weights(self.spectral):
+            raise InputError(f"`spectral` must be weights of R, G and B from 0, and not all 0, got {self.spectral}")
 
 
 _KINDS: dict[str, Any] = {

@@ -8,11 +8,11 @@ from clsim.detect.config import DetectorConfig
 from clsim.detect.reference.observation import (
     F64,
     LARGEST_LUMINANCE,
-    LUMINANCE_WEIGHTS,
     Mask,
     Observation,
     log_brightness,
     scaled_luminance,
+    weights_of,
 )
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES, Frame
 
@@ -58,7 +58,7 @@ def smoothed_level(frame: Frame, config: DetectorConfig) -> tuple[F64, F64, Mask
     def optional(names: tuple[str, ...], value: float) -> F64:
         return planes(names)[0] if names[0] in frame.names else np.full(shape, value)
 
-    weights = np.asarray(LUMINANCE_WEIGHTS[config.luminance])
+    weights = weights_of(config)
     rgb, albedo, normal, depth = planes(RADIANCE), planes(ALBEDO), planes(NORMAL), planes(DEPTH)[0]
     coverage, emission, samples = optional(COVERAGE, 1.0), optional(EMISSION, 0.0), optional(SAMPLES, 1.0)
     valid = np.isfinite(np.concatenate([rgb, albedo, normal, [depth, coverage, emission]])).all(axis=0)

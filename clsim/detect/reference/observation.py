@@ -60,9 +60,15 @@ def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, 
     return tuple(name for name in names if name in wanted)
 
 
+def weights_of(config: DetectorConfig) -> F64:
+    """Return what brightness has of R, G and B."""
+    chosen = config.luminance
+    return np.asarray(LUMINANCE_WEIGHTS[chosen] if isinstance(chosen, str) else chosen)
+
+
 def scaled_luminance(rgb: F64, config: DetectorConfig) -> F64:
     """Return the luminance of linear radiance ``[3, …]``, times the configured scale."""
-    weights = np.asarray(LUMINANCE_WEIGHTS[config.luminance])
+    weights = weights_of(config)
     result: F64 = np.tensordot(weights, rgb, axes=1) * config.scale
     return result
 
@@ -119,7 +125,7 @@ def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...
     def variance(name: str) -> F64:
         return np.maximum(np.nan_to_num(frame.plane(f"Variance.{name}").astype(np.float64), posinf=0.0), 0.0)
 
-    weights = LUMINANCE_WEIGHTS[config.luminance]
+    weights = weights_of(config)
     if "Variance.Luminance" in frame.names:
         luminance_variance = variance("Luminance")
     else:
@@ -128,7 +134,7 @@ def add_variances(observation: Observation, frame: Frame, planes: tuple[str, ...
     if config.linear:
         observation.brightness_variance = luminance_variance * config.scale**2
     else:
-        luminance = np.tensordot(np.asarray(weights), np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
+        luminance = np.tensordot(weights, np.stack([frame.plane(name) for name in RADIANCE]), axes=1)
         luminance = np.maximum(np.where(observation.valid, luminance, 1.0), config.floor / config.scale)
         observation.brightness_variance = luminance_variance / luminance**2
     nothing = np.zeros(observation.valid.shape)
