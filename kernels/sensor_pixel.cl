@@ -202,7 +202,6 @@ static inline void begin(Pixel *p, long t, double level) {
     line.level = start_front(p, t, level);
 #endif
 #ifdef SHOT_NOISE
-    p->law.light = INT_MIN;
     start_noise(p, t, level);
 #endif
     p->ref = line.level;

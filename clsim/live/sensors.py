@@ -17,7 +17,7 @@ from clsim.values import read_fields
 DENSE_METHOD = "wlr-esim"
 """The method for sensors that follow brightness between events, where esim-ad would be taken: it knows all levels."""
 
-_DRAW_S = 5e-8
+_DRAW_S = 2e-8
 """CPU time of a draw of shot noise, measured."""
 
 
