@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from clsim.live.stream import stream
     from clsim.scene import World, WorldBuilder
     from clsim.scene import load_world as load_scene
-    from clsim.simulator import Simulator
+    from clsim.simulator import RigSimulator, Simulator
 
 __version__ = VERSION
 
@@ -30,6 +30,7 @@ __all__ = [
     "EVENT_DTYPE",
     "Error",
     "InputError",
+    "RigSimulator",
     "Simulator",
     "SinkError",
     "World",
@@ -44,6 +45,7 @@ __all__ = [
 
 _WHERE = {
     "EVENT_DTYPE": ("clsim.events", "EVENT_DTYPE"),
+    "RigSimulator": ("clsim.simulator", "RigSimulator"),
     "Simulator": ("clsim.simulator", "Simulator"),
     "SinkError": ("clsim.events", "SinkError"),
     "World": ("clsim.scene", "World"),

@@ -132,15 +132,15 @@ class SimulatorState:
     """What a simulator remembers: `Simulator.snapshot` makes it, and `Simulator.restore` takes it.
 
     Attributes:
-        view: what rendered for it; a reset builds another.
-        remembers: the state of its stages.
+        views: what rendered for its cameras; a reset builds others.
+        remembers: the state of each camera's stages.
         driving: what had been set.
         next: number of the next frame.
         time_us: time of the last frame [µs].
     """
 
-    view: object
-    remembers: Snapshot
+    views: tuple[object, ...]
+    remembers: tuple[Snapshot, ...]
     driving: tuple[object, ...]
     next: int
     time_us: int

@@ -47,9 +47,9 @@ def now() -> np.ndarray:
 def watch(simulator: Any) -> Watch:
     """Time the stages of a simulator that has made a step."""
     found = Watch()
-    simulator._view.fill_at = found.timed("rendering", simulator._view.fill_at)
-    simulator._detector.step = found.timed("detecting", simulator._detector.step)
-    simulator._detector.interest = found.timed("steering", simulator._detector.interest)
+    simulator._eye.view.fill_at = found.timed("rendering", simulator._eye.view.fill_at)
+    simulator._eye.detector.step = found.timed("detecting", simulator._eye.detector.step)
+    simulator._eye.detector.interest = found.timed("steering", simulator._eye.detector.interest)
     return found
 
 

@@ -13,7 +13,7 @@ from clsim.events.address import is_address
 from clsim.live.options import LiveOptions
 from clsim.live.session import Seat, Session, open_live
 from clsim.live.stages import Stages, load_options_world
-from clsim.scene import World, validate
+from clsim.scene import Camera, World, validate
 from clsim.scene.world import Mount
 
 if TYPE_CHECKING:
@@ -61,13 +61,12 @@ def open_rig(options: LiveOptions) -> list[Session]:
                 f"{name}: is {kind} for each of the cameras {', '.join(mount.name for mount in world.rig)}; expected "
                 f"{PLACEHOLDER} in its name"
             )
-    cameras = {mount.name: mount.camera(world.camera) for mount in world.rig}
+    cameras = cameras_of(world)
     shared = SharedScene(world, max(camera.shutter_s for camera in cameras.values()))
     sessions: list[Session] = []
     try:
         for mount in world.rig:
             own = replace(world, camera=cameras[mount.name], rig=())
-            validate(own, f"{world.name}: camera {mount.name}")
             outputs = tuple(name.replace(PLACEHOLDER, mount.name) for name in options.outputs)
             facts = {"camera_name": mount.name, "extrinsics": extrinsics(mount, world.rig)}
             seat = Seat(own, shared.view, facts)
@@ -77,6 +76,18 @@ def open_rig(options: LiveOptions) -> list[Session]:
             session.pipeline.stop()
         raise
     return sessions
+
+
+def cameras_of(world: World) -> dict[str, Camera]:
+    """Return the cameras of a rig, by name.
+
+    Raises:
+        InputError: one of them cannot be.
+    """
+    cameras = {mount.name: mount.camera(world.camera) for mount in world.rig}
+    for name, camera in cameras.items():
+        validate(replace(world, camera=camera, rig=()), f"{world.name}: camera {name}")
+    return cameras
 
 
 def extrinsics(mount: Mount, rig: tuple[Mount, ...]) -> dict[str, list[list[float]]]:

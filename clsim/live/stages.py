@@ -122,6 +122,18 @@ def load_options_world(options: LiveOptions) -> World:
     return world
 
 
+def alone(world: World) -> World:
+    """Return a world that one camera sees; if it has several, with a warning."""
+    if not world.rig:
+        return world
+    names = ", ".join(mount.name for mount in world.rig)
+    told = (
+        f"{world.name} has the cameras {names}, but this sees from where they are mounted; use clsim live or "
+        "clsim.RigSimulator"
+    )
+    return replace(world, warnings=(*world.warnings, told))
+
+
 def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set: bool = False) -> Stages:
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError.
 
@@ -130,11 +142,7 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
     from clsim.render import RenderOptions, check_device, light_stands_still
 
     if world is None:
-        world = load_options_world(options)
-        if world.rig:
-            names = ", ".join(mount.name for mount in world.rig)
-            alone = f"{world.name} has the cameras {names}, but this sees from where they are mounted; use clsim live"
-            world = replace(world, warnings=(*world.warnings, alone))
+        world = alone(load_options_world(options))
     fps = options.fps or (world.fps if options.time == "fixed" else min(world.fps, BASE_FPS))
     still = light_stands_still(world)
     options = options.settled(still and not lights_set)

@@ -84,7 +84,7 @@ def test_a_scene_that_stands_still_asks_for_nothing():
     assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
     with clsim.Simulator("still", **SMALL) as simulator:
         assert len(simulator.step(100_000)) == 0
-        assert simulator._detector.refiner.stats.requests == 0
+        assert simulator._eye.detector.refiner.stats.requests == 0
 
 
 @pytest.mark.slow
