@@ -101,7 +101,7 @@ def test_settings_reach_the_stages() -> None:
 def test_a_reset_lets_go_of_what_was_built() -> None:
     with simulator("two-boxes") as run:
         run.step(0)
-        before = run._view
+        before = run._eye.view
         run.reset()
         with pytest.raises(RenderCancelled):
-            before.fill(1, run._frame)
+            before.fill(1, run._eye._frame)
