@@ -6,10 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from clsim.detect.between import Between
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
 from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
+from clsim.detect.whole_pictures import WholePictures
 from clsim.errors import InputError
 from clsim.events import Causes, EventBatch
 from clsim.frames import Frame, InterestMap, PixelTracer
@@ -53,6 +55,7 @@ class Detector:
         specimen: Specimen | None = None,
         tracer: PixelTracer | None = None,
         tolerance_us: float = 100.0,
+        way_px: float | None = None,
     ) -> None:
         """Prepare for frames of ``width`` × ``height`` with the planes ``names``; kernels are built at the first frame.
 
@@ -64,6 +67,8 @@ class Detector:
             specimen: the sensor; None is the ideal one.
             tracer: what traces pixels between frames, and is closed with the detector; None lets them be.
             tolerance_us: error of an event's time that will do, where pixels are traced [µs].
+            way_px: whole pictures are traced, so many that nothing goes farther between two [pixels]; None traces the
+                pixels that fire.
 
         Raises:
             InputError: a plane is missing, the gate needs recorded frames, options do not go with the sensor, or there
@@ -85,10 +90,13 @@ class Detector:
         self.causes: Causes | None = None
         """Of the last step's events; None where brightness caused them all."""
         self._tracer = tracer
-        self.refiner: Refiner | None = None
+        self.between: Between | None = None
         if tracer is not None:
             place = Workplace(self.device, self._grid, self.queue)
-            self.refiner = Refiner(place, config, names, tracer, tolerance_us)
+            if way_px is None:
+                self.between = Refiner(place, config, names, tracer, tolerance_us)
+            else:
+                self.between = WholePictures(place, config, names, tracer, way_px)
 
     @property
     def features(self) -> tuple[str, ...]:
@@ -107,8 +115,8 @@ class Detector:
     def reset(self) -> None:
         """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""
         self.estimator.reset()
-        if self.refiner is not None:
-            self.refiner.reset()
+        if self.between is not None:
+            self.between.reset()
         if self._sensor is not None:
             self._sensor.forget()
 
@@ -132,8 +140,8 @@ class Detector:
         """
         sensor = self.sensor
         path, counts = self.estimator.observe(frame, sensor.references)
-        if self.refiner is not None:
-            path = self.refiner.refine(path, frame, sensor.references)
+        if self.between is not None:
+            path = self.between.refine(path, frame, sensor.references)
         fired = sensor.step(path)
         self.causes = fired.causes
         self.estimator.learn(path, fired.crossings)

@@ -18,7 +18,6 @@ from clsim.eye import Eye
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import load_options_world, plan_stages
-from clsim.live.time_steps import TimeSteps
 from clsim.render import SceneData
 from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, read_place
@@ -69,7 +68,7 @@ class Driver(ABC):
         render_device: str = "cpu",
         opencl: str | None = None,
         strict: bool = False,
-        time: TimeSteps = "fixed",
+        time: str = "fixed",
         time_tolerance_us: float | None = None,
         truth: str | Sequence[str] = (),
     ) -> None:
@@ -184,9 +183,10 @@ class Driver(ABC):
         red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
         if min(red, green, blue) < 0:
             raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
-        if self._options.time == "adaptive":
+        if self._options.time != "fixed":
             raise InputError(
-                "`time` adaptive knows the scene's own light between frames, so no light can be set; use fixed"
+                f"`time` {self._options.time} knows the scene's own light between frames, so no light can be set; "
+                "use fixed"
             )
         self._driving.set_light(name, (red, green, blue))
         if self._data is not None:

@@ -48,7 +48,7 @@ class Eye:
         """Build a view of the scene, and a detector, without a past."""
         self.release()
         self._board = self.stages.board("refuse")
-        self.view = View(data, self.stages.render, self._board, self.stages.world.camera)
+        self.view = self.stages.shown_by(View(data, self.stages.render, self._board, self.stages.world.camera))
         self.detector = self.stages.build_detector()
 
     def advance(self, number: int, time_us: int, before_us: int | None, data: SceneData) -> EventBatch:

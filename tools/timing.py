@@ -62,7 +62,7 @@ def run(world: World, fps: float, tolerance_us: float | None, duration_s: float,
         begun = time.process_time()
         events = simulator.step(round(duration_s * 1e6))
         cpu_s = time.process_time() - begun
-        refiner = simulator._eye.detector.refiner
+        refiner = simulator._eye.detector.between
         return events, cpu_s, 0 if refiner is None else refiner.stats.requests
 
 

@@ -11,7 +11,6 @@ from clsim.detect.config import EventRule, Method
 from clsim.events.files import FORMATS, promises
 from clsim.events.outputs import Encoding
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
-from clsim.live.time_steps import TimeSteps
 from clsim.truth.layouts import LAYOUTS
 from clsim.truth.names import TRUTH_NAMES
 
@@ -76,10 +75,11 @@ PACE = Annotated[
     ),
 ]
 TIME = Annotated[
-    TimeSteps | None,
+    str | None,
     advanced(
-        help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive); "
-        "frames are 30 a second then unless --fps is given. [fixed]"
+        help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), "
+        "or in whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in "
+        "ESIM); frames are 30 a second then unless --fps is given. [fixed]"
     ),
 ]
 TIME_TOLERANCE = Annotated[

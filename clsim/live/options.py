@@ -28,7 +28,7 @@ from clsim.live.quality import (
 )
 from clsim.live.schedule import LARGEST_FPS, LONGEST_S
 from clsim.live.sensors import RecordedSensor, read_sensor
-from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, TimeSteps
+from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 from clsim.truth.layouts import check_layouts, layout_of
@@ -105,8 +105,11 @@ class LiveOptions:
     """Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce."""
     threads: int | None = None
     """Threads that render; None takes one a core."""
-    time: TimeSteps = "fixed"
-    """Whether brightness is found at frames alone, or between them too, where events happen."""
+    time: str = "fixed"
+    """When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive).
+
+    Or in whole pictures between them, in which nothing goes farther than some pixels from one to the next
+    (lambda=PIXELS)."""
     time_tolerance_us: float | None = None
     """Error of an event's time that will do where time is adaptive [µs]; None is 100."""
     pace: Pace = "max"
@@ -299,26 +302,27 @@ class LiveOptions:
                 raise InputError(f"`sampling` {point.sampling} needs `noise` common, got {point.noise}")
 
     def _check_time(self) -> None:
+        check_time(self.time)
         tolerance, point = self.time_tolerance_us, self.point
         if tolerance is not None and not SMALLEST_TOLERANCE_US <= tolerance <= LARGEST_TOLERANCE_US:
             raise InputError(
                 f"`time_tolerance_us` must be from {SMALLEST_TOLERANCE_US:g} to {LARGEST_TOLERANCE_US:g}, "
                 f"got {tolerance:g}"
             )
+        if tolerance is not None and self.time != "adaptive":
+            raise InputError(f"`time_tolerance_us` {tolerance:g} is for `time` adaptive, but time is {self.time}")
         if self.time == "fixed":
-            if tolerance is not None:
-                raise InputError(f"`time_tolerance_us` {tolerance:g} is for `time` adaptive, but time is fixed")
             return
         if self.sensor is not None and not self.sensor.is_ideal:
-            raise InputError("`time` adaptive is for the ideal pixel, but `sensor` is given; leave one of them out")
+            raise InputError(f"`time` {self.time} is for the ideal pixel, but `sensor` is given; leave one of them out")
         if point.method not in ("esim", "irradiance"):
-            raise InputError(f"`time` adaptive needs `method` esim or irradiance, got {point.method}")
+            raise InputError(f"`time` {self.time} needs `method` esim or irradiance, got {point.method}")
         if point.noise != "common":
-            raise InputError(f"`time` adaptive needs `noise` common, got {point.noise}")
+            raise InputError(f"`time` {self.time} needs `noise` common, got {point.noise}")
         if point.event_rule != "interpolated":
-            raise InputError(f"`time` adaptive needs `event_rule` interpolated, got {point.event_rule}")
+            raise InputError(f"`time` {self.time} needs `event_rule` interpolated, got {point.event_rule}")
         if point.method == "irradiance":
-            self._need_first_hit_rays("`time` adaptive with `method` irradiance")
+            self._need_first_hit_rays(f"`time` {self.time} with `method` irradiance")
 
     def _need_first_hit_rays(self, setting: str) -> None:
         if self.point.first_hit_rays == 0:

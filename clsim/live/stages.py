@@ -12,7 +12,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
-from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing
+from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
@@ -176,21 +176,19 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
     size = world.camera.width, world.camera.height
     specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)
     retracing = None
-    if options.time == "adaptive":
+    if options.time != "fixed":
         if world.camera.shutter_s > 0:
             raise InputError(
-                f"`time` adaptive finds brightness at instants, but the camera of {world.name} exposes for "
+                f"`time` {options.time} finds brightness at instants, but the camera of {world.name} exposes for "
                 f"{world.camera.shutter_s:g} s; expected 0"
             )
         if world.light_changes():
             raise InputError(
-                f"`time` adaptive follows motion alone between frames, but in {world.name} light changes by itself; "
-                "use fixed, with enough frames per second"
+                f"`time` {options.time} follows motion alone between frames, but in {world.name} light changes by "
+                "itself; use fixed, with enough frames per second"
             )
-        retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, render)
-    make_detector = detector_maker(
-        detector, size, planes, options.opencl, specimen, None if retracing is None else retracing.tolerance_us
-    )
+        retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, way_px(options.time), render)
+    make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
     return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing)
 
 
@@ -200,12 +198,12 @@ def detector_maker(
     planes: tuple[str, ...],
     opencl: str | None,
     specimen: Specimen | None = None,
-    tolerance_us: float | None = None,
+    retracing: Retracing | None = None,
 ) -> DetectorMaker:
     """Choose the device now, so that a wrong name is told at once; what is returned builds the kernels later.
 
-    ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one. ``tolerance_us``
-    says how exactly events are timed by what traces pixels.
+    ``size`` is the width and height of the frames, ``specimen`` the sensor: None is the ideal one. ``retracing``
+    says which pixels are traced between frames, by what the maker is given.
     """
     from clsim.detector import Detector as StreamDetector
     from clsim.detector import check_sensor, recorded_detector
@@ -217,10 +215,11 @@ def detector_maker(
         check_sensor(config, specimen)
 
     def make(tracer: PixelTracer | None = None) -> Any:
-        if tracer is not None and tolerance_us is not None:
+        if tracer is not None and retracing is not None:
             return StreamDetector(
-                config, *size, planes, device=device, specimen=specimen, tracer=tracer, tolerance_us=tolerance_us
-            )
+                config, *size, planes, device=device, specimen=specimen,
+                tracer=tracer, tolerance_us=retracing.tolerance_us, way_px=retracing.way_px,
+            )  # fmt: skip
         return recorded_detector(config, *size, planes, device=device, specimen=specimen)
 
     return make

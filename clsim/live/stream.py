@@ -22,7 +22,6 @@ from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.session import Session, open_live
 from clsim.live.sidecars import camera_pose
 from clsim.live.summary import Summary
-from clsim.live.time_steps import TimeSteps
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 
@@ -157,7 +156,7 @@ def stream(
     render_device: str = "cpu",
     opencl: str | None = None,
     strict: bool = False,
-    time: TimeSteps = "fixed",
+    time: str = "fixed",
     time_tolerance_us: float | None = None,
     truth: str | Sequence[str] = (),
     frame_rate: float | None = None,
@@ -182,7 +181,8 @@ def stream(
         sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one. Its resolution and
             field of view hold where no ``resolution`` is given.
         time: "fixed": brightness is found at frames alone, and is linear in time between; "adaptive": pixels are traced
-            between frames too, where events happen. Frames are then 30 a second unless ``fps`` is given.
+            between frames too, where events happen; "lambda=0.5": whole pictures are, from one to the next of which
+            nothing goes farther than so many pixels. Frames are then 30 a second unless ``fps`` is given.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs, files: files and addresses that receive the events as well, and how files are written.

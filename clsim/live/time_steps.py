@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import InputError
 from clsim.frames import PixelTracer
 from clsim.live.schedule import Schedule
 
@@ -15,12 +16,33 @@ if TYPE_CHECKING:
     from clsim.render import RenderOptions, View
     from clsim.scene import World
 
-TimeSteps = Literal["fixed", "adaptive"]
 TOLERANCE_US = 100.0
 """Error of an event's time that will do where none is given."""
 SMALLEST_TOLERANCE_US, LARGEST_TOLERANCE_US = 1.0, 1e6
 BASE_FPS = 30.0
 """Frames per simulated second between which pixels are traced, where nobody says how many shall be shown."""
+
+
+_SMALLEST_WAY_PX, _LARGEST_WAY_PX = 1e-3, 1e3
+
+
+def check_time(time: str) -> None:
+    """Raise InputError unless it says when brightness is found: fixed, adaptive or lambda=PIXELS."""
+    if time not in ("fixed", "adaptive") and way_px(time) is None:
+        raise InputError(
+            f"`time` must be one of fixed, adaptive and lambda=PIXELS with {_SMALLEST_WAY_PX:g} to {_LARGEST_WAY_PX:g} "
+            f"pixels, got {time}"
+        )
+
+
+def way_px(time: str) -> float | None:
+    """Return how far things may go between pictures [pixels] where ``time`` is lambda=PIXELS; else None."""
+    rule, _, number = time.partition("=")
+    try:
+        way = float(number) if rule == "lambda" else 0.0
+    except ValueError:
+        return None
+    return way if _SMALLEST_WAY_PX <= way <= _LARGEST_WAY_PX else None
 
 
 @dataclass(frozen=True)
@@ -29,11 +51,14 @@ class Retracing:
 
     Attributes:
         tolerance_us: error of an event's time that will do [µs].
+        way_px: whole pictures are traced, so many that nothing goes farther between two [pixels]; None traces the
+            pixels that fire.
         render: options of the renderer.
         views: what renders the frames; its light is that of requests, where it is kept on surfaces.
     """
 
     tolerance_us: float
+    way_px: float | None
     render: RenderOptions
     views: list[View] = field(default_factory=list)
 

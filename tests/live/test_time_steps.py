@@ -13,6 +13,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.schedule import Schedule
 from clsim.live.time_steps import Looping
 from clsim.scene import load_world
+from clsim.score.matching import Sampling, one_to_one
 
 SMALL = {"resolution": (32, 24), "time": "adaptive"}
 
@@ -33,7 +34,11 @@ def gathered(**options):
         ({"time": "adaptive", "sensor": "davis346"}, "is for the ideal pixel"),
         ({"time_tolerance_us": 20.0}, "is for `time` adaptive, but time is fixed"),
         ({"time": "adaptive", "time_tolerance_us": 0.5}, "from 1 to 1e"),
-        ({"time": "sometimes"}, "`time` must be one of"),
+        ({"time": "sometimes"}, "`time` must be one of fixed, adaptive and lambda=PIXELS"),
+        ({"time": "lambda=0"}, r"with 0\.001 to 1000 pixels, got lambda=0"),
+        ({"time": "lambda=half"}, "got lambda=half"),
+        ({"time": "lambda=0.5", "time_tolerance_us": 20.0}, "is for `time` adaptive, but time is lambda=0.5"),
+        ({"time": "lambda=0.5", "method": "esim-ad"}, "`time` lambda=0.5 needs `method` esim or irradiance"),
     ],
 )
 def test_what_cannot_go_together_is_told(given, message):
@@ -80,11 +85,28 @@ def test_a_live_run_and_a_simulator_agree_to_the_bit(quality):
 
 
 @pytest.mark.slow
+def test_whole_pictures_and_chosen_pixels_find_the_same_events():
+    """Where things go a twentieth of a pixel between pictures, the line between them is all there is."""
+
+    def run(**options):
+        with clsim.Simulator("two-boxes", resolution=(32, 24), **options) as simulator:
+            return simulator.step(66_667), simulator._eye.detector.between.stats
+
+    (close, many), (wide, few) = run(time="lambda=0.05"), run(time="lambda=0.5")
+    chosen, _ = run(time="adaptive", time_tolerance_us=10.0)
+    # Of each of two steps there is one part more than pictures between.
+    assert 6 < (many.rounds + 2) / (few.rounds + 2) <= 10 and many.requests == many.rounds * 32 * 24
+    apart = np.abs(one_to_one(chosen, close, Sampling(32, 24, 30.0), 1000))
+    assert len(close) > 150 and len(apart) > 0.9 * max(len(close), len(chosen)) and np.median(apart) < 10
+    assert len(wide) > 0.9 * len(close)
+
+
+@pytest.mark.slow
 def test_a_scene_that_stands_still_asks_for_nothing():
     assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
     with clsim.Simulator("still", **SMALL) as simulator:
         assert len(simulator.step(100_000)) == 0
-        assert simulator._eye.detector.refiner.stats.requests == 0
+        assert simulator._eye.detector.between.stats.requests == 0
 
 
 @pytest.mark.slow
