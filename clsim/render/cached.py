@@ -136,9 +136,10 @@ def seen_light(
     gathering: Gathering,
     own: wp.vec3,
     learnt: float,
+    weights: wp.vec3,
 ) -> wp.vec3:
     """Return the radiance of a pixel that shows those things, by what was known and learnt when a frame was done."""
-    lit = _finished(_light(cells, things, number, gathering), own, own)
+    lit = _finished(_light(cells, things, number, gathering, weights), own, own, weights)
     return (lit.emission + lit.light) * wp.exp(-learnt)
 
 

@@ -108,7 +108,7 @@ def make_retraced(
         pixel = pixels[request]
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
         seen = look_around(scene, camera, settings, pixel, instants[request], steering.looks, things)
-        shown = seen_light(cells, things, seen.things, steering, own[pixel], learnt[pixel])
-        store_things(things, seen.things, seen.rays, shown, request, out_planes)
+        shown = seen_light(cells, things, seen.things, steering, own[pixel], learnt[pixel], settings.spectral)
+        store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
 
     return retrace_paths, retrace_first_hits, retrace_in_kept_light
