@@ -87,12 +87,6 @@ class Stages:
 
         return SceneData(self.world, self.render.device, self.render.tree, ahead=self.render)
 
-    def view(self, data: SceneData, board: InterestBoard | None) -> View:
-        """Build what renders the frames of the world's camera, steered by what it finds on ``board``."""
-        from clsim.render import View
-
-        return self.shown_by(View(data, self.render, board))
-
     def shown_by(self, view: View) -> View:
         """Return the view, once what traces pixels between frames knows that it renders them."""
         if self.retracing is not None:
