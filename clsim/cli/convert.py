@@ -78,6 +78,8 @@ def convert(
         _tell_dropped(source, done)
         return INTERRUPTED
     print(f"{target}: {events_text(done.events)} up to {done.time_us * 1e-6:.6f} s", file=sys.stderr)
+    if done.lost_labels:
+        print(f"clsim: {target}: its format cannot hold {', '.join(done.lost_labels)} of events", file=sys.stderr)
     _tell_dropped(source, done)
     return 0
 

@@ -6,14 +6,17 @@ import contextlib
 import json
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.events.address import is_address
+from clsim.events.batch import EventBatch, Labelling, Labels, Sink
 from clsim.events.closing import close_at_once
-from clsim.events.files import split_topic
+from clsim.events.files import LABELLED, split_topic
+from clsim.events.filesource import EventSource
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
@@ -29,6 +32,8 @@ class Copied(NamedTuple):
     """Of the last of them."""
     dropped_events: int = 0
     """Left out, because they lie outside the sensor or came too late."""
+    lost_labels: Labels = ()
+    """Which labels the target cannot hold."""
 
 
 def convert_events(
@@ -38,7 +43,7 @@ def convert_events(
     progress: Callable[[Copied], None] = lambda copied: None,
     files: FileOptions | None = None,
 ) -> Copied:
-    """Copy all events, in bounded memory; returns how many. ``progress`` hears of it after each batch.
+    """Copy all events with their labels, in bounded memory; returns how many. ``progress`` hears of each batch.
 
     ``files`` says how a target file is written.
 
@@ -55,18 +60,22 @@ def convert_events(
     files.check([target_name])
     about = _source_sidecar(source_name)
     records_stream = is_address(source_name)
-    with open_events(source_name) as source:
+    labelled = () if records_stream else _labels_of(source_name)
+    labels = labelled if "cause" in labelled and files.format_of(target_name) in LABELLED else ()
+    if labels:
+        files = replace(files, labels=True, objects="object" in labels)
+    with open_events(source_name, labels=labels) as source:
         size = sensor_size(source_name, source, resolution)
         batches = iter(source)
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
         check_output(target_name, *size, files)
         sink = (open_output if records_stream else open_whole)(target_name, *size, files)
-        done = Copied()
+        done = Copied(lost_labels=() if labels else labelled)
         try:
             while batch is not None:
                 end_us = int(batch["t"][-1])
-                sink.write(batch, end_us)
-                done = Copied(done.events + len(batch), end_us, source.dropped_events)
+                _write(sink, batch, end_us, labels)
+                done = Copied(done.events + len(batch), end_us, source.dropped_events, done.lost_labels)
                 progress(done)
                 batch = next(batches, None)
             done = done._replace(dropped_events=source.dropped_events)  # of the last words, which held no others
@@ -82,6 +91,19 @@ def convert_events(
             raise
     _write_sidecar(source_name, target_name, about, size, done.events)
     return done
+
+
+def _labels_of(source: str) -> Labels:
+    """Return which labels stand beside the events of a file."""
+    with open_events(source) as opened:
+        return opened.labelled if isinstance(opened, EventSource) else ()
+
+
+def _write(sink: Sink, batch: EventBatch, end_us: int, labels: Labels) -> None:
+    if isinstance(sink, Labelling) and labels:
+        sink.write(batch, end_us, *(batch[name] for name in labels))
+    else:
+        sink.write(batch, end_us)
 
 
 def _same_file(source: str, target: str) -> bool:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from clsim.errors import InputError
 from clsim.events.address import is_address
-from clsim.events.batch import EventBatch, Sink, SinkError
+from clsim.events.batch import Causes, EventBatch, Labelling, Labels, Objects, Sink, SinkError
 from clsim.events.files import format_named
 from clsim.events.filesink import FileSink, PartFile
 from clsim.events.outputs import FileOptions, open_output
@@ -38,10 +38,20 @@ class WholeFile:
                 self._part.discard()
             raise
 
-    def write(self, events: EventBatch, end_us: int) -> None:
-        """Take the events until ``end_us``; see Sink.write."""
+    @property
+    def labelled(self) -> Labels:
+        """Which labels it keeps beside events."""
+        return self._sink.labelled if isinstance(self._sink, Labelling) else ()
+
+    def write(
+        self, events: EventBatch, end_us: int, causes: Causes | None = None, objects: Objects | None = None
+    ) -> None:
+        """Take the events, and labels that it keeps, until ``end_us``; see Sink.write."""
         with self._naming():
-            self._sink.write(events, end_us)
+            if isinstance(self._sink, Labelling):
+                self._sink.write(events, end_us, causes, objects)
+            else:
+                self._sink.write(events, end_us)
 
     def close(self) -> None:
         """Complete the file and give it its name; raises SinkError when that cannot be."""

@@ -10,6 +10,7 @@ from event_data import end_of
 import clsim
 from clsim.errors import InputError
 from clsim.events import EventBatch, SinkError, whole
+from clsim.events.batch import Labelling
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.open import sensor_size
@@ -39,8 +40,29 @@ def test_every_event_arrives(tmp_path: Path, source: str, target: str) -> None:
     heard: list[Copied] = []
     name = record(tmp_path / source)
     done = convert_events(str(name), str(tmp_path / target), (WIDTH, HEIGHT), heard.append)
-    assert done == heard[-1] == (len(EVENTS), EVENTS["t"][-1], 0)
+    assert done == heard[-1] == Copied(len(EVENTS), EVENTS["t"][-1])
     assert np.array_equal(read(tmp_path / target), EVENTS)
+
+
+@pytest.mark.parametrize("labels", [("cause",), ("cause", "object")])
+@pytest.mark.parametrize(("source", "target"), [("a.h5", "b.parquet"), ("a.parquet", "b.h5"), ("a.h5", "b.h5")])
+def test_labels_come_along_where_both_formats_hold_them(
+    tmp_path: Path, source: str, target: str, labels: tuple[str, ...]
+) -> None:
+    given = {"cause": np.arange(len(EVENTS)) % 4, "object": np.arange(len(EVENTS)) * 7}
+    sink = open_sink(tmp_path / source, WIDTH, HEIGHT, labels=labels)
+    assert isinstance(sink, Labelling)
+    sink.write(EVENTS, end_of(EVENTS), *(given[name] for name in labels))
+    sink.close()
+    assert convert_events(str(tmp_path / source), str(tmp_path / target)).lost_labels == ()
+    with clsim.open(tmp_path / target, labels=labels) as found:
+        assert found.labelled == labels
+        events = found.read()
+    for name, column in [*((name, EVENTS[name]) for name in "txy"), *((name, given[name]) for name in labels)]:
+        np.testing.assert_array_equal(events[name], column)
+    # Where they have no place, that is told.
+    assert convert_events(str(tmp_path / source), str(tmp_path / "b.txt")).lost_labels == labels
+    assert np.array_equal(read(tmp_path / "b.txt"), EVENTS)
 
 
 def test_the_sidecar_comes_along_and_tells_the_size(tmp_path: Path) -> None:
@@ -154,4 +176,4 @@ def test_events_left_out_after_the_last_that_fit_are_counted(tmp_path: Path, mon
     words = [0x8001, 0x6007, 3, 0x2001, 0x2002] + [0x2000 | WIDTH] * 12
     head = f"% evt 3.0\n% geometry {WIDTH}x{HEIGHT}\n% end\n".encode()
     (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())
-    assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == (2, (1 << 12) + 7, 12)
+    assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == Copied(2, (1 << 12) + 7, 12)

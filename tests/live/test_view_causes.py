@@ -2,6 +2,9 @@
 
 import asyncio
 import json
+import shutil
+import subprocess
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -76,9 +79,57 @@ def drawn(events: EventBatch, full: float, end_us: int, decay_us: float | None) 
 
 @pytest.mark.parametrize("decay_us", [None, 20_000.0])
 def test_a_picture_is_that_of_a_plain_loop(decay_us: float | None) -> None:
-    few = CAUSED[::20]
+    few = CAUSED[::21]
     image = cause_indices(few, WIDTH, HEIGHT, 4.0, end_us=1_100_000, decay_us=decay_us)
     assert image.tolist() == drawn(few, 4.0, 1_100_000, decay_us)
+
+
+PAGE_SCRIPT = """
+import { readFileSync } from "node:fs";
+import { EventImage } from "./image.js";
+import { Store } from "./store.js";
+
+const { width, height, events, drawings } = JSON.parse(readFileSync(0, "utf8"));
+const context = { putImageData() {}, createImageData: (w, h) => ({ data: new Uint8ClampedArray(4 * w * h) }) };
+const image = new EventImage({ getContext: () => context });
+image.resize(width, height);
+const store = new Store();
+// The sign of an event is a bit of its y, as packets have it.
+const on = events.y.map((y, k) => y | (events.on[k] ? 0x8000 : 0));
+store.add(0, events.t[events.t.length - 1], events.t, events.x, on, events.cause);
+const table = Uint32Array.from({ length: 256 }, (_, k) => k);
+console.log(JSON.stringify(drawings.map(({ nowUs, windowUs, decay, full }) => {
+  image.draw(store, nowUs, { windowUs, decay, full }, { table, byCause: true });
+  return Array.from(image.pixels);
+})));
+"""
+
+
+@pytest.mark.skipif(shutil.which("node") is None, reason="the page's script runs in Node.js here")
+def test_the_page_draws_the_picture_of_a_plain_loop(tmp_path: Path) -> None:
+    for name in ("image.js", "store.js"):
+        (tmp_path / name).write_text(files("clsim.live.view").joinpath("page", name).read_text(encoding="utf-8"))
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "draw.js").write_text(PAGE_SCRIPT)
+    few, end_us = CAUSED[::21], int(CAUSED["t"][-1])
+    columns = {name: few[name].astype(int).tolist() for name in few.dtype.names or ()}
+    drawings = [
+        {"nowUs": end_us, "windowUs": 1_000_000, "decay": False, "full": 4},
+        {"nowUs": end_us, "windowUs": 20_000, "decay": True, "full": 4},
+    ]
+    told = subprocess.run(
+        ["node", str(tmp_path / "draw.js")],
+        input=json.dumps({"width": WIDTH, "height": HEIGHT, "events": columns, "drawings": drawings}),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    window, fading = (np.array(pixels).reshape(HEIGHT, WIDTH) for pixels in json.loads(told.stdout))
+    assert window.tolist() == drawn(few, 4.0, end_us, None)
+    # Behind five of its time constants the page takes nothing, and its sums are float32.
+    near = np.array(drawn(few[few["t"] >= end_us - 100_000], 4.0, end_us, 20_000.0))
+    assert abs(fading - near).max() <= 1 and (fading // 64 == near // 64).all() and len(np.unique(fading)) > 20
 
 
 def test_a_film_has_the_colours_of_causes_and_an_empty_picture_none(tmp_path: Path) -> None:
