@@ -17,13 +17,19 @@ from typing import Any
 import warp as wp
 
 
-def kernel_options() -> dict[str, str]:
+_LAUNCHED = 256
+"""Threads of a block on a GPU, where a launch does not say."""
+
+
+def kernel_options() -> dict[str, Any]:
     """Return the compiler's options for kernels that trace rays.
 
     As if there were no NaN, 1.5 times as fast; and products are added without rounding them first, within a statement
     alone, so that a function's results do not depend on the kernel it is part of.
     """
-    return {"cpu_compiler_flags": f"{wp.config.cpu_compiler_flags} -menable-no-nans -ffp-contract=on -w"}
+    flags = f"{wp.config.cpu_compiler_flags} -menable-no-nans -ffp-contract=on -w"
+    # The block of a CPU: for another one a kernel would be hashed first, and then once more for this.
+    return {"cpu_compiler_flags": flags, "block_dim": 1}
 
 
 def compile_together(kernels: Sequence[Any], device: Any) -> None:
@@ -31,7 +37,9 @@ def compile_together(kernels: Sequence[Any], device: Any) -> None:
 
     More at a time would precompile the same headers, each for itself.
     """
-    wp.force_load(device, [kernel.module for kernel in kernels], max_workers=min(2, len(kernels)))
+    modules = [kernel.module for kernel in kernels]
+    # A block as launches ask for it; a CPU's has one thread all the same.
+    wp.force_load(device, modules, block_dim=_LAUNCHED, max_workers=min(2, len(kernels)))
 
 
 def keep_headers() -> None:

@@ -18,7 +18,8 @@ _CELL_PX = 8.0
 """Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
-_CELLS_PER_PIXEL = 2
+_CELLS_PER_PIXEL = 1
+"""Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
