@@ -2,6 +2,7 @@
 
 import os
 import signal
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -9,6 +10,9 @@ from hypothesis import settings
 # How long an example takes tells of the machine and of what else it does.
 settings.register_profile("clsim", deadline=None)
 settings.load_profile("clsim")
+
+_RENDER_BY_THE_WAY = ("bench", "bridges", "cli", "datasets", "docs", "live", "simulator", "tools", "truth")
+"""Folders whose tests render small worlds, but are not about how; those in `tests/render` choose for themselves."""
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -38,3 +42,12 @@ def pytest_configure() -> None:
     """Undo what a shell does to its background jobs: programs that tests start would ignore interrupts too."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def ordinary_kernels(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Let tests that are not about rendering share kernels (``tests/shared_kernels.py``)."""
+    if request.path.relative_to(Path(__file__).parent).parts[0] in _RENDER_BY_THE_WAY:
+        from tests.shared_kernels import ORDINARY, widen
+
+        widen(monkeypatch, request, ORDINARY)

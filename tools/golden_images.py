@@ -30,7 +30,8 @@ CHANNELS = tuple(
 def block_means(scene: str, spp: int, seed: int = 0) -> npt.NDArray[np.float32]:
     """Render frame INDEX of a scene and return its block means ``[planes, HEIGHT / BLOCK, WIDTH / BLOCK]``."""
     world = load_world(scene, resolution=(WIDTH, HEIGHT))
-    tracer = PathTracer(world, RenderOptions(spp=spp, seed=seed))
+    # Variances change nothing in the other planes, and other tests have kernels with them.
+    tracer = PathTracer(world, RenderOptions(spp=spp, seed=seed, variances=True))
     frame = Frame(page_aligned((len(tracer.names), HEIGHT, WIDTH)), tracer.names)
     tracer.fill(INDEX, frame)
     tracer.close()

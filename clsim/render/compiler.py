@@ -16,7 +16,6 @@ from typing import Any
 
 import warp as wp
 
-
 _LAUNCHED = 256
 """Threads of a block on a GPU, where a launch does not say."""
 

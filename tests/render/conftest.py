@@ -1,60 +1,23 @@
-"""Kernels that tests of rendering share: compiling one takes longer than all that a file of tests renders.
-
-They are built for more than a world has. What is added decides nothing where it is absent: lights of which there are
-none, properties that no material has. How rays search, blur and the camera stay the world's own. With ``--own-kernels``
-every world is rendered with the kernel that users get.
-"""
-
-from dataclasses import replace
-from typing import Any
+"""Kernels that tests of rendering share (``tests/shared_kernels.py``)."""
 
 import pytest
 
-from clsim.render import features, scene_data
-from clsim.render.bsdf_kinds import KINDS
+from tests.shared_kernels import LIGHTS, MATERIALS, ORDINARY, widen
 
-LIGHTS: dict[str, Any] = {
-    "smooth_normals": True,
-    "one_sided_lamps": True,
-    "triangle_lights": True,
-    "still_lamps": False,
-    "sphere_lights": True,
-    "punctual_lights": True,
-    "environment": True,
-}
-MATERIALS: dict[str, Any] = {
-    "kinds": tuple(KINDS),
-    "textures": True,
-    "checkers": True,
-    "images": True,
-    "roughness_textures": True,
-    "emission_textures": True,
-    "normal_maps": True,
-    "alpha": True,
-    "transmission": True,
-    "mirrors": True,
-    "dark_backs": True,
-    "culled_backs": True,
-}
+
+@pytest.fixture
+def ordinary(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    """Build kernels that know what ordinary worlds have."""
+    widen(monkeypatch, request, ORDINARY)
 
 
 @pytest.fixture
 def any_lights(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Build kernels that know lights of all kinds."""
-    _widen(monkeypatch, request, LIGHTS)
+    widen(monkeypatch, request, LIGHTS)
 
 
 @pytest.fixture
 def anything(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
     """Build kernels that know lights, materials and textures of all kinds."""
-    _widen(monkeypatch, request, LIGHTS | MATERIALS)
-
-
-def _widen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, known: dict[str, Any]) -> None:
-    exact = features.scene_features
-
-    def widened(*given: Any, **more: Any) -> features.SceneFeatures:
-        return replace(exact(*given, **more), **known)
-
-    if not request.config.getoption("own_kernels"):
-        monkeypatch.setattr(scene_data, "scene_features", widened)
+    widen(monkeypatch, request, LIGHTS | MATERIALS)

@@ -15,6 +15,8 @@ from clsim.render import Effort, RenderCancelled
 from clsim.render.effort import SURE
 from clsim.render.steered import GRADES
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 C = 0.2
 SHAPE = (10, 12)
 

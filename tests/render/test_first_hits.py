@@ -12,6 +12,8 @@ from clsim.bench.reference_cache import log_brightness
 from clsim.bench.tradeoff_measure import render_each
 from clsim.render import RenderOptions
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 SIZE = (32, 24)
 COUNTED = 7
 """First-hit rays too few for corners to be looked at: shares are those of the rays."""

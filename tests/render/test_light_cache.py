@@ -12,6 +12,8 @@ from clsim.errors import InputError
 from clsim.render import Effort, PathTracer, RenderOptions, light_keeper, light_stands_still
 from clsim.scene.drift import drifting
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
 
 

@@ -11,7 +11,7 @@ import pytest
 from clsim.render.lights_punctual import falloff, power
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = pytest.mark.usefixtures("anything")
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 INTENSITY = (4.0, 5.0, 6.0)

@@ -16,6 +16,8 @@ from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
 from clsim.scene import Material, PunctualLight, SphereLight, Static, load_world
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 FPS = 30.0
 FRAMES = (0, 3, 4, 11)
 

@@ -16,6 +16,8 @@ from clsim.scene.modulation import Keyframed, Pwm, Sine
 from clsim.scene.motion import euler_quaternion, rotation_matrix
 from tests.scene.test_modulation import SCENE
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 HALF = Keyframed((0.0, 1.0), ((1.0, 1.0, 1.0), (0.0, 0.5, 1.0)))
 
 

@@ -22,6 +22,8 @@ from clsim.frames import (
 from clsim.render import Effort, PathTracer, RenderOptions
 from clsim.scene import CheckerTexture, Material
 
+pytestmark = pytest.mark.usefixtures("ordinary")
+
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
