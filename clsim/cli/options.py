@@ -85,6 +85,13 @@ TIME = Annotated[
 TIME_TOLERANCE = Annotated[
     str | None, advanced(help="With --time adaptive: error of an event's time that will do, such as 20us. [100us]")
 ]
+RENDER_TIMES = Annotated[
+    str | None,
+    advanced(
+        help="A file of times [s], one a line or in .npy, at which frames are rendered, in place of an even rate; or "
+        "adaptive: frames 30 a second, and with them the pixels that are traced between."
+    ),
+]
 LOOP = Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")]
 SENSOR = Annotated[
     str | None,

@@ -29,6 +29,7 @@ from clsim.cli.options import (
     PROBE_SPP,
     QUALITY,
     RENDER_DEVICE,
+    RENDER_TIMES,
     RESOLUTION,
     SAMPLER,
     SAMPLING,
@@ -39,6 +40,7 @@ from clsim.cli.options import (
     STRICT,
     THREADS,
     THRESHOLD,
+    TIME_TOLERANCE,
     TRUTH,
     WINDOW,
 )
@@ -59,6 +61,8 @@ def render(
     seed: SEED = None,
     truth: TRUTH = None,
     as_json: JSON = False,
+    times: RENDER_TIMES = None,
+    time_tolerance: TIME_TOLERANCE = None,
     camera_axes: CAMERA_AXES = None,
     camera_interpolation: CAMERA_INTERPOLATION = None,
     spp: SPP = None,
@@ -79,28 +83,40 @@ def render(
 ) -> None:
     """Render the frames that `clsim live` would render, to EXR files with all their planes.
 
-    `clsim detect` makes the same events of them. Planes of variances are there unless first-hit rays are traced.
+    `clsim detect` makes the same events of them. Planes of variances are there unless first-hit rays are traced. With
+    --times adaptive, between-NNNNNN.npz beside each frame holds what `clsim live --time adaptive` traces before it: x,
+    y, time_s, and planes with their names.
 
     Examples: `clsim render cornell --out frames`, `clsim render cornell --out clean --method esim --spp 512`
     """
     given = dict(locals())
+    import numpy as np
     from rich.console import Console
     from rich.progress import track
 
     from clsim.cli.status import say_about_scene
+    from clsim.errors import InputError
     from clsim.events.sidecar import write_sidecar
+    from clsim.footage.times import read_times_us
     from clsim.frames.exr import ExrWriter
     from clsim.live.rendering import Rendering
     from clsim.live.sidecars import scene_from_here
 
-    options = live_options({name: value for name, value in given.items() if name not in ("out", "as_json")})
-    rendering = Rendering(options)
+    settings = {name: value for name, value in given.items() if name not in ("out", "as_json", "times")}
+    between = times == "adaptive"
+    options = live_options(settings | ({"time": "adaptive"} if between else {}))
+    rendering = Rendering(options, None if times is None or between else read_times_us(times, "s"))
+    if between and next(out.glob("between-*.npz"), None) is not None:
+        raise InputError(f"{out} holds files between-NNNNNN.npz; expected a folder without")
     writer = ExrWriter(out)
     console = Console(stderr=True)
     say_about_scene(console, rendering.notes, rendering.warnings)
     count, quiet = rendering.frame_count, not sys.stderr.isatty()
-    for frame in track(rendering.frames(), "rendering", count, console=console, disable=quiet):
+    frames = rendering.frames_and_requests()
+    for frame, requests in track(frames, "rendering", count, console=console, disable=quiet):
         writer.write(frame)
+        if between and frame.index > 0:
+            np.savez(out / f"between-{frame.index:06d}.npz", **requests.as_dict())
     write_sidecar(out / "frames.json", rendering.about | scene_from_here(rendering.about, out))
     size = {"width": rendering.width, "height": rendering.height}
     if as_json:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from typing import Any, cast
 
 from clsim.errors import InputError
 from clsim.frames import TRUTH_PLANES, Frame, page_aligned
+from clsim.live.noting import NO_REQUESTS, NotingTracer, Requests
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import InterestedDetector
 from clsim.live.schedule import plan
@@ -32,20 +33,27 @@ class Rendering:
         about: what a sidecar tells of the frames: options, the detector they were made for, camera, poses.
     """
 
-    def __init__(self, options: LiveOptions) -> None:
-        """Load the scene; raises InputError where it or an option cannot be used."""
+    def __init__(self, options: LiveOptions, times_us: Sequence[int] | None = None) -> None:
+        """Load the scene; raises InputError where it or an option cannot be used.
+
+        Frames are at ``times_us`` [µs], which rise; None takes those of a run.
+        """
         if options.loop:
             raise InputError("`loop` is for live runs; for frames give `duration_s` or `frame_count`")
         if options.truth and not plane_names(options.truth):
             raise InputError(f"`truth` {options.truth[0]} is no plane; frames hold of it {', '.join(TRUTH_PLANES)}")
         stages = self._stages = plan_stages(options)
         world, camera = stages.world, stages.world.camera
-        schedule = plan(world.duration_s, stages.fps, duration_s=options.duration_s, frames=options.frame_count)
+        if times_us is None:
+            schedule = plan(world.duration_s, stages.fps, duration_s=options.duration_s, frames=options.frame_count)
+            times_us = [schedule.time_us(index) for index in range(schedule.total or 0)]
+        elif options.truth:
+            raise InputError("`times` are those of pictures; `truth` needs frames at an even rate")
         self.width, self.height = camera.width, camera.height
-        self.frame_count = schedule.total or 0
+        self._times_us = times_us
+        self.frame_count = len(times_us)
         self.warnings, self.notes = stages.warnings, world.notes
         self.settings = stages.options.point.text()
-        times_us = [schedule.time_us(index) for index in range(self.frame_count)]
         self.about: dict[str, Any] = about_run(stages.options.as_dict(), stages.detector, stages.fps) | {
             "detector": asdict(stages.detector),
             "seen_by": asdict(RecordedSensor(options.sensor, options.seed, stages.world.sensor.lux_per_unit)),
@@ -58,21 +66,35 @@ class Rendering:
 
     def frames(self) -> Iterator[Frame]:
         """Yield each frame, with its variances unless there are first-hit rays; the next one overwrites it."""
+        return (frame for frame, _ in self.frames_and_requests())
+
+    def frames_and_requests(self) -> Iterator[tuple[Frame, Requests]]:
+        """Yield each frame, as `frames` does, and the pixels that were traced between it and the one before.
+
+        There are none unless `LiveOptions.time` asks for them; then frames have no variances.
+        """
         from clsim.render import View
 
         stages = self._stages
         board = stages.board("refuse")
-        every_frame = replace(stages.render, variances=stages.render.first_hit_rays == 0, truth_every=1)
-        view = View(stages.scene_data(), every_frame, board)
+        variances = stages.render.first_hit_rays == 0 and stages.retracing is None
+        every_frame = replace(stages.render, variances=variances, truth_every=1)
+        view = stages.shown_by(View(stages.scene_data(), every_frame, board))
         frame = Frame(page_aligned((len(view.names), self.height, self.width)), view.names)
-        detector = None if board is None else stages.build_detector()
+        tracer = None if stages.retracing is None else stages.retracing.tracer(stages.world, None)
+        noting = None if tracer is None else NotingTracer(tracer, self.width)
+        detector = None if board is None and noting is None else stages.make_detector(noting)
         try:
-            for index in range(self.frame_count):
-                view.fill(index, frame)
-                if detector is not None and board is not None:
+            for index, time_us in enumerate(self._times_us):
+                if stages.render.truth:
+                    view.fill(index, frame)
+                else:
+                    view.fill_at(index, time_us, frame)
+                if detector is not None:
                     detector.step(frame)
+                if board is not None:
                     board.publish(cast(InterestedDetector, detector).interest())
-                yield frame
+                yield frame, NO_REQUESTS if noting is None else noting.take()
         finally:
             view.close()
             if detector is not None:

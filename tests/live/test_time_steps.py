@@ -6,9 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import clsim
+from clsim.cli.app import app
 from clsim.errors import InputError
+from clsim.frames import Frame, page_aligned
+from clsim.frames.exr import ExrSequence
+from clsim.live.noting import NotingTracer
 from clsim.live.options import LiveOptions
 from clsim.live.schedule import Schedule
 from clsim.live.time_steps import Looping
@@ -133,3 +138,43 @@ def test_a_snapshot_remembers_the_last_frame():
         simulator.restore(state)
         np.testing.assert_array_equal(simulator.step(66_667), first)
         assert len(first) > 50
+
+
+def test_what_was_traced_is_told_once_and_in_order():
+    class Tracer:
+        names, lit = ("A", "B"), True
+
+        def trace(self, pixels, times_s):
+            return np.stack([pixels, times_s]).astype(np.float32)
+
+    tracer = NotingTracer(Tracer(), 10)
+    for pixels in ((3, 27), (99,)):
+        tracer.trace(np.array(pixels, np.int32), np.full(len(pixels), 0.25))
+    found = tracer.take()
+    assert (found.x.tolist(), found.y.tolist(), found.names.tolist()) == ([3, 7, 9], [0, 2, 9], ["A", "B"])
+    assert found.planes.tolist() == [[3, 27, 99], [0.25] * 3] and found.time_s.tolist() == [0.25] * 3
+    assert len(tracer.take().x) == 0
+
+
+@pytest.mark.slow
+def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_path):
+    times, frames, between = tmp_path / "times.txt", tmp_path / "frames", tmp_path / "between"
+    times.write_text("0.002\n0.0101 second\n0.0333\n")
+    shared = ["render", "two-boxes", "--resolution", "32x24"]
+    run = CliRunner()
+    assert run.invoke(app, [*shared, "--times", str(times), "--out", str(frames)]).exit_code == 0
+    source = ExrSequence(frames)
+    frame = Frame(page_aligned((len(source.names), 24, 32)), source.names)
+    found = []
+    for index in range(3):
+        source.fill(index, frame)
+        found.append(frame.time_us)
+    assert found == [2000, 10100, 33300]
+    asked = [*shared, "--times", "adaptive", "--frame-count", "3", "--out", str(between)]
+    assert run.invoke(app, asked).exit_code == 0
+    with np.load(between / "between-000002.npz") as traced, clsim.Simulator("two-boxes", **SMALL) as simulator:
+        simulator.step(66_667)
+        assert simulator._eye.detector.between.stats.requests > len(traced["x"]) > 100
+        assert traced["planes"].shape == (len(traced["names"]), len(traced["x"]))
+        assert 1 / 30 < traced["time_s"].min() < traced["time_s"].max() < 2 / 30
+    assert run.invoke(app, [*shared, "--times", str(times), "--truth", "depth", "--out", str(tmp_path)]).exit_code != 0
