@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +29,7 @@ class Requests:
     planes: FloatArray
     names: npt.NDArray[np.str_]
 
-    def as_dict(self) -> dict[str, npt.NDArray[np.generic]]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the arrays by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
