@@ -122,11 +122,11 @@ CACHED: dict[Quality, Point] = {
         method="esim",
         window=None,
         sampling="cached",
-        probe_spp=1,
-        spp=16,
-        first_hit_rays=128,
+        probe_spp=2,
+        spp=32,
+        first_hit_rays=256,
         sampler="sobol",
-        probe_every=8,
+        probe_every=4,
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""

@@ -24,7 +24,7 @@ STILL = 0.05
 _INSIDE = 4
 """First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at; an eighth of
 all, where that is more …"""
-_INSIDE_PLAIN = ((16, 0), (64, 1), (1 << 30, 3))
+_INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
@@ -64,19 +64,20 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool) -> Any:
+def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, spared: int = 0) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
+        spared: rays left out inside a pixel whose corners look alike.
     """
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer)
+        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer) - spared
         looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays
