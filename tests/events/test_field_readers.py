@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.dv_stream import AEDAT4_MAGIC, Compression, pack_header
-from clsim.events.evt3_words import Evt3Decoder
+from clsim.events.evt3_words import Evt3Decoder, Evt3Encoder
 from clsim.events.files import open_source
 from clsim.events.filesink import FlushPolicy
 
@@ -260,6 +260,15 @@ def test_any_evt3_words_are_decoded_by_the_rules_of_openeb(words, size):
     assert found == sorted(found, key=lambda event: event[0])
     if size >= len(words) or all(a[0] <= b[0] for a, b in itertools.pairwise(expected)):
         assert sorted(found) == sorted(expected)
+
+
+def test_words_sent_afresh_stand_alone_though_time_and_row_are_as_before():
+    encoder = Evt3Encoder()
+    events_at_once = np.array([(5_000_000, x, 7, True) for x in (3, 4)], EVENT_DTYPE)
+    encoder.encode(events_at_once[:1])
+    alone = Evt3Decoder(WIDTH, HEIGHT).decode(encoder.encode(events_at_once[1:], afresh=True))
+    assert [(y, x, on) for _, x, y, on in alone.tolist()] == [(7, 4, True)]
+    assert alone["t"] % (1 << 24) == 5_000_000
 
 
 def test_evt21_is_refused(tmp_path):
