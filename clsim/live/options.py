@@ -313,8 +313,6 @@ class LiveOptions:
             raise InputError(f"`time_tolerance_us` {tolerance:g} is for `time` adaptive, but time is {self.time}")
         if self.time == "fixed":
             return
-        if self.sensor is not None and not self.sensor.is_ideal:
-            raise InputError(f"`time` {self.time} is for the ideal pixel, but `sensor` is given; leave one of them out")
         if point.method not in ("esim", "irradiance"):
             raise InputError(f"`time` {self.time} needs `method` esim or irradiance, got {point.method}")
         if point.noise != "common":

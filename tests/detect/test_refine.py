@@ -11,6 +11,8 @@ from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.score.matching import Sampling, one_to_one
+from clsim.sensor import SensorSettings, Specimen
+from clsim.sensor.pixel_stages import FrontEnd, Noise, Refractory, Threshold
 
 WIDTH, HEIGHT = 96, 8
 NAMES = ("R", "G", "B")
@@ -30,6 +32,7 @@ class Bars:
     bar: float = 4.3
     day: float = 1.0
     names: tuple[str, ...] = NAMES
+    lit: bool = True
     asked: int = 0
 
     def luminance(self, pixels, times_s):
@@ -61,9 +64,9 @@ class Bars:
         pass
 
 
-def run(scene, fps, tolerance_us=None, duration_s=0.1):
-    tracer = None if tolerance_us is None else scene
-    detector = Detector(CONFIG, WIDTH, HEIGHT, NAMES, tracer=tracer, tolerance_us=tolerance_us or 0.0)
+def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None):
+    options = {"tracer": None if tolerance_us is None else scene, "tolerance_us": tolerance_us or 0.0}
+    detector = Detector(CONFIG, WIDTH, HEIGHT, NAMES, specimen=specimen, **options)
     frame = Frame(page_aligned((3, HEIGHT, WIDTH)), NAMES)
     events = []
     for index in range(round(duration_s * fps) + 1):
@@ -111,6 +114,30 @@ def test_bars_are_timed_to_the_tolerance_by_few_requests():
         assert len(errors(events, reference)) >= 0.99 * len(reference)
         assert np.median(errors(events, reference)) <= median_us
     assert scene.asked < 2 * 4 * len(reference)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sensor", "share"),
+    [
+        (SensorSettings(front_end=FrontEnd(0.1, 30.0, 300.0), noise=Noise(shot=0.05)), 0.99),
+        (
+            SensorSettings(
+                threshold=Threshold(mismatch=0.03), front_end=FrontEnd(0.1, 30.0, 300.0), refractory=Refractory(300.0)
+            ),
+            0.98,
+        ),
+    ],
+)
+def test_a_sensor_sees_what_goes_between_frames(sensor, share):
+    """Filters, noise and rests take the levels between frames as an ideal pixel does."""
+    specimen, scene = Specimen(sensor, 1), Bars(1000.0)
+    reference, _ = run(scene, 15_000, specimen=specimen)
+    alone, _ = run(scene, 30, specimen=specimen)
+    events, _ = run(scene, 30, 10.0, specimen=specimen)
+    found = errors(events, reference)
+    assert len(reference) > 5 * WIDTH * HEIGHT and len(alone) < 0.2 * len(reference)
+    assert len(found) >= share * max(len(events), len(reference)) and np.median(found) <= 10
 
 
 def test_where_nothing_moves_nothing_is_asked():
