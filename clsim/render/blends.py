@@ -3,7 +3,8 @@
 """Materials that are blends of others, as Warp functions.
 
 A path takes one of them by chance, each as often as its share is, and nothing but that one scatters there; what planes
-show is the mean of all. A blend is a chain: each material names one other, which may name a third.
+show is the mean of all. A blend is a chain: each material names one other, which may name a third. Where the other is
+what the back shows, its share is all there and nothing in front.
 """
 
 from typing import Any
@@ -20,6 +21,8 @@ _STEPS = wp.constant(3)
 """Steps along a chain; what comes behind is left out."""
 FIRST = wp.constant(2.0)
 """The chance that leaves the first of a chain."""
+BEHIND = wp.constant(4.0)
+"""The share of what the back shows: more than any chance."""
 
 
 def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, Any]:
@@ -31,13 +34,15 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
     lookup, _ = make_textures(features)
 
     @wp.func
-    def share_of_other(materials: Materials, material: int, uv: wp.vec2) -> float:
+    def share_of_other(materials: Materials, material: int, point: Surface) -> float:
         row = materials.rows[material]
         share = row.blend_share
         if wp.static(features.textures):
             if row.blend_texture >= 0:
-                rgba = lookup(materials.textures, row.blend_texture, uv)
+                rgba = lookup(materials.textures, row.blend_texture, point.uv)
                 share = share * luminance(wp.vec3(rgba[0], rgba[1], rgba[2]))
+        if row.blend_behind != 0:
+            share = wp.where(point.front, 0.0, BEHIND)
         return wp.where(row.blend_with >= 0, share, 0.0)
 
     @wp.func
@@ -45,11 +50,12 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
         material = int(point.material)
         left = float(chance)
         for _ in range(_STEPS):
-            share = share_of_other(materials, material, point.uv)
+            share = share_of_other(materials, material, point)
             if left < share:
                 material = materials.rows[material].blend_with
                 # What is left of the chance is even again.
-                left = left / share
+                if share < BEHIND:
+                    left = left / share
             else:
                 left = FIRST
         return material
@@ -60,7 +66,7 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
         left = float(1.0)
         each = point
         for k in range(_STEPS + 1):
-            share = share_of_other(materials, each.material, point.uv)
+            share = wp.min(share_of_other(materials, each.material, point), 1.0)
             if k == _STEPS:
                 share = 0.0
             if left > 0.0:

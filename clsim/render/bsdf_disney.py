@@ -35,8 +35,7 @@ class DisneyLobes:
     """Probabilities with which each lobe is drawn."""
 
     coat: float
-    reflect: float
-    through: float
+    specular: float
     diffuse: float
 
 
@@ -78,19 +77,30 @@ def _reflectance(row: MaterialRow, b: Bsdf, cosine: float) -> wp.vec3:
 
 
 @wp.func
+def _passing(b: Bsdf, cosine: float) -> float:
+    """Return about what the glass lets pass, its colour's luminance included."""
+    glass = b.transmission * (1.0 - b.metallic) * wp.sqrt(luminance(b.color))
+    return glass * (1.0 - fresnel_dielectric(cosine, b.eta)[0])
+
+
+@wp.func
+def _mirrored(row: MaterialRow, b: Bsdf, cosine: float) -> float:
+    """Return the probability with which a microfacet reflects rather than refracts."""
+    light = luminance(_reflectance(row, b, cosine))
+    return light / wp.max(light + _passing(b, cosine), 1.0e-20)
+
+
+@wp.func
 def _lobes(row: MaterialRow, b: Bsdf, wo: wp.vec3) -> DisneyLobes:
     lobes = DisneyLobes()
-    lobes.reflect = luminance(_reflectance(row, b, wo[2]))
-    passing = b.transmission * (1.0 - b.metallic) * (1.0 - fresnel_dielectric(wo[2], b.eta)[0])
-    lobes.through = passing * wp.sqrt(luminance(b.color))
+    lobes.specular = luminance(_reflectance(row, b, wo[2])) + _passing(b, wo[2])
     if not _inside(b):
         lobes.coat = _COAT_SHARE * b.clearcoat * (_COAT_F0 + (1.0 - _COAT_F0) * _weight(wo[2]))
         base = (1.0 - b.transmission) * luminance(b.color) + row.sheen * _weight(wo[2])
         lobes.diffuse = (1.0 - b.metallic) * base
-    total = wp.max(lobes.coat + lobes.reflect + lobes.through + lobes.diffuse, 1.0e-20)
+    total = wp.max(lobes.coat + lobes.specular + lobes.diffuse, 1.0e-20)
     lobes.coat = lobes.coat / total
-    lobes.reflect = lobes.reflect / total
-    lobes.through = lobes.through / total
+    lobes.specular = lobes.specular / total
     lobes.diffuse = lobes.diffuse / total
     return lobes
 
@@ -141,7 +151,7 @@ def disney_value(materials: Materials, b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Sca
         both = seen * smith_g1(evened(wi, row.stretch), alpha)
         if wi[2] > 0.0:
             result.value = _reflectance(row, b, out_h) * (0.25 * both)
-            result.pdf = lobes.reflect * 0.25 * seen
+            result.pdf = lobes.specular * _mirrored(row, b, out_h) * 0.25 * seen
             if not _inside(b):
                 result.value += _base(row, b, wo, wi, h)
                 result.pdf += lobes.diffuse * wi[2] / wp.pi
@@ -158,7 +168,7 @@ def disney_value(materials: Materials, b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Sca
             passing = b.transmission * (1.0 - b.metallic) * (1.0 - fresnel_dielectric(out_h, b.eta)[0])
             root = wp.vec3(wp.sqrt(b.color[0]), wp.sqrt(b.color[1]), wp.sqrt(b.color[2]))
             result.value = root * (passing * both * turned)
-            result.pdf = lobes.through * seen * turned * b.eta * b.eta
+            result.pdf = lobes.specular * (1.0 - _mirrored(row, b, out_h)) * seen * turned * b.eta * b.eta
     return result
 
 
@@ -181,7 +191,8 @@ def disney_sample(materials: Materials, b: Bsdf, wo: wp.vec3, choice: float, u: 
     else:
         drawn = sample_visible_normal(evened(wo, row.stretch), wp.max(b.alpha, SMOOTH), u)
         h = wp.normalize(evened(drawn, row.stretch))
-        if choice < lobes.diffuse + lobes.coat + lobes.reflect:
+        left = (choice - lobes.diffuse - lobes.coat) / wp.max(lobes.specular, 1.0e-20)
+        if left < _mirrored(row, b, wp.dot(wo, h)):
             s.direction = reflected(wo, h)
         else:
             through = True

@@ -30,6 +30,7 @@ class SceneFeatures:
         bump_maps: some used material's normals are bent by heights.
         beckmann: some used material's microfacets are of Beckmann's distribution.
         anisotropic: some used material is rougher along one tangent than along the other.
+        absorption: some used glass dims light on its way within.
         blends: some used material is a blend with another.
         alpha: some used material is cut out or translucent.
         transmission: some used material passes light to its other side.
@@ -62,6 +63,7 @@ class SceneFeatures:
     bump_maps: bool
     beckmann: bool
     anisotropic: bool
+    absorption: bool
     blends: bool
     alpha: bool
     transmission: bool
@@ -132,6 +134,7 @@ class Features(SceneFeatures):
             (self.bump_maps, "bump maps"),
             (self.beckmann, "Beckmann's microfacets"),
             (self.anisotropic, "roughness that differs along u and v"),
+            (self.absorption, "glass that dims light within"),
             (self.blends, "blends of materials"),
             (self.alpha, "cut-out and translucent surfaces"),
             (self.follow_specular, "features seen through mirrors and clear glass"),
@@ -276,6 +279,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         bump_maps="bump" in uses,
         beckmann=any(material.distribution == "beckmann" for material in materials),
         anisotropic=any(material.stretch != 1 for material in materials),
+        absorption=any(max(material.absorption) > 0 and passes_light(material) for material in materials),
         blends=any(material.blend_with >= 0 for material in materials),
         alpha=any(material.alpha_mode != "opaque" for material in materials),
         transmission=any(passes_light(material) for material in materials),

@@ -12,21 +12,23 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.absorption import absorption_towards, dimmed
 from clsim.render.alpha import make_alpha
 from clsim.render.blends import FIRST, make_blends
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
-from clsim.render.film import Moments, Sample, make_film
+from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
+from clsim.render.gather import make_gather
 from clsim.render.geometry import Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import Lights, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
-from clsim.render.sobol import make_sampler, reverse_bits
+from clsim.render.sobol import make_sampler
 from clsim.render.textures import Footprint
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
@@ -152,12 +154,19 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         passed_m = float(0.0)
         # The product of squared relative indices, by which radiance, but not power, was divided on the way.
         eta2 = float(1.0)
+        # Of the glass that the ray is in [m⁻¹].
+        absorption = wp.vec3()
         # Where the ray was scattered, for the densities with which the lights would have been drawn there.
         last = Receiver()
         last.position = start
         last.normal = toward
         for depth in range(settings.max_depth):
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
+            if wp.static(features.absorption):
+                if hit.triangle >= 0 or hit.sphere >= 0:
+                    left = dimmed(absorption, hit.t)
+                    throughput = wp.cw_mul(throughput, left)
+                    tint = wp.cw_mul(tint, left)
             if hit.triangle < 0:
                 if wp.static(features.sphere_lights):
                     if hit.sphere >= 0:
@@ -246,6 +255,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                             visible = visibility(scene, light.origin, light.direction, light.distance, time)
                             if visible > 0.0:
                                 w = visible
+                                if wp.static(features.absorption):
+                                    way = absorption_towards(scene.materials, point, light.direction, absorption)
+                                    value = wp.cw_mul(value, dimmed(way, light.distance))
                                 if wp.static(by_scatter):
                                     if not light.delta:
                                         w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
@@ -259,6 +271,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             if (scattered.pdf <= 0.0 and not scattered.delta) or not agree(point, scattered.direction):
                 break
             direction = scattered.direction
+            if wp.static(features.absorption):
+                absorption = absorption_towards(scene.materials, point, direction, absorption)
             pdf = scattered.pdf
             alone = scattered.delta
             throughput = wp.cw_mul(throughput, scattered.weight)
@@ -337,34 +351,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         point.material = like.material - 1
         return albedo_of(resolve_mean(scene.materials, point, footprint, places))
 
-    @wp.func
-    def gather(scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int) -> Moments:
-        """Trace all paths of a pixel."""
-        state = sampling.absorb(settings.stream, pixel)
-        stream = sampling.Stream()
-        moments = Moments()
-        if wp.static(features.sobol):
-            for batch in range(settings.batches):
-                # No sample has a negative number.
-                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1 - batch))
-                part = Moments()
-                for i in range(batch, settings.samples, settings.batches):
-                    stream.key = sampling.stream_key(sampling.absorb(state, i))
-                    stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
-                    sample = shoot(scene, camera, settings, pixel, instant, stream, False)
-                    if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                        part = add(part, sample, settings.spectral)
-                moments = merge(moments, part, settings.spectral)
-        else:
-            for i in range(settings.samples):
-                stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, instant, stream, False)
-                # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
-                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                    moments = add(moments, sample, settings.spectral)
-        return moments
-
     types = Scene, CameraState, Settings
+    gather = make_gather(features.sobol, shoot, add, merge, *types)
     look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, *types)
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:

@@ -47,6 +47,7 @@ class MaterialRow:
     flatness: float
     stretch: float
     beckmann: int
+    absorption: wp.vec3
     nonlinear: int
     table: int
     inner: float
@@ -61,6 +62,7 @@ class MaterialRow:
     blend_with: int
     blend_share: float
     blend_texture: int
+    blend_behind: int
     bump_texture: int
     texture: int
     emission_texture: int

@@ -45,6 +45,8 @@ def _row(material: Material, tables: list[npt.NDArray[np.float64]]) -> Any:
     for name in ("specular_tint", "sheen", "sheen_tint", "flatness", "stretch"):
         setattr(row, name, getattr(material, name))
     row.beckmann = int(material.distribution == "beckmann")
+    row.absorption = wp.vec3(*material.absorption)
+    row.blend_behind = int(material.blend_behind)
     row.nonlinear = int(material.nonlinear)
     if material.kind == "plastic":
         row.table = sum(map(len, tables))

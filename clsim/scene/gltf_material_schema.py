@@ -123,6 +123,15 @@ class Transmission(Part):
     transmissionTexture: TextureInfo | None = None
 
 
+class Volume(Part):
+    """KHR_materials_volume."""
+
+    thicknessFactor: NonNegative = 0.0
+    thicknessTexture: TextureInfo | None = None
+    attenuationDistance: NonNegative | None = None
+    attenuationColor: Color = (1.0, 1.0, 1.0)
+
+
 class Clearcoat(Part):
     """KHR_materials_clearcoat."""
 
@@ -154,6 +163,7 @@ class MaterialExtensions(Part):
     KHR_materials_emissive_strength: EmissiveStrength = EmissiveStrength()
     KHR_materials_ior: Ior = Ior()
     KHR_materials_transmission: Transmission = Transmission()
+    KHR_materials_volume: Volume = Volume()
     KHR_materials_clearcoat: Clearcoat = Clearcoat()
     KHR_materials_specular: Specular = Specular()
     KHR_materials_pbrSpecularGlossiness: SpecularGlossiness | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,8 @@ from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
 WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
 NEAREST = 9728
 DEFAULT = schema.Material()
+LEAST_ALPHA, LEAST_IOR = 0.001, 1.001
+"""Disney's glass is never quite smooth, and denser than air."""
 
 
 class MaterialReader:
@@ -60,6 +63,7 @@ class MaterialReader:
         for extension in sorted(set(extra.model_extra or {}) - set(EXTENSIONS)):
             self._warn(f"the extension {extension} of materials is left out")
         for feature, info in (
+            ("thickness", extra.KHR_materials_volume.thicknessTexture),
             ("transmission", extra.KHR_materials_transmission.transmissionTexture),
             ("clearcoat", extra.KHR_materials_clearcoat.clearcoatTexture),
             ("clearcoat roughness", extra.KHR_materials_clearcoat.clearcoatRoughnessTexture),
@@ -95,7 +99,7 @@ class MaterialReader:
         if extra.KHR_materials_unlit is not None:
             lobe = (0.0, 0.0, 0.0)
         ior = extra.KHR_materials_ior.ior
-        return Material(
+        material = Material(
             kind="principled",
             color=color,
             texture=base_texture,
@@ -120,6 +124,7 @@ class MaterialReader:
             opacity_texture=base if blends else -1,
             name=source.name,
         )
+        return _solid(material, extra.KHR_materials_volume)
 
     def _texture(self, info: schema.TextureInfo | None, *, srgb: bool) -> int:
         """Return the index into ``textures``, -1 for none."""
@@ -164,6 +169,24 @@ class MaterialReader:
                 raise InputError(f"{source} has neither uri nor bufferView")
             self._images[index] = decode_rgba(source, data, self._budget)
         return self._images[index]
+
+
+def _solid(material: Material, volume: schema.Volume) -> Material:
+    """Return glass that has an inside, where its thickness says so: it refracts, and dims light on its way within.
+
+    Its colour tints light once on the way in and out (KHR_materials_volume).
+    """
+    if volume.thicknessFactor == 0 or material.transmission == 0:
+        return material
+    r, g, b = (
+        -math.log(min(max(channel, 1e-6), 1.0)) / volume.attenuationDistance if volume.attenuationDistance else 0.0
+        for channel in volume.attenuationColor
+    )
+    solid = replace(material, absorption=(r, g, b))
+    if material.transmission == 1 and material.metallic == 0:
+        x, y, z = (math.sqrt(channel) for channel in material.color)
+        return replace(solid, kind="dielectric", color=(x, y, z))
+    return replace(solid, kind="disney", alpha=max(material.alpha, LEAST_ALPHA), ior=max(material.ior, LEAST_IOR))
 
 
 def _textures(source: schema.Material) -> list[schema.TextureInfo]:

@@ -18,6 +18,7 @@ from clsim.scene.world import Material, Vec3
 
 BLACK: Vec3 = (0.0, 0.0, 0.0)
 GREY: Vec3 = (0.5, 0.5, 0.5)
+SIGMAS = ("sigma_a", "sigma_s")
 
 
 class MaterialReader:
@@ -37,17 +38,42 @@ class MaterialReader:
         self._told: set[str] = set()
         self._indices: dict[Material, int] = {}
 
-    def index(self, bsdf: Plugin | None, emission: Vec3 = (0.0, 0.0, 0.0), emission_texture: int = -1) -> int:
-        """Return the index into ``materials`` of a bsdf on a surface that also emits."""
+    def index(
+        self,
+        bsdf: Plugin | None,
+        emission: Vec3 = (0.0, 0.0, 0.0),
+        emission_texture: int = -1,
+        inside: Plugin | None = None,
+    ) -> int:
+        """Return the index into ``materials`` of a bsdf on a surface that also emits, with a medium ``inside``."""
         if bsdf is None:  # Mitsuba's default is grey, and black for what emits
             color = BLACK if any(emission) else GREY
             material = Material(color=color, back="black")
         else:
             material = self._read(bsdf)
+        if inside is not None:
+            material = self._filled(material, inside)
         if any(emission):
             # Mitsuba's area lights shine from the front alone, on whichever sides the bsdf scatters.
             material = replace(material, emission=emission, emission_texture=emission_texture, emits_behind=False)
         return self._added(material)
+
+    def _filled(self, material: Material, medium: Plugin) -> Material:
+        """Return glass that absorbs as a medium does; of one that scatters, or is not in glass, a warning says so."""
+        solid = material.kind == "dielectric" or (material.kind == "disney" and material.transmission > 0)
+        name = f"the medium {medium.id or medium.type} ({Path(medium.place).name})"
+        if medium.type != "homogeneous" or not solid:
+            self._tell(f"{name} is left out: clsim knows only homogeneous media without scattering, in glass")
+            return material
+        if "sigma_a" in medium.values or "sigma_s" in medium.values:
+            absorbed, scattered = (self.textures.color(medium, name, 0.0, plain=True)[0] for name in SIGMAS)
+        else:
+            absorbed = self.textures.color(medium, "sigma_t", 1.0, plain=True)[0]
+            scattered = self.textures.color(medium, "albedo", 0.75, plain=True)[0]
+        if any(scattered):
+            self._tell(f"{name} is left out, for it scatters: what is milky within is clear")
+            return material
+        return replace(material, absorption=_scaled(absorbed, max(medium.get("scale", 1.0), 0.0)))
 
     def _added(self, material: Material) -> int:
         if material not in self._indices:
@@ -140,10 +166,14 @@ class MaterialReader:
         return read_principled(bsdf, self.textures, self._warn)
 
     def _read_twosided(self, bsdf: Plugin) -> Material:
-        nested = self._nested(bsdf)
-        if len(bsdf.of_kind("bsdf")) > 1:
-            self._warn("a twosided bsdf with two sides of its own shows its first on both")
-        return self._twosided(self._read(nested))
+        self._nested(bsdf)
+        front, *behind = (self._twosided(self._read(each)) for each in bsdf.of_kind("bsdf")[:2])
+        if not behind or front == behind[0]:
+            return front
+        if front.blend_with >= 0:
+            self._warn("a twosided bsdf whose front is a blend shows it on both sides")
+            return front
+        return replace(front, blend_with=self._added(behind[0]), blend_behind=True)
 
     def _twosided(self, material: Material) -> Material:
         """Return a material that scatters behind as it does in front, and so does what it is a blend with."""
@@ -158,8 +188,12 @@ class MaterialReader:
         texture = bsdf.child("opacity")
         if texture is None:
             opacity, _ = self.textures.color(bsdf, "opacity", 0.5, plain=True)
-            return replace(material, alpha_mode="blend", opacity=min(luminance(opacity), 1.0))
-        return replace(material, alpha_mode="blend", opacity_texture=self.textures.index(texture, as_opacity=True))
+            left = material.opacity * min(max(luminance(opacity), 0.0), 1.0)
+            return replace(material, alpha_mode="blend", opacity=left)
+        if material.opacity_texture >= 0:
+            self._warn("of a mask within a mask, the texture of the outer one counts alone")
+        index = self.textures.index(texture, as_opacity=True)
+        return replace(material, alpha_mode="blend", opacity_texture=index)
 
     def _read_normalmap(self, bsdf: Plugin) -> Material:
         material = self._read(self._nested(bsdf))
@@ -185,6 +219,13 @@ class MaterialReader:
         first, second = map(self._read, nested)
         weight, texture = self.textures.color(bsdf, "weight", 0.5)
         share = min(max(luminance(weight), 0.0), 1.0)
+        if {first.alpha_mode, second.alpha_mode} != {"opaque"}:
+            if max(first.opacity_texture, second.opacity_texture, texture) >= 0:
+                self._warn("masks within a blend that are textures, or whose weight is one, take those of the first")
+            else:
+                opacity = (1.0 - share) * first.opacity + share * second.opacity
+                share = share * second.opacity / max(opacity, 1e-9)
+                first = replace(first, alpha_mode="blend", opacity=opacity)
         if first.blend_with >= 0:
             if second.blend_with >= 0 or texture >= 0:
                 self._warn("of a blend within a blend, the first material stands in")

@@ -144,8 +144,6 @@ class _Reader:
         if mesh is None:
             self._warn(f"shapes of type {shape.type} are left out")
             return None
-        if shape.of_kind("medium"):
-            self._warn("media are left out: what is fog or coloured within is clear")
         emission: Vec3 = (0.0, 0.0, 0.0)
         texture = -1
         if emitter is not None:
@@ -156,7 +154,11 @@ class _Reader:
             else:
                 emission = _radiance(emitter, "radiance")
         bsdf = next(iter(shape.of_kind("bsdf")), None)
-        material = self.materials.index(bsdf, emission, texture)
+        media = shape.of_kind("medium")
+        inside = next((medium for medium in media if medium.name == "interior"), None)
+        if any(medium.name == "exterior" for medium in media):
+            self._warn("media outside of shapes are left out: what is fog is clear")
+        material = self.materials.index(bsdf, emission, texture, inside)
         return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
 
     def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion) -> bool:

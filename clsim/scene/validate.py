@@ -154,7 +154,7 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
         yield f"{name}: stretch is {material.stretch}, expected a positive number"
     if not _within((material.sheen,)):
         yield f"{name}: sheen is {material.sheen}, expected a finite number from 0"
-    for key in ("emission", "eta", "k", "specular_color"):
+    for key in ("emission", "eta", "k", "specular_color", "absorption"):
         if not _within(getattr(material, key) or ()):
             yield f"{name}: {key} is {getattr(material, key)}, expected finite numbers from 0"
 

@@ -126,11 +126,13 @@ class Material:
             F90 of its dielectric layer.
         specular_tint, sheen, sheen_tint, flatness: what only ``disney`` has; 0 … 1.
         stretch: roughness along u is α·stretch and along v α/stretch, of ``conductor``, ``dielectric``, ``disney``.
+        absorption: how much light dims within ``dielectric`` or ``disney`` glass [m⁻¹]: by exp(−absorption·way).
         nonlinear: plastic's colour shift by inner reflections (Mitsuba's ``nonlinear``).
         bump_texture: its luminance is height over the surface, ``bump_scale`` metres for 1; it bends normals.
         blend_with: index of another material of which this one is a blend; -1 for none. That may be one again.
         blend_share: share of the other one; 0 … 1.
         blend_texture: its luminance multiplies that share.
+        blend_behind: the other one is instead what the whole back shows, and nothing of the front.
         alpha_mode: ``opaque``; ``mask`` cuts where opacity < ``alpha_cutoff``; ``blend`` lets that share through.
         opacity_texture: opacity is ``opacity`` times this texture's alpha channel.
     """
@@ -156,6 +158,7 @@ class Material:
     sheen_tint: float = 0.0
     flatness: float = 0.0
     stretch: float = 1.0
+    absorption: Vec3 = (0.0, 0.0, 0.0)
     nonlinear: bool = False
     transmission: float = 0.0
     clearcoat: float = 0.0
@@ -167,6 +170,7 @@ class Material:
     blend_with: int = -1
     blend_share: float = 0.5
     blend_texture: int = -1
+    blend_behind: bool = False
     alpha_mode: AlphaMode = "opaque"
     alpha_cutoff: float = 0.5
     opacity: float = 1.0

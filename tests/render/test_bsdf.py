@@ -219,6 +219,16 @@ def exact_ggx_albedo(alpha, theta, correlated, fresnel=lambda c: 1.0):
     return np.where(valid, d[:, None] * g * fresnel(dot) * dot / wo[2] * solid, 0.0).sum()
 
 
+def test_disneys_white_glass_is_glass():
+    """Also where the surface as a whole would reflect all and some of its microfacets do not."""
+    both = [Lone(Material(kind=kind, color=WHITE, alpha=0.4, transmission=1.0)) for kind in ("disney", "dielectric")]
+    for front in (True, False):
+        for theta in ANGLES:
+            means = [lone.draw(from_angles(theta), 1 << 16, front)[1][:, 0] for lone in both]
+            error = np.sqrt(sum(weight.var() for weight in means) / (1 << 16))
+            assert abs(means[0].mean() - means[1].mean()) < 4 * error + 1e-4, (front, theta)
+
+
 @pytest.mark.parametrize("alpha", [0.05, 0.3, 0.8])
 @pytest.mark.parametrize("kind", ["conductor", "principled"])
 def test_white_metal_loses_what_single_scattering_loses(kind, alpha):

@@ -166,10 +166,20 @@ def test_the_principal_point_is_the_film_shift_turned_round(tmp_path):
     assert found.lens.principal_point == pytest.approx((-0.1, 0.1))
 
 
-def test_media_are_left_out_with_a_word(tmp_path):
-    fog = '<medium type="homogeneous" name="interior"><float name="scale" value="2"/></medium>'
-    world = load(tmp_path, f'<shape type="cube"><bsdf type="dielectric"/>{fog}</shape>')
-    assert any("media are left out" in warning for warning in world.warnings)
+def test_glass_absorbs_as_its_medium_and_other_media_are_left_out_with_a_word(tmp_path):
+    medium = '<medium type="homogeneous" name="interior" id="ink"><float name="scale" value="2"/>{}</medium>'
+    clear = '<float name="albedo" value="0"/><rgb name="sigma_t" value="0.1, 0.2, 0.3"/>'
+    old = '<rgb name="sigmaA" value="0.1, 0.2, 0.3"/>'
+    shape = '<shape type="cube"><bsdf type="{}"/>{}</shape>'
+    for text, version in ((clear, "3.0.0"), (old, "0.6.0")):
+        world = load(tmp_path, shape.format("dielectric", medium.format(text)), version)
+        assert world.materials[0].absorption == pytest.approx((0.2, 0.4, 0.6)) and not world.warnings
+    for kind, text in (("dielectric", ""), ("diffuse", clear)):
+        world = load(tmp_path, shape.format(kind, medium.format(text)))
+        assert world.materials[0].absorption == (0, 0, 0)
+        assert any("ink" in warning and "left out" in warning for warning in world.warnings)
+    outside = medium.format(clear).replace("interior", "exterior")
+    assert any("fog" in warning for warning in load(tmp_path, shape.format("diffuse", outside)).warnings)
     assert not load(tmp_path, '<shape type="cube"><bsdf type="dielectric"/></shape>').warnings
 
 

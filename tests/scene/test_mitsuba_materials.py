@@ -175,3 +175,22 @@ def test_old_texture_scales_come_before_the_transform(tmp_path):
     )
     _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>')
     np.testing.assert_allclose(np.array(world.textures[0].uv_matrix) @ (0.5, 0, 1), (1.25, 0))
+
+
+def test_masks_and_two_sides_are_combined(tmp_path):
+    red = '<bsdf type="diffuse"><rgb name="reflectance" value="0.9, 0.1, 0.1"/></bsdf>'
+    blue = red.replace("0.9, 0.1, 0.1", "0.1, 0.1, 0.9")
+
+    def mask(bsdf, opacity):
+        return f'<bsdf type="mask"><float name="opacity" value="{opacity}"/>{bsdf}</bsdf>'
+
+    found, _ = material(tmp_path, mask(mask(red, 0.5), 0.4))
+    assert (found.alpha_mode, found.opacity) == ("blend", pytest.approx(0.2))
+    found, world = material(tmp_path, f'<bsdf type="twosided">{red}{blue}</bsdf>')
+    other = world.materials[found.blend_with]
+    assert (found.color[0], other.color[2], found.blend_behind) == (0.9, 0.9, True) and not world.warnings
+    assert (found.back, other.back) == ("same", "same")
+    weight = '<float name="weight" value="0.25"/>'
+    found, _ = material(tmp_path, f'<bsdf type="blendbsdf">{weight}{red}{mask(blue, 0.2)}</bsdf>')
+    # Of the light that meets it .75 is scattered by red, .05 by blue, and .2 goes on.
+    assert (found.opacity, found.blend_share * found.opacity) == (pytest.approx(0.8), pytest.approx(0.05))

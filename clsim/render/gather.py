@@ -1,0 +1,45 @@
+# Warp: wp.static drops a branch only where it stands alone.
+"""All paths of a pixel, one after the other, as a Warp function."""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render import sampling
+from clsim.render.film import Moments
+from clsim.render.sobol import reverse_bits
+
+
+def make_gather(
+    sobol: bool, shoot: Any, add: Any, merge: Any, scene_type: Any, camera_type: Any, settings_type: Any
+) -> Any:
+    """Return the Warp function ``gather(scene, camera, settings, pixel, instant)``, which gives a pixel's moments."""
+
+    @wp.func
+    def gather(scene: scene_type, camera: camera_type, settings: settings_type, pixel: int, instant: int) -> Moments:
+        """Trace all paths of a pixel."""
+        state = sampling.absorb(settings.stream, pixel)
+        stream = sampling.Stream()
+        moments = Moments()
+        if wp.static(sobol):
+            for batch in range(settings.batches):
+                # No sample has a negative number.
+                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1 - batch))
+                part = Moments()
+                for i in range(batch, settings.samples, settings.batches):
+                    stream.key = sampling.stream_key(sampling.absorb(state, i))
+                    stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
+                    sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                    if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                        part = add(part, sample, settings.spectral)
+                moments = merge(moments, part, settings.spectral)
+        else:
+            for i in range(settings.samples):
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
+                if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    moments = add(moments, sample, settings.spectral)
+        return moments
+
+    return gather
