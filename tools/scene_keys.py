@@ -207,6 +207,22 @@ Objects that stand still are one mesh, copies and all; those that move share the
 of 10 million triangles takes 1.9 GB in all and 15 seconds of one core until its first frame, and then .6 million paths
 a second and core (8 paths a pixel, 96×72; 1 million triangles: .43 GB, 4 s, 1.0 million).
 
+## Materials of other programs
+
+- Mitsuba: `diffuse`, `plastic`, `conductor`, `dielectric`, `thindielectric` and their rough kin with the microfacets
+  of GGX and Beckmann, `principled`, `blendbsdf`, `mask`, `twosided` (also with two sides of their own), `normalmap`,
+  `bumpmap`, `null`; homogeneous media that absorb and do not scatter, in glass. Roughness may differ along u and v.
+- glTF: metallic-roughness with clearcoat, specular, index of refraction, transmission (a thin wall), volume (solid
+  glass that refracts and absorbs), emissive strength and unlit.
+- pbrt: `diffuse`, `coateddiffuse`, `conductor`, `dielectric` and `thindielectric`, with the microfacets of GGX.
+
+What else a file asks for is told by a warning, with the first material that it is about; `--strict` refuses such
+files.
+
+In two places clsim differs from Mitsuba 3.9 on purpose. Point lights shine through masks and `null` as through holes,
+where Mitsuba's `path` lets them cast a shadow. A blend of a perfect mirror with something rough is the mean of both,
+to which Mitsuba's does not add up.
+
 ## What glass does to light
 
 Point, spot and directional lights do not shine through glass, neither panes nor solid glass (Mitsuba and pbrt agree):

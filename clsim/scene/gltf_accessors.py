@@ -41,6 +41,7 @@ EXTENSIONS = (
     "KHR_texture_transform",
 )
 """The extensions that clsim reads; a file may also require others of materials, which only look plainer then."""
+MESHOPT = "EXT_meshopt_compression"
 MAX_FILE_BYTES = 1 << 30
 Item = TypeVar("Item")
 Array = npt.NDArray[Any]
@@ -75,7 +76,9 @@ class GltfFile:
             raise InputError(f"{path}: {place}: {plainly(first)}{got}") from None
         lacking = [e for e in self.json.extensionsRequired if e not in EXTENSIONS and not _optional(e)]
         if lacking:
-            raise InputError(f"{path}: requires the glTF extension {', '.join(lacking)}, which clsim does not support")
+            advice = "; gltfpack -i IN -o OUT unpacks it" if MESHOPT in lacking else ""
+            names = ", ".join(lacking)
+            raise InputError(f"{path}: requires the glTF extension {names}, which clsim does not support{advice}")
         self._buffers: dict[int, memoryview] = {}
         self._decoded: dict[int, Array] = {}
         sizes = [len(data)]

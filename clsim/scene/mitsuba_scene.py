@@ -217,12 +217,15 @@ class _Reader:
                 motion = Static(compose(position, np.eye(3)))
             self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), _rigid(motion)))
         elif kind == "spot":
-            if emitter.child("texture") is not None:
-                self._warn("textures of spot lights are left out")
+            intensity = _radiance(emitter, "intensity")
+            if (texture := emitter.child("texture")) is not None:
+                self._warn("the mean of a spot light's texture stands in for it")
+                r, g, b = self.materials.textures.mean(self.materials.textures.index(texture))
+                intensity = intensity[0] * r, intensity[1] * g, intensity[2] * b
             outer = emitter.get("cutoff_angle", 20.0)
             inner = emitter.get("beam_width", outer * 3 / 4)
             turned = Nested(_rigid(motion), Static(TURN_ROUND))
-            light = PunctualLight("spot", _radiance(emitter, "intensity"), turned, min(inner, outer), outer, "linear")
+            light = PunctualLight("spot", intensity, turned, min(inner, outer), outer, "linear")
             self.punctual_lights.append(light)
         elif kind == "directional":
             turned_motion: Motion = Nested(_rigid(motion), Static(TURN_ROUND))

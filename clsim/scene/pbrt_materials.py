@@ -31,6 +31,7 @@ GLASSES = {
 }
 """Refractive indices at the yellow sodium line by the names of pbrt-v4."""
 WHITE: Vec3 = (1.0, 1.0, 1.0)
+LEAST_ALPHA = 0.001
 
 
 @dataclass(frozen=True)
@@ -263,11 +264,13 @@ class MaterialReader:
                 self._warn("of two textures of roughness the first is used")
             return replace(material, **self._roughness(self.texture(parameters, textured[0], 0.0), remapped))
         whole = parameters.number(names[0], 0.0)
-        across = [parameters.number(name, whole) for name in names[1:]]
-        if across[0] != across[1]:
-            self._warn("anisotropic roughness is averaged")
-        roughness = math.sqrt(max(across[0], 0.0) * max(across[1], 0.0))
-        return replace(material, alpha=min(math.sqrt(roughness) if remapped else roughness, 1.0))
+        across = [max(parameters.number(name, whole), 0.0) for name in names[1:]]
+        along_u, along_v = (min(math.sqrt(each) if remapped else each, 1.0) for each in across)
+        if along_u == along_v:
+            return replace(material, alpha=along_u)
+        # A perfect mirror along one tangent alone has no name: it is nearly one.
+        along_u, along_v = max(along_u, LEAST_ALPHA), max(along_v, LEAST_ALPHA)
+        return replace(material, alpha=math.sqrt(along_u * along_v), stretch=math.sqrt(along_u / along_v))
 
     def _roughness(self, texture: NamedTexture, remapped: bool) -> dict[str, Any]:
         """Return α, and the texture of it where there is one, as fields of a material."""

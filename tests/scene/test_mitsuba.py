@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 
 from clsim.errors import InputError
@@ -238,3 +239,12 @@ def test_parameters_are_given_after_the_files_name(tmp_path):
         with pytest.raises(InputError) as error:
             load_world(f"{path}{given}")
         assert expected in str(error.value)
+
+
+def test_spots_with_a_texture_shine_as_its_mean(tmp_path):
+    PIL.Image.fromarray(np.array([[[255, 0, 0], [0, 0, 0]]], np.uint8)).save(tmp_path / "a.png")
+    texture = '<texture type="bitmap" name="texture"><string name="filename" value="a.png"/></texture>'
+    spot = f'<emitter type="spot"><rgb name="intensity" value="4, 5, 6"/>{texture}</emitter>'
+    world = load(tmp_path, f'{spot}<shape type="cube"/>')
+    assert world.punctual_lights[0].intensity == (2, 0, 0)
+    assert any("spot" in warning for warning in world.warnings)

@@ -152,6 +152,14 @@ def test_materials_and_spectra(tmp_path):
         load_world(scene(tmp_path, 'Material "hair"\n' + TRIANGLE), strict=True)
 
 
+def test_roughness_may_differ_along_u_and_v(tmp_path):
+    both = '"float uroughness" 0.16 "float vroughness" 0.01'
+    m, world = material(tmp_path, f'"conductor" {both}')
+    assert (m.alpha, m.stretch) == pytest.approx((0.2, 2.0)) and not world.warnings
+    m, _ = material(tmp_path, f'"dielectric" "bool remaproughness" false {both}')
+    assert (m.alpha, m.stretch) == pytest.approx((0.04, 4.0))
+
+
 def test_textures_of_roughness_keep_their_alpha(tmp_path):
     pixels = np.array([[(0, 0, 0), (60, 90, 120)], [(200, 200, 200), (255, 255, 255)]], np.uint8)
     PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
