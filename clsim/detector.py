@@ -91,10 +91,11 @@ class Detector:
         """Of the last step's events; None where brightness caused them all."""
         self._tracer = tracer
         self.between: Between | None = None
+        self._refiner: Refiner | None = None
         if tracer is not None:
             place = Workplace(self.device, self._grid, self.queue)
             if way_px is None:
-                self.between = Refiner(place, config, names, tracer, tolerance_us)
+                self.between = self._refiner = Refiner(place, config, names, tracer, tolerance_us)
             else:
                 self.between = WholePictures(place, config, names, tracer, way_px)
 
@@ -111,6 +112,16 @@ class Detector:
             thresholds = Thresholds(config.threshold_on, config.threshold_off, config.event_rule == "frame")
             self._sensor = self._specimen.pixels(Workplace(self.device, self._grid, self.queue), thresholds)
         return self._sensor
+
+    @property
+    def tolerance_us(self) -> float:
+        """Error of an event's time that will do [µs]; 0 where no chosen pixels are traced between frames."""
+        return 0.0 if self._refiner is None else self._refiner.tolerance_us
+
+    @tolerance_us.setter
+    def tolerance_us(self, tolerance_us: float) -> None:
+        if self._refiner is not None:
+            self._refiner.tolerance_us = tolerance_us
 
     def reset(self) -> None:
         """Forget all references, as at the seam of a loop: the next frame initialises again and fires nothing."""

@@ -29,7 +29,11 @@ _ROUNDS = 10
 
 
 class Refiner(Between):
-    """Traces pixels where and when they cross thresholds."""
+    """Traces pixels where and when they cross thresholds.
+
+    Attributes:
+        tolerance_us: error of an event's time that will do [µs].
+    """
 
     def __init__(
         self,
@@ -49,7 +53,7 @@ class Refiner(Between):
             tolerance_us: error of an event's time that will do [µs].
         """
         super().__init__(place, config, names, tracer)
-        self._tolerance = tolerance_us * TICKS_PER_S / 1e6
+        self.tolerance_us = tolerance_us
         self._forecast = Forecast(place, self._on, self._off)
         self._images: list[Buffer] = []
 
@@ -122,10 +126,11 @@ class Refiner(Between):
 
     def _sharpen(self, path: BrightnessPath, active: I64, knots: Knots, references: npt.NDArray[np.float64]) -> Knots:
         """Return what is known once it is known when thresholds are crossed."""
-        least = max(2, int(self._tolerance))
+        tolerance = self.tolerance_us * TICKS_PER_S / 1e6
+        least = max(2, int(tolerance))
         done: list[Knots] = []
         for _ in range(_ROUNDS):
-            pieces, times = vague(knots, references, self._on, self._off, self._tolerance, least)
+            pieces, times = vague(knots, references, self._on, self._off, tolerance, least)
             wanting = np.zeros(len(active), bool)
             wanting[knots.pixels[pieces]] = True
             left = wanting[knots.pixels]

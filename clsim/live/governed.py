@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -55,6 +55,11 @@ class Governed:
         return self.levels[self.governor.level]
 
     @property
+    def tolerance_us(self) -> float | None:
+        """Error of an event's time that will do from the next frame on [µs]; None where none is sought."""
+        return self._wanted.tolerance_us
+
+    @property
     def given_up(self) -> str:
         """What the level in force lacks against the best, in words; empty if nothing."""
         return self.level.given_up_against(self.levels[0])
@@ -65,9 +70,9 @@ class Governed:
         For the thread of the source, so that it is known which frame the effort holds for.
         """
         before, self._applied = self._applied, self._wanted
-        if before == self._applied:
+        if before.effort == self._applied.effort:
             return False
-        source.effort = replace(source.effort, **asdict(self._applied))
+        source.effort = replace(source.effort, **self._applied.effort)
         changed = before.first_hit_rays != self._applied.first_hit_rays
         self.restarts += changed
         return changed

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import asdict, dataclass, replace
 
 # What things cost next to each other, in first-hit rays per pixel, as measured on a CPU; only ratios count.
 _PATH = 4.0
@@ -15,6 +16,11 @@ _MORE_SHARE = 0.1
 """… and the share of the further ones that are traced, for few are where nothing varies."""
 _INTEREST_SHARE = 0.4
 """Share of the pixels that get all light paths."""
+
+_TRACED_BETWEEN = 15.0
+"""What follows motion between two frames, and as much again for each tenth of `LARGEST_TOLERANCE_US`: two-boxes."""
+LARGEST_TOLERANCE_US = 1e4
+"""Error of an event's time beyond which next to nothing is saved."""
 
 _BELOW_ONE_PATH: tuple[dict[str, int], ...] = (
     {"first_hit_rays": 4},
@@ -29,7 +35,7 @@ camera moves (which needs first-hit rays) and where a lamp does (which needs pro
 
 @dataclass(frozen=True)
 class Level:
-    """How much is rendered; the fields are those of `clsim.render.Effort`."""
+    """How much is rendered, by the fields of `clsim.render.Effort`, and how exactly events are timed."""
 
     probe_spp: int
     """Light paths of every pixel that is probed."""
@@ -39,17 +45,31 @@ class Level:
     """Largest number of rays per pixel that look for the first hit alone."""
     every: int = 1
     """Frames in which all pixels are probed once, in turn."""
+    tolerance_us: float | None = None
+    """Error of an event's time that will do [µs], where pixels are traced between frames; no part of an effort."""
+
+    @property
+    def effort(self) -> dict[str, int]:
+        """The fields of a `clsim.render.Effort`."""
+        values = asdict(self)
+        del values["tolerance_us"]
+        return values
 
     @property
     def cost(self) -> float:
         """Cost of a frame relative to other levels: a model, for scenes differ."""
         paths = _INTEREST_SHARE * self.spp + (1 - _INTEREST_SHARE) * self.probe_spp / self.every
         rays = min(self.first_hit_rays, _FIRST_LOOK) + _MORE_SHARE * max(0, self.first_hit_rays - _FIRST_LOOK)
-        return _DETECTION + _PATH * paths + rays
+        between = 0.0
+        if self.tolerance_us is not None:
+            between = _TRACED_BETWEEN * (1 + max(0.0, math.log10(LARGEST_TOLERANCE_US / self.tolerance_us)))
+        return _DETECTION + _PATH * paths + rays + between
 
     def given_up_against(self, best: Level) -> str:
         """Return what this level lacks against a better one, in words; empty if nothing."""
         changes = []
+        if best.tolerance_us != self.tolerance_us:
+            changes.append(f"time tolerance {best.tolerance_us:g} -> {self.tolerance_us:g} us")
         if best.spp != self.spp:
             changes.append(f"samples {best.spp} -> {self.spp}")
         if best.probe_spp != self.probe_spp:
@@ -62,11 +82,14 @@ class Level:
 
 
 def ladder(best: Level) -> list[Level]:
-    """Return the levels from ``best`` down: half the samples again and again, then first-hit rays and probes in turn.
+    """Return the levels from ``best`` down: a greater tolerance of times, then half the samples again and again, then
+    first-hit rays and probes in turn.
 
     Where first-hit rays change, so does a still picture, and references must be set anew.
     """
     levels = [best]
+    while (tolerance_us := levels[-1].tolerance_us) is not None and tolerance_us < LARGEST_TOLERANCE_US:
+        levels.append(replace(levels[-1], tolerance_us=min(10 * tolerance_us, LARGEST_TOLERANCE_US)))
     while levels[-1].spp > 1:
         spp = levels[-1].spp // 2
         levels.append(replace(levels[-1], spp=spp, probe_spp=min(levels[-1].probe_spp, spp)))

@@ -87,6 +87,14 @@ class InterestedDetector(Protocol):
 
 
 @runtime_checkable
+class TimesEvents(Protocol):
+    """A detector that times events as exactly as it is told to."""
+
+    tolerance_us: float
+    """Error of an event's time that will do [µs]."""
+
+
+@runtime_checkable
 class TellsLevel(Protocol):
     """A detector that tells the brightness that it sees."""
 
@@ -318,6 +326,8 @@ class Pipeline:
                 self._count(events, time_us, detector.stats)
                 if self._governed is not None and self._clock is not None:
                     self._governed.frame_done(self._meter.lap(), self._clock.lag_s)
+                    if self._governed.tolerance_us is not None and isinstance(detector, TimesEvents):
+                        detector.tolerance_us = self._governed.tolerance_us
                 self._consumed.release()
         finally:
             detector.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -135,7 +135,7 @@ class Session:
             late_frames=progress.late_frames,
             paths=progress.paths,
             first_hit_rays=progress.first_hit_rays,
-            effort=None if level is None else asdict(level),
+            effort=None if level is None else level.effort,
             governor=None if self.governed is None else self.governed.summary(),
             simulated_s=progress.simulated_us / 1e6,
             wall_s=wall_s,
@@ -198,7 +198,10 @@ def open_live(
         loop=options.loop,
         periodic=_is_periodic(world),
     )
-    level = Level(stages.render.probe_spp or point.spp, point.spp, point.first_hit_rays, point.probe_every)
+    probe_spp = stages.render.probe_spp or point.spp
+    retracing = stages.retracing if options.time == "adaptive" else None
+    tolerance_us = None if retracing is None else retracing.tolerance_us
+    level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side

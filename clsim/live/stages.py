@@ -95,8 +95,11 @@ class Stages:
 
     @property
     def in_step(self) -> bool:
-        """Whether no frame is rendered before the last one's events are found: pixels are traced in its light then."""
-        return self.retracing is not None and self.render.light_cache
+        """Whether no frame is rendered before the last one's events are found.
+
+        Pixels are traced between frames in the light of the last one, and with as many rays.
+        """
+        return self.retracing is not None and (self.render.light_cache or self.options.governed)
 
 
 def load_options_world(options: LiveOptions) -> World:

@@ -54,7 +54,7 @@ class Retracing:
         way_px: whole pictures are traced, so many that nothing goes farther between two [pixels]; None traces the
             pixels that fire.
         render: options of the renderer.
-        views: what renders the frames; its light is that of requests, where it is kept on surfaces.
+        views: what renders the frames; requests see as it does.
     """
 
     tolerance_us: float
@@ -73,7 +73,7 @@ class Retracing:
         if world.moving_s() == 0:
             return None
         data = SceneData(world, self.render.device, self.render.tree, instants=True)
-        tracer = Retracer(data, self.render, lambda: self.views[-1].light_keeper)
+        tracer = Retracer(data, self.render, lambda: self.views[-1])
         return Looping(tracer, schedule) if schedule is not None and schedule.loop else tracer
 
 

@@ -23,7 +23,7 @@ from clsim.render.scene_data import SceneData
 from clsim.render.view import RenderCancelled, settings_of
 
 if TYPE_CHECKING:
-    from clsim.render.light_keeper import LightKeeper
+    from clsim.render.view import View
 
 _MOST_INSTANTS = 64
 """Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
@@ -47,15 +47,14 @@ class Retracer:
         samples: paths, or first-hit rays, traced so far.
     """
 
-    def __init__(
-        self, data: SceneData, options: RenderOptions, keeper: Callable[[], LightKeeper] | None = None
-    ) -> None:
+    def __init__(self, data: SceneData, options: RenderOptions, view: Callable[[], View] | None = None) -> None:
         """Build the kernel.
 
         Args:
             data: what is rendered, with a place for each of several instants; nothing else moves it.
             options: how it is rendered; as for the frames.
-            keeper: returns what keeps the light of the frames, where it is kept on surfaces.
+            view: returns what renders the frames: requests have its first-hit rays, and the light that it keeps on
+                surfaces. Where it does, it must be given.
 
         Raises:
             InputError: frames have noise of their own, or the camera exposes for a while.
@@ -71,8 +70,8 @@ class Retracer:
         self.requests = self.samples = 0
         self._data, self._device = data, data.device
         self._first_hits = options.first_hit_rays
-        self._keeper = keeper if options.light_cache else None
-        self.lit = self._keeper is not None or not self._first_hits
+        self._view, self._in_kept_light = view, options.light_cache
+        self.lit = self._in_kept_light or not self._first_hits
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
         self._follow: tuple[Any, Any, Any, Any] | None = None
@@ -80,9 +79,9 @@ class Retracer:
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
+        self._looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp
         if self._first_hits:
             self._settings.samples = self._first_hits
-            self._looks = looks_of(self._first_hits, math.radians(camera.fov_deg) / camera.width, features.sharp)
         size = options.tile_pixels or tile_size(self._settings.samples, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
 
@@ -171,10 +170,13 @@ class Retracer:
             "instants": self._upload(numbers),
             "out_planes": planes,
         }
-        if self._keeper is not None:
-            changed |= self._keeper().shown
-        elif not self._first_hits:
+        view = None if self._view is None else self._view()
+        if not self._first_hits:
             changed["out_bits"] = bits
+        elif self._in_kept_light and view is not None:
+            changed |= view.light_keeper.shown
+        elif view is not None:
+            changed["looks"] = looks_of(view.effort.first_hit_rays, *self._looks_at)
         if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()
@@ -193,12 +195,14 @@ class Retracer:
             "instants": self._upload(np.zeros(tile)),
             "out_planes": planes,
         }
-        if self._keeper is not None:
+        if self._in_kept_light:
             from clsim.render.light_keeper import nothing_shown
 
             arguments |= nothing_shown(self._device)
+        elif self._first_hits:
+            arguments["looks"] = looks_of(self._first_hits, *self._looks_at)
         else:
-            arguments |= {"looks": self._looks} if self._first_hits else {"out_bits": bits}
+            arguments["out_bits"] = bits
         return record(self._kernel, tile, self._device, **arguments)
 
     @property

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -190,6 +191,11 @@ def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() ->
     ]  # fmt: skip
     assert {level.every for level in ladder(Level(1, 8, 16, every=6))} == {6}
     assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
+    timed = ladder(Level(1, 8, 16, tolerance_us=20.0))
+    assert [level.tolerance_us for level in timed] == [20.0, 200.0, 2000.0, *[1e4] * len(LEVELS)]
+    assert [level.spp for level in timed[:5]] == [8, 8, 8, 8, 4], "the exactness of times is given up first"
+    assert all(a.cost > b.cost for a, b in pairwise(timed)) and timed[0].effort == BEST.effort
+    assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us"
     assert LEVELS[0].given_up_against(BEST) == ""
     assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
 

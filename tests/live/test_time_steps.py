@@ -16,6 +16,7 @@ from clsim.frames.exr import ExrSequence
 from clsim.live.noting import NotingTracer
 from clsim.live.options import LiveOptions
 from clsim.live.schedule import Schedule
+from clsim.live.session import open_live
 from clsim.live.time_steps import Looping
 from clsim.scene import load_world
 from clsim.score.matching import Sampling, one_to_one
@@ -179,3 +180,14 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
         assert traced["planes"].shape == (len(traced["names"]), len(traced["x"]))
         assert 1 / 30 < traced["time_s"].min() < traced["time_s"].max() < 2 / 30
     assert run.invoke(app, [*shared, "--times", str(times), "--truth", "depth", "--out", str(tmp_path)]).exit_code != 0
+
+
+@pytest.mark.slow
+def test_a_run_at_the_pace_of_the_clock_gives_up_exact_times_first():
+    """At a pace that nothing could keep: what is traced between frames gets fewer, and then samples do."""
+    session = open_live(LiveOptions("two-boxes", pace="real", fps=2000.0, frame_count=60, **SMALL))
+    session.start()
+    assert session.pipeline.wait(120)
+    summary = session.summary().as_dict()
+    assert summary["governor"]["given_up"].startswith("time tolerance 100 -> 10000 us, samples 4 -> ")
+    assert summary["effort"].keys() == {"probe_spp", "spp", "first_hit_rays", "every"}

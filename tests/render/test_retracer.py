@@ -170,7 +170,7 @@ def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in():
         spp=4, probe_spp=1, probe_every=2, first_hit_rays=16, sampler="sobol", light_cache=True, threads=2
     )
     tracer = PathTracer(world, options)
-    retracer = Retracer(SceneData(world, instants=True), options, lambda: tracer.light_keeper)
+    retracer = Retracer(SceneData(world, instants=True), options, lambda: tracer)
     frame = Frame(page_aligned((len(tracer.names), 24, 32)), tracer.names)
     pixels = np.random.default_rng(3).permutation(24 * 32).astype(np.int32)
     differ = tracer.names.index("Samples")
