@@ -51,13 +51,13 @@ def measure_world(world: World, spp: int, rounds: int, others: Mapping[str, Call
     renders: dict[str, Callable[[], float]] = {tree: _our_render(world, spp, tree) for tree in _TREES} | dict(others)
     paths = world.camera.width * world.camera.height * spp
     result["mean_radiance"] = {name: render() for name, render in renders.items()}
-    wall, cpu = _take_turns({name: [render] for name, render in renders.items()}, rounds)
+    wall, cpu = take_turns({name: [render] for name, render in renders.items()}, rounds)
     result["paths_per_second"] = {name: paths / seconds for name, seconds in wall.items()}
     result["paths_per_cpu_second"] = {name: paths / seconds for name, seconds in cpu.items()}
     return result
 
 
-def _take_turns(works: dict[str, list[Callable[[], Any]]], rounds: int) -> tuple[dict[str, float], dict[str, float]]:
+def take_turns(works: dict[str, list[Callable[[], Any]]], rounds: int) -> tuple[dict[str, float], dict[str, float]]:
     """Return the median wall-clock and processor seconds of each work."""
     wall: dict[str, list[float]] = {name: [] for name in works}
     cpu: dict[str, list[float]] = {name: [] for name in works}
@@ -141,7 +141,7 @@ def _ray_rates(world: World, rounds: int) -> dict[str, dict[str, float]]:
             launch.launch()
             works[f"{tree} {kind}"] = [launch.launch] * 4
             counts[f"{tree} {kind}"] = 4 * count
-    _, cpu = _take_turns(works, rounds)
+    _, cpu = take_turns(works, rounds)
     return {tree: {kind: counts[f"{tree} {kind}"] / cpu[f"{tree} {kind}"] for kind in rays} for tree in _TREES}
 
 

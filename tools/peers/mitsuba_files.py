@@ -11,10 +11,11 @@ _GONE = {"roughdiffuse": "diffuse"}
 """Plugins that Mitsuba 3 lacks, and what is next to them."""
 
 
-def load_mitsuba_file(mitsuba: Any, file: Path) -> Any:
+def load_mitsuba_file(mitsuba: Any, file: Path, **parameters: str) -> Any:
     """Return the scene of a file, with a path integrator instead of whatever it asks for.
 
-    Properties that Mitsuba 3 no longer knows are passed over.
+    ``parameters`` are values for what the file names with a ``$``, where it does. Properties that Mitsuba 3 no longer
+    knows are passed over.
 
     Raises:
         InputError: Mitsuba cannot load it.
@@ -28,7 +29,7 @@ def load_mitsuba_file(mitsuba: Any, file: Path) -> Any:
     beside.prepend(str(file.resolve().parent))
     mitsuba.set_file_resolver(beside)
     try:
-        state = parser.parse_file(config, str(file))
+        state = parser.parse_file(config, str(file), **parameters)
         parser.transform_upgrade(config, state)
         for node in state.nodes:
             _renew(mitsuba, node)

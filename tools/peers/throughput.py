@@ -1,13 +1,16 @@
 """Measure what `clsim bench throughput` measures, with plain numpy and Mitsuba 3 beside it.
 
     python -m tools.peers.throughput
+    python -m tools.peers.throughput living-room/scene_mi3.xml staircase/scene.xml
 
-Prints JSON: fits per processor second of numpy and of the kernels, paths per second of both renderers.
+Prints JSON: fits per processor second of numpy and of the kernels, paths per second of both renderers; with Mitsuba's
+scene files, paths per processor second of both in these, without what comes before the first picture.
 """
 
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from time import process_time
 from typing import Any
@@ -16,13 +19,15 @@ import numpy as np
 
 from clsim.bench.render_worlds import bumpy_room, cornell
 from clsim.bench.throughput_detect import detect_throughput, noise_frame
-from clsim.bench.throughput_render import MAX_DEPTH, measure_world
+from clsim.bench.throughput_render import MAX_DEPTH, measure_world, take_turns
 from clsim.errors import InputError
-from clsim.frames import Frame
+from clsim.frames import Frame, page_aligned
+from clsim.render import PathTracer, RenderOptions
 from clsim.render.devices import start_warp
 from clsim.scene import World
 from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window
+from tools.validation_render import DEPTH, ROULETTE, mitsubas_scene, own_world
 
 WINDOW = 13
 SIDE = 24
@@ -76,9 +81,31 @@ def mitsuba_render(mitsuba: Any, world: World, spp: int) -> Callable[[], float]:
     return render
 
 
+def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, float]:
+    """Return paths per processor second in a scene of Mitsuba's, in turns, and ours over Mitsuba's."""
+    world, mitsuba = own_world(path), load_mitsuba()
+    asked = mitsubas_scene(path, spp)
+    tracer = PathTracer(world, RenderOptions(spp=spp, max_depth=DEPTH, roulette_start=ROULETTE))
+    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+    renders: dict[str, Callable[[], Any]] = {
+        "clsim": lambda: tracer.fill(0, frame),
+        "mitsuba": lambda: np.array(mitsuba.render(**asked)),
+    }
+    for render in renders.values():
+        render()
+    _, cpu = take_turns({name: [render] for name, render in renders.items()}, rounds)
+    tracer.close()
+    paths = world.camera.width * world.camera.height * spp
+    rates = {name: paths / seconds for name, seconds in cpu.items()}
+    return rates | {"mitsuba_cpu_ratio": rates["clsim"] / rates["mitsuba"]}
+
+
 def main() -> None:
-    """Measure all of it."""
+    """Measure all of it, or the scenes that are named."""
     start_warp()
+    if files := sys.argv[1:]:
+        print(json.dumps({file: file_beside_mitsuba(file, spp=32, rounds=3) for file in files}, indent=1))
+        return
     ours = float(detect_throughput(window=WINDOW)["fits_per_cpu_second"])
     plain = numpy_fits_per_cpu_second()
     figures: dict[str, Any] = {"numpy_fits_per_cpu_second": plain, "numpy_ratio": ours / plain}

@@ -1,0 +1,190 @@
+"""Compare clsim's pictures of public scenes with Mitsuba 3's: docs/validation.md and its picture.
+
+python -m tools.validation_page FOLDER docs/validation.md docs/images/validation.png --results RESULTS --spp 64
+
+FOLDER holds the repositories named in `SCENES`, which are fetched by whoever runs this, and not shipped. What was
+rendered is kept in RESULTS, and not rendered again. Scenes that FOLDER lacks are left out, and named.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.metadata
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from clsim.frames.tonemap import ToneMap
+
+F64 = npt.NDArray[np.float64]
+SCENES = {
+    "living-room": "living-room/scene_mi3.xml",
+    "staircase": "staircase/scene.xml",
+    "spaceship": "practical-path-guiding/scenes/spaceship/spaceship.xml",
+    "cbox (path guiding)": "practical-path-guiding/scenes/cbox/cbox.xml",
+    "cbox (lajolla)": "lajolla_public/scenes/cbox/cbox.xml",
+    "sponza": "lajolla_public/scenes/sponza/sponza.xml",
+    "matpreview": "lajolla_public/scenes/matpreview/matpreview.xml",
+    "veach_mi": "lajolla_public/scenes/veach_mi/mi.xml",
+} | {
+    name: f"mitsuba-data/docs/scenes/{name}.xml"
+    for name in (
+        "bsdf_dielectric_glass",
+        "bsdf_roughdielectric_rough",
+        "bsdf_roughconductor_copper",
+        "bsdf_roughplastic_ggx",
+        "bsdf_plastic_shiny",
+        "bsdf_blendbsdf",
+        "bsdf_normalmap_with",
+        "bsdf_mask_after",
+        "bsdf_twosided_cbox",
+        "emitter_spot_no_texture",
+        "shape_sphere_light_mesh",
+        "shape_ply_bunny",
+        "texture_checkerboard",
+    )
+}
+"""Where each scene is in the folder. Of spaceship, shapes whose meshes are missing may be taken out."""
+BLOCK = 4
+GAP, LABEL, COLUMNS, THUMB = 3, 13, 2, 112
+
+
+@dataclass(frozen=True)
+class Measured:
+    """How two renderers compare.
+
+    Attributes:
+        ratio: of mean radiance, ours to Mitsuba's, in R, G, B.
+        difference: relative RMSE of the means of 4×4 pixels.
+        floor: what that is for two renderers that agree, from the differences between seeds.
+    """
+
+    ratio: F64
+    difference: float
+    floor: float
+
+
+def measure(ours: F64, mitsubas: F64) -> Measured:
+    """Compare pictures ``[2, h, w, 3]`` of two seeds each."""
+    own, others = (np.stack([_blocks(picture) for picture in each]) for each in (ours, mitsubas))
+    scale = others.mean()
+    # The mean of two seeds has half of their difference as its error.
+    floor2 = sum(float(np.mean((each[0] - each[1]) ** 2)) / 4 for each in (own, others))
+    difference = float(np.sqrt(np.mean((own.mean(axis=0) - others.mean(axis=0)) ** 2)))
+    ratio = ours.mean(axis=(0, 1, 2)) / mitsubas.mean(axis=(0, 1, 2))
+    return Measured(ratio, difference / scale, float(np.sqrt(floor2)) / scale)
+
+
+def _blocks(picture: F64) -> F64:
+    height, width = (side // BLOCK * BLOCK for side in picture.shape[:2])
+    cut = picture[:height, :width].reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK, 3)
+    return np.asarray(cut.mean(axis=(1, 3)))
+
+
+def main() -> None:
+    """Render what is missing, measure, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("page", type=Path)
+    parser.add_argument("picture", type=Path)
+    parser.add_argument("--results", type=Path, required=True)
+    parser.add_argument("--spp", type=int, default=256)
+    parser.add_argument("--only-results", action="store_true", help="render nothing")
+    options = parser.parse_args()
+    options.results.mkdir(parents=True, exist_ok=True)
+    found: dict[str, Any] = {}
+    for name, place in SCENES.items():
+        out = options.results / (place.removesuffix(".xml").replace("/", "+") + ".npz")
+        scene = options.folder / place
+        if not out.exists() and scene.exists() and not options.only_results:
+            command = [sys.executable, "-m", "tools.validation_render", scene, out, str(options.spp)]
+            subprocess.run(command, check=False)
+        if out.exists():
+            found[name] = dict(np.load(out))
+        else:
+            print(f"{name}: left out")
+    options.page.write_text(page(found, options.spp, options.picture))
+    sheet(found).save(options.picture, optimize=True)
+
+
+def page(found: dict[str, Any], spp: int, picture: Path) -> str:
+    """Return the page."""
+    rows, warned = [], []
+    for name, result in found.items():
+        m = measure(result["ours"], result["mitsubas"])
+        (own_s, own_start_s), (others_s, others_start_s) = result["seconds"]
+        red, green, blue = m.ratio
+        times = f"{own_s:.1f} / {others_s:.1f} | {own_start_s:.1f} / {others_start_s:.1f}"
+        rows.append(f"| {name} | {red:.3f} {green:.3f} {blue:.3f} | {m.difference:.4f} | {m.floor:.4f} | {times} |")
+        warned += [f"- {name}: {sentence}" for sentence in result["warnings"]]
+    warnings = "\n".join(warned) or "None of these scenes asks for something that clsim lacks."
+    mitsuba = importlib.metadata.version("mitsuba")
+    return f"""# Validation
+
+{len(found)} public scenes, rendered by clsim and by Mitsuba {mitsuba} (`llvm_ad_rgb`) from the same files:
+160 pixels wide, {spp} paths a pixel, two seeds, at most 8 edges, box filter. The files are those of
+[mitsuba-data](https://github.com/mitsuba-renderer/mitsuba-data),
+[lajolla_public](https://github.com/BachiLi/lajolla_public),
+[practical-path-guiding](https://github.com/Tom94/practical-path-guiding) and Benedikt Bitterli's
+[rendering resources](https://benedikt-bitterli.me/resources/). Written by `tools/validation_page.py`.
+
+![Each scene as clsim and as Mitsuba shows it, and the difference](images/{picture.name})
+
+Left clsim, in the middle Mitsuba, right the difference: grey is none, red is where clsim is brighter, blue where it is
+darker; full colour is half of the picture's mean.
+
+- **ratio**: mean radiance of clsim over Mitsuba's, in R, G and B.
+- **difference**: relative RMSE between both, after averaging over 4×4 pixels.
+- **floor**: what that would be from noise alone, by the two seeds of both. Where lamps or their mirror images are
+  small, few paths find them, and two seeds tell little of the noise.
+- **CPU seconds**: clsim / Mitsuba, of one picture, and of all that comes before the first one: reading files, building
+  trees, compiling. Others used the machine meanwhile, so that these are rough.
+
+| scene | ratio | difference | floor | CPU s, rendering | CPU s, start |
+|---|---|---|---|---|---|
+{chr(10).join(rows)}
+
+## What clsim says of these files
+
+{warnings}
+{NOTES}"""
+
+
+NOTES = ""
+
+
+def sheet(found: dict[str, Any]) -> Image.Image:
+    """Return all pictures, two scenes a row."""
+    tiles = [_tile(name, result) for name, result in found.items()]
+    high = [max(tile.height for tile in tiles[i : i + COLUMNS]) for i in range(0, len(tiles), COLUMNS)]
+    canvas = Image.new("RGB", (COLUMNS * tiles[0].width, sum(high)), "white")
+    for i, tile in enumerate(tiles):
+        canvas.paste(tile, (i % COLUMNS * tile.width, sum(high[: i // COLUMNS])))
+    return canvas.quantize(128)
+
+
+def _tile(name: str, result: Any) -> Image.Image:
+    own, others = (result[key].mean(axis=0) for key in ("ours", "mitsubas"))
+    tone = ToneMap(follow=0.0)
+    shown = [Image.fromarray(tone(np.ascontiguousarray(each, np.float32))) for each in (others, own)][::-1]
+    off = (_blocks(own) - _blocks(others)).mean(axis=-1) / (0.5 * max(others.mean(), 1e-9))
+    signed = np.clip(off, -1, 1)[..., None]
+    grey = np.array([200.0, 200.0, 200.0])
+    towards = np.where(signed > 0, [210.0, 30.0, 20.0], [20.0, 60.0, 210.0])
+    shown.append(Image.fromarray((grey + np.abs(signed) * (towards - grey)).astype(np.uint8)))
+    height = round(THUMB * own.shape[0] / own.shape[1])
+    tile = Image.new("RGB", (3 * (THUMB + GAP) + 4 * GAP, height + LABEL + GAP), "white")
+    ImageDraw.Draw(tile).text((0, 0), name, fill="black")
+    for i, image in enumerate(shown):
+        tile.paste(image.resize((THUMB, height), Image.Resampling.BOX), (i * (THUMB + GAP), LABEL))
+    return tile
+
+
+if __name__ == "__main__":
+    main()
