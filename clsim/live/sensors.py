@@ -18,7 +18,7 @@ DENSE_METHOD = "wlr-esim"
 """The method for sensors that follow brightness between events, where esim-ad would be taken: it knows all levels."""
 
 _DRAW_S = 2e-8
-"""CPU time of a draw of shot noise, measured."""
+"""CPU time of a slot of shot noise that seldom comes near a threshold [s], measured."""
 
 
 def read_sensor(sensor: Any) -> Any:
@@ -37,8 +37,8 @@ def cost_of(sensor: SensorSettings | None, width: int, height: int) -> tuple[str
         return ()
     seconds = width * height * 1e6 / sensor.noise.slot_us(sensor.front_end.follower_s) * _DRAW_S
     return (
-        f"`sensor` {sensor.name} draws shot noise, which takes some {seconds:.0f} s of CPU for each simulated second; "
-        "noise at rates (on_hz, off_hz) takes none to speak of",
+        f"`sensor` {sensor.name} draws shot noise, which takes at least {seconds:.0f} s of CPU for each simulated "
+        "second; noise at rates (on_hz, off_hz) takes none to speak of",
     )
 
 
