@@ -252,47 +252,49 @@ __kernel void smooth_with_error(
 
 // One row. energies: [ENERGY_PLANES][pitch], to work in; out_sums: [H + 2 BORDER][ENERGY_PLANES][pitch].
 static inline void sum_row(
-    int y, __global const real *packed, __global const real *details, int width, int pitch,
-    __global real *restrict energies, __global real *restrict out_sums)
+    int y, __global const real *packed, __global const real *details, int pitch, int span, __global real *energies,
+    __global real *out_sums)
 {
     const long row_size = (long)DETAIL_PLANES * pitch;
     __global const real *usable = packed + ((y + BORDER) * (long)PLANES + P_USABLE) * pitch + BORDER;
     __global const real *coarse = details + (y + BORDER) * row_size + D_COARSE * pitch + BORDER;
     __global const real *here = coarse + (D_REST - D_COARSE) * pitch;
     __global const real *above = here - row_size, *below = here + row_size;
-    __global real *restrict energy = energies + BORDER;
-    for (int x = 0; x < width; x++) {
-        const real fine = here[x] - coarse[x], centre = 2 * here[x];
-        const real sides = here[x - 1] + here[x + 1], ends = above[x] + below[x];
-        const real rising = above[x + 1] + below[x - 1], falling = above[x - 1] + below[x + 1];
-        const real twice = rising + falling + 2 * centre - 2 * (sides + ends);
-        const real across = (sides - centre) * (sides - centre), down = (ends - centre) * (ends - centre);
-        const real up = (rising - centre) * (rising - centre), off = (falling - centre) * (falling - centre);
-        const real straight = MIN(across, down), slanted = MIN(up, off);
-        energy[x + N_COARSE * pitch] = coarse[x] * coarse[x];
-        energy[x + N_FINE * pitch] = fine * fine;
-        energy[x + N_TWICE * pitch] = usable[x] * twice * twice * ((real)1 / 36);
-        energy[x + N_LEAST * pitch] = usable[x] * MIN(straight, slanted) * (1 / LEAST_OF_FOUR);
+    __global real *energy = energies + BORDER;
+    for (int x = 0; x < span; x += VW) {
+        const realv known = LOAD(usable + x), wide = LOAD(coarse + x);
+        const realv fine = LOAD(here + x) - wide, centre = 2 * LOAD(here + x);
+        const realv sides = LOAD(here + x - 1) + LOAD(here + x + 1), ends = LOAD(above + x) + LOAD(below + x);
+        const realv rising = LOAD(above + x + 1) + LOAD(below + x - 1);
+        const realv falling = LOAD(above + x - 1) + LOAD(below + x + 1);
+        const realv twice = rising + falling + 2 * centre - 2 * (sides + ends);
+        const realv across = (sides - centre) * (sides - centre), down = (ends - centre) * (ends - centre);
+        const realv up = (rising - centre) * (rising - centre), off = (falling - centre) * (falling - centre);
+        const realv straight = MIN(across, down), slanted = MIN(up, off);
+        STORE(energy + x + N_COARSE * pitch, wide * wide);
+        STORE(energy + x + N_FINE * pitch, fine * fine);
+        STORE(energy + x + N_TWICE * pitch, known * twice * twice * ((real)1 / 36));
+        STORE(energy + x + N_LEAST * pitch, known * MIN(straight, slanted) * (1 / LEAST_OF_FOUR));
     }
-    __global real *restrict out = out_sums + (y + BORDER) * (long)ENERGY_PLANES * pitch + BORDER;
+    __global real *out = out_sums + (y + BORDER) * (long)ENERGY_PLANES * pitch + BORDER;
     for (int j = 0; j < ENERGY_PLANES; j++)
-        for (int x = 0; x < width; x++) {
+        for (int x = 0; x < span; x += VW) {
             __global const real *in = energy + j * pitch + x;
-            real sum = 0;
+            realv sum = 0;
 #pragma unroll
-            for (int dx = -BOX_REACH; dx <= BOX_REACH; dx++) sum += in[dx];
-            out[j * pitch + x] = sum;
+            for (int dx = -BOX_REACH; dx <= BOX_REACH; dx++) sum += LOAD(in + dx);
+            STORE(out + j * pitch + x, sum);
         }
 }
 
 // Work-item: ROWS rows. energies: [work-items][ENERGY_PLANES][pitch], 0 in the borders; the rest is overwritten.
 __kernel void sum_energies(
-    __global const real *packed, __global const real *details, int width, int height, int pitch,
-    __global real *energies, __global real *out_sums)
+    __global const real *packed, __global const real *details, int height, int pitch, int span, __global real *energies,
+    __global real *out_sums)
 {
     const int first = get_global_id(0) * ROWS, last = MIN(first + ROWS, height);
     energies += (long)get_global_id(0) * ENERGY_PLANES * pitch;
-    for (int y = first; y < last; y++) sum_row(y, packed, details, width, pitch, energies, out_sums);
+    for (int y = first; y < last; y++) sum_row(y, packed, details, pitch, span, energies, out_sums);
 }
 
 // The share of a detail that is more than noise.

@@ -98,7 +98,7 @@ class Smoothing:
         size = (layout.vectors[0], self._strips)
         launch(kernel, size, packed, layout.height, layout.pitch, layout.span, self._details, *out_error)
         launch(
-            self._sum, (self._strips,), packed, self._details, layout.width, layout.height, layout.pitch,
+            self._sum, (self._strips,), packed, self._details, layout.height, layout.pitch, layout.span,
             self._energies, self._sums,
         )  # fmt: skip
 
