@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any, Generic, TypeVar
@@ -15,8 +15,6 @@ import numpy.typing as npt
 from clsim.opencl.device import Device
 
 _NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
-_LINE = 128
-"""Bytes at whose multiples memory begins: as many as a cache fetches at once."""
 _INCLUDE = re.compile(r'^#include "(.+)".*$', re.MULTILINE)
 
 
@@ -57,12 +55,11 @@ GridT = TypeVar("GridT", bound=Grid, covariant=True)
 
 @dataclass(frozen=True)
 class Buffer:
-    """Device memory and the shape of what it holds; ``host`` has the same bytes, where the device is the host."""
+    """Device memory and the shape of what it holds."""
 
     memory: Any
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
-    host: npt.NDArray[np.uint8] | None = field(default=None, compare=False)
 
 
 class Workplace(Generic[GridT]):
@@ -77,8 +74,8 @@ class Workplace(Generic[GridT]):
         self.layout = layout
         self.queue = queue
         self.real = np.dtype(layout.real)
-        self._bound: dict[Any, tuple[tuple[Any, ...], list[Any]]] = {}
-        """The arguments that kernels have, as they were given and as OpenCL takes them."""
+        self._twins: dict[Any, list[tuple[Any, tuple[Any, ...], list[Any]]]] = {}
+        """Copies of kernels, with the arguments that they have, as they were given and as OpenCL takes them."""
         self._options: dict[str, object] = {"VW": layout.lanes, **(macros or {})}
         if self.real == np.float64:
             self._options["DOUBLE"] = 1
@@ -104,15 +101,9 @@ class Workplace(Generic[GridT]):
 
         kind = np.dtype(self.real if dtype is None else dtype)
         size = max(int(np.prod(shape, dtype=np.int64)) * kind.itemsize, kind.itemsize)
-        flags: Any = cl.mem_flags.READ_WRITE
-        host = None
-        if self.device.is_cpu:
-            flags |= cl.mem_flags.USE_HOST_PTR
-            host = np.empty(size + _LINE, dtype=np.uint8)
-            host = host[-host.ctypes.data % _LINE :][:size]
-        memory = cl.Buffer(self.device.context, flags, size, hostbuf=host)
+        memory = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
         cl.enqueue_fill_buffer(self.queue, memory, np.array(fill, dtype=kind), 0, size)
-        return Buffer(memory, shape, kind, host)
+        return Buffer(memory, shape, kind)
 
     def fill(self, buffer: Buffer, value: float) -> None:
         """Let all items of a buffer have one value."""
@@ -126,10 +117,7 @@ class Workplace(Generic[GridT]):
         import pyopencl as cl
 
         result = np.empty(buffer.shape, buffer.dtype) if out is None else out
-        if buffer.host is not None:
-            self.queue.finish()
-            result.reshape(-1).view(np.uint8)[:] = buffer.host[: result.nbytes]
-        elif result.nbytes:
+        if result.nbytes:
             cl.enqueue_copy(self.queue, result, buffer.memory)
         return result
 
@@ -144,22 +132,37 @@ class Workplace(Generic[GridT]):
         """Enqueue a kernel over ``size`` work-items; float arguments take the build's precision."""
         import pyopencl as cl
 
-        bound = self._bound.get(kernel)
-        if bound is None:
-            values = [self._argument(a) for a in arguments]
-            # Told the types, pyopencl sets numbers fifty times as fast as by way of numpy's buffers.
-            kernel.set_scalar_arg_dtypes([value.dtype if isinstance(value, np.generic) else None for value in values])
-            kernel.set_args(*values)
-            self._bound[kernel] = arguments, values
-        elif bound[0] != arguments:
-            values = [
-                value if old is new else self._argument(new) for old, value, new in zip(*bound, arguments, strict=True)
-            ]
-            kernel.set_args(*values)
-            self._bound[kernel] = arguments, values
+        twin = self._bound_to(kernel, arguments)
         # One work-item a work-group on a CPU: left to choose, PoCL runs many in one loop whose private arrays
         # overflow its threads' stacks.
-        cl.enqueue_nd_range_kernel(self.queue, kernel, size, (1,) * len(size) if self.device.is_cpu else None)
+        cl.enqueue_nd_range_kernel(self.queue, twin, size, (1,) * len(size) if self.device.is_cpu else None)
+
+    def _bound_to(self, kernel: Any, arguments: tuple[Any, ...]) -> Any:
+        """Return a kernel like this one that has these arguments.
+
+        There are two of each: from one step to the next some arguments swap places, and to set them takes longer than
+        to launch.
+        """
+        import pyopencl as cl
+
+        twins = self._twins.setdefault(kernel, [])
+        for twin, known, _ in twins:
+            if known == arguments:
+                return twin
+        if len(twins) < 2:
+            twin = cl.Kernel(kernel.program, kernel.function_name)
+            values = [self._argument(a) for a in arguments]
+            # Told the types, pyopencl sets numbers fifty times as fast as by way of numpy's buffers.
+            twin.set_scalar_arg_dtypes([value.dtype if isinstance(value, np.generic) else None for value in values])
+        else:
+            twin, known, values = twins.pop(0)
+            values = [
+                value if old is new else self._argument(new)
+                for old, value, new in zip(known, values, arguments, strict=True)
+            ]
+        twin.set_args(*values)
+        twins.append((twin, arguments, values))
+        return twin
 
     def _argument(self, value: Any) -> Any:
         if isinstance(value, Buffer):

@@ -281,8 +281,9 @@ def test_kernels_fire_as_the_reference_does(levels, leak, rests):
     points = [(begin_s, -2.0 * begin_s), (1.0, -2.0)]
     points += [(t * 1e-6, level) for t, level in zip(times_us, levels, strict=True)]
     less, expected, more = (fire(points, ON + d, OFF + d, leak=leak, rest_s=rest_s)[0] for d in (-1e-6, 0, 1e-6))
-    # Where brightness turns at a threshold, rounding decides.
+    # Where brightness turns or stays at a threshold, rounding decides.
     assume([on for _, on in less] == [on for _, on in more])
+    assume(all(abs(early - late) < 1e-5 for (early, _), (late, _) in zip(less, more, strict=True)))
     assert abs(len(found) - len(expected)) <= 1
     for event, (seconds, on) in zip(found, expected, strict=False):
         assert bool(event["on"]) == on and -1.5 <= event["t"] - seconds * 1e6 <= 2.5
