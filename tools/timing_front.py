@@ -1,6 +1,6 @@
 """Plot what the times of events cost: frames alone, whole pictures at ESIM's pace, and chosen pixels.
 
-python -m tools.timing_front --picture docs/images/timing-front.png --markdown front.md
+python -m tools.timing_front --only two-boxes --picture docs/images/timing-front.png --markdown front.md
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def draw(path: Path, found: dict[str, list[Point]]) -> None:
     import matplotlib
 
     matplotlib.use("Agg")
-    from matplotlib import pyplot
+    from matplotlib import pyplot, ticker
 
     figure, axes = pyplot.subplots(2, len(found), figsize=(5.4 * len(found), 7.2), dpi=110, squeeze=False, sharex="col")
     for column, (title, all_points) in enumerate(found.items()):
@@ -119,6 +119,9 @@ def draw(path: Path, found: dict[str, list[Point]]) -> None:
         for row, text in enumerate(("median error of an event's time [µs]", "1 − F1 within 1 ms")):
             axes[row, column].set(xscale="log", yscale="log", ylabel=text)
             axes[row, column].grid(alpha=0.3, which="both")
+            axes[row, column].xaxis.set_major_locator(ticker.LogLocator(subs=(1, 3)))
+            axes[row, column].xaxis.set_major_formatter(ticker.FormatStrFormatter("%g"))
+            axes[row, column].xaxis.set_minor_formatter(ticker.NullFormatter())
     axes[0, 0].legend()
     figure.tight_layout()
     figure.savefig(path)
@@ -129,9 +132,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--picture", type=Path, required=True, help="where the picture goes")
     parser.add_argument("--markdown", type=Path, help="where the tables go")
+    parser.add_argument("--only", default="", help="part of a title")
     arguments = parser.parse_args()
     found = {}
     for title, (world, options) in cases().items():
+        if arguments.only not in title:
+            continue
         found[title] = list(points(world, options))
         print(f"### {title}\n\n{table(found[title])}\n", flush=True)
     if arguments.markdown:
