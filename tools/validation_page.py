@@ -161,6 +161,8 @@ NOTES = """
 
 - `bsdf_blendbsdf`: the weights of a blend that are a texture. Gold is up to 5 % too bright in clsim; the cause is not
   found yet.
+- `sponza`: its file is of version 0.4 and gives its lamp as one number for all wavelengths. Mitsuba of that time took
+  it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
 - `living-room` takes more than twice Mitsuba's time for rendering. Half of clsim's goes into the environment map of
   2048×1024 texels, whose tables do not fit into the processor's cache: with a map of 64×32 it renders twice as fast.
 - The kitchen of practical-path-guiding is left out: its sky is that of Mitsuba 0.6 with a `scale`, which Mitsuba 3
