@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hand_worlds as hw
 import numpy as np
 import pytest
@@ -30,6 +32,17 @@ def test_a_gradient_emits_its_integral_over_each_triangle(srgb):
     light = np.where(ramp <= 0.04045, ramp / 12.92, ((ramp + 0.055) / 1.055) ** 2.4) if srgb else ramp
     expected = 2 * 2 * np.array([(light * ramp).mean(), (light * (1 - ramp)).mean()])
     np.testing.assert_allclose(mean_emission(world, world.meshes[0]), expected, rtol=0.02)
+
+
+@pytest.mark.parametrize("wrap", ["repeat", "mirror", "clamp"])
+@pytest.mark.filterwarnings("error")
+def test_places_beyond_all_numbers_are_some_place(wrap):
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    far = ImageTexture(pixels, wrap_u=wrap, wrap_v=wrap, uv_matrix=((1e308, 1e308, 0.0), (0.0, 1e308, 1e308)))
+    for texture in (far, CheckerTexture((1.0,) * 3, (1.0,) * 3, 1e308)):
+        world = screen(texture)
+        huge = replace(world.meshes[0], uvs=world.meshes[0].uvs * np.float32(1e38))
+        np.testing.assert_allclose(mean_emission(world, huge), 2.0)
 
 
 def test_a_dark_part_of_a_screen_keeps_a_little_and_what_does_not_emit_none():
