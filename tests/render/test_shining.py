@@ -10,6 +10,7 @@ import clsim
 from clsim.errors import InputError
 from clsim.render import RenderOptions, SceneData, light_stands_still
 from clsim.render.effort import GRADES, Effort, Steerer
+from clsim.render.light_list import small_lights
 from clsim.render.view import View
 from clsim.scene import EnvironmentMap, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
@@ -75,9 +76,11 @@ def test_a_lamp_that_is_dark_at_first_is_drawn_as_often_as_when_it_is_brightest(
     world = clsim.load_scene("still")
     (lamp,) = world.sphere_lights
     for modulation, power in ((dark_first, 3.0), (Sine(100.0, 0.5), 1.5), (Pwm(100.0, 0.001), 1.0)):
-        changing = replace(world, sphere_lights=(lamp, replace(lamp, modulation=modulation)), environment=(0.0,) * 3)
-        shares = SceneData(changing).scene.lights.probability.numpy()
-        assert shares[1] / shares[0] == pytest.approx(power, rel=1e-5)
+        changing = replace(world, sphere_lights=(lamp, replace(lamp, modulation=modulation)))
+        lights = small_lights(changing, np.zeros(3), np.zeros(3), 10.0)
+        assert lights.in_tree.all()
+        for weights in (lights.power, lights.bounds["intensity"]):
+            assert weights[1] / weights[0] == pytest.approx(power, rel=1e-5)
 
 
 def test_whether_light_changes_is_not_asked_in_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:

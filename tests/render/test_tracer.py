@@ -334,7 +334,7 @@ def test_the_build_is_described():
     assert {"moving and deforming objects (two-level tree)", "motion blur", "depth of field (thin lens)"} <= set(
         facts["built in"]
     )
-    others = ("diffuse", "conductor", "dielectric", "thin-dielectric")
+    others = ("diffuse", "conductor", "dielectric", "thin-dielectric", "disney")
     backs = [
         "surfaces that are black behind",
         "surfaces that the camera does not see from behind",
@@ -342,8 +342,12 @@ def test_the_build_is_described():
     lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "lens distortion"]
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "light kept on surfaces"]
     kinds = [f"{kind} materials" for kind in others]
-    maps = ["bump maps", "blends of materials"]
-    assert facts["left out"] == ["colours of vertices", *kinds, *maps, *backs, *lenses, *sampling]
+    maps = ["bump maps"]
+    lobes = ["Beckmann's microfacets", "roughness that differs along u and v", "glass that dims light within"]
+    assert facts["left out"] == [
+        *("colours of vertices", *kinds, *maps, *lobes, "blends of materials"),
+        *(*backs, *lenses, *sampling),
+    ]
     assert sampling[1] in describe_build(scene, RenderOptions(first_hit_rays=4))["built in"]
     mapped = replace(rich, environment_map=EnvironmentMap(np.ones((1, 1, 3), np.float32), np.eye(3)))
     assert "constant environment" in describe_build(mapped, RenderOptions())["left out"]
