@@ -99,7 +99,8 @@ def image(textures: Textures, row: TextureRow, uv: wp.vec2) -> wp.vec4:
     y = (1.0 - fold(st[1], row.wrap_v)) * float(row.height)
     value = wp.vec4()
     if row.nearest != 0:
-        value = texel(textures, row, wp.min(int(x), row.width - 1), wp.min(int(y), row.height - 1))
+        # Places too far away for a number may be any.
+        value = texel(textures, row, wp.clamp(int(x), 0, row.width - 1), wp.clamp(int(y), 0, row.height - 1))
     else:
         left = wp.floor(x - 0.5)
         top = wp.floor(y - 0.5)

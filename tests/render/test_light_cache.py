@@ -6,7 +6,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 from test_steered import LUMINANCE, Run, log_brightness, textured_world
-from test_tracer import moving_world
+from test_tracer import LAMP, moving_world
 
 from clsim.errors import InputError
 from clsim.render import Effort, PathTracer, RenderOptions, light_keeper, light_stands_still
@@ -44,6 +44,20 @@ def test_learning_fires_no_event():
     for index in range(1, 12):
         last = log_brightness(run.fill(index))
     np.testing.assert_allclose(last, first, atol=1e-5)
+
+
+@pytest.mark.slow
+def test_lamps_smaller_than_a_pixel_do_not_vanish():
+    """Dots between the corners of pixels, seen by the fewest rays of kept light: one looks into each pixel."""
+    side = 2 * np.tan(np.radians(20.0)) / 16
+    lamps = [
+        hw.quad(((x - 7.85) * side, (y - 7.85) * side, -1), (0.7 * side, 0, 0), (0, 0.7 * side, 0), material=1)
+        for x, y in np.ndindex(15, 15)
+    ]
+    wall = hw.quad((-2, -2, -2), (4, 0, 0), (0, 4, 0))
+    world = hw.world(wall, *lamps, materials=(hw.GREY, LAMP), view=hw.camera())
+    shines = Run(world, **CACHED).fill(0).plane("Emission") > 0
+    assert shines.mean() > 0.3
 
 
 def test_paths_are_spent_where_little_is_known():

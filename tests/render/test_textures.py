@@ -65,6 +65,14 @@ def wrapped(i, n, wrap):
     return np.where(i % (2 * n) < n, i % (2 * n), 2 * n - 1 - i % (2 * n))
 
 
+@pytest.mark.parametrize("wrap", WRAPS)
+def test_places_beyond_all_numbers_are_some_texel(wrap):
+    """Coordinates and transforms of a file may be finite, and their product is not."""
+    far = ((3e38, 0.0, 0.0), (0.0, 3e38, 0.0))
+    texture = ImageTexture(np.full((2, 2, 4), 255, np.uint8), wrap_u=wrap, wrap_v=wrap, nearest=True, uv_matrix=far)
+    np.testing.assert_array_equal(look_up(textured(texture), 0, [(3e38, 3e38), (-3e38, 1.0)]), 1.0)
+
+
 def reference(texture, uv):
     """Bilinear or nearest filtering of an unbounded grid of texels, in float64."""
     texels = linear(texture)

@@ -76,6 +76,29 @@ def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
     assert (material.emission, material.color, material.specular_color) == ((1, 0.5, 0), (0, 0, 0), (0, 0, 0))
 
 
+@pytest.mark.parametrize(("metallic", "kind"), [(0.0, "dielectric"), (0.25, "disney")])
+def test_solid_glass_has_the_colour_of_the_volume_after_its_distance(tmp_path, metallic, kind):
+    """Beer's law: after 0.5 m light has `attenuationColor`; what has no thickness is a pane and dims nothing."""
+    tint, through = (0.2, 0.5, 1.0), (0.25, 1.0, 0.64)
+    volume = {"thicknessFactor": 0.1, "attenuationDistance": 0.5, "attenuationColor": tint}
+    extensions = {"KHR_materials_transmission": {"transmissionFactor": 1.0}, "KHR_materials_volume": volume}
+    core = {"baseColorFactor": [*through, 1], "metallicFactor": metallic, "roughnessFactor": 0}
+    tree = gltf(materials=[{"pbrMetallicRoughness": core, "extensions": extensions}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    glass = world.materials[0]
+    assert glass.kind == kind and not world.warnings
+    np.testing.assert_allclose(np.exp(-0.5 * np.array(glass.absorption)), tint)
+    # Light crosses the surface twice.
+    color = np.square(glass.color) if kind == "dielectric" else glass.color
+    np.testing.assert_allclose(color, through)
+    for changed in ({"thicknessFactor": 0}, {"attenuationDistance": None}):
+        extensions["KHR_materials_volume"] = {k: v for k, v in (volume | changed).items() if v is not None}
+        clear = load_gltf(write_gltf(tmp_path, tree)).materials[0]
+        assert clear.absorption == (0, 0, 0)
+        assert (clear.kind == "principled") == ("thicknessFactor" in changed)
+
+
 @pytest.mark.parametrize("by_transform", [False, True])
 def test_a_material_uses_the_set_of_coordinates_of_its_first_texture(tmp_path, by_transform):
     """And tells so where another of its textures wants another set."""
