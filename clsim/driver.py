@@ -296,11 +296,12 @@ class Driver(ABC):
         """Copy the scene to the device, and build what works on it."""
         self.world = self._driving.seal()
         self._plan()
-        self._data = data = self._scene_data()
+        data = self._scene_data()
         for name, radiance in self._driving.light.items():
             data.set_light(name, radiance)
         for eye in self._eyes.values():
             eye.connect(data)
+        self._data = data  # now that all is built: a step after one that could not be begins with this again
         return data
 
     @abstractmethod

@@ -102,7 +102,7 @@ class Eye:
 
     def release(self) -> None:
         """Release the devices' memory; safe to call twice."""
-        if self.view is not None:
-            self.view.close()
-            self.detector.close()
-            self.view = self.detector = None
+        for part in (self.view, self.detector):
+            if part is not None:  # there is a view alone where no detector could be built
+                part.close()
+        self.view = self.detector = None

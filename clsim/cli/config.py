@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from clsim.cli import parse
 from clsim.errors import InputError
+from clsim.values import read_value
 
 if TYPE_CHECKING:
     from clsim.live.options import LiveOptions
@@ -35,6 +36,20 @@ def read_config(path: Path) -> dict[str, Any]:
         beside = str(path.resolve().parent / moved)  # the sidecar and its scene may have moved together
         return options | {"scene": beside if _is_scene_file(beside) else scene}
     return dict(options)
+
+
+def config_times_us(path: Path) -> list[int] | None:
+    """Return the times of frames [µs] that a file tells, as the sidecar of frames at chosen times does; else None."""
+    from clsim.footage.times import check_rising
+
+    found = json.loads(path.read_text(encoding="utf-8"))  # `read_config` has read it
+    if "times_us" not in found:
+        return None
+    times_us = read_value("times_us", found["times_us"], tuple[int, ...])
+    if not times_us:
+        raise InputError(f"--config {path}: `times_us` holds no times")
+    check_rising(list(times_us), f"--config {path}")
+    return list(times_us)
 
 
 def _is_scene_file(scene: str) -> bool:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from clsim.cli.config import live_options
+from clsim.cli.config import config_times_us, live_options
 from clsim.cli.options import (
     CAMERA_AXES,
     CAMERA_INTERPOLATION,
@@ -44,6 +46,10 @@ from clsim.cli.options import (
     TRUTH,
     WINDOW,
 )
+from clsim.errors import InputError
+
+if TYPE_CHECKING:
+    from clsim.live.rendering import Rendering
 
 
 def render(
@@ -95,18 +101,12 @@ def render(
     from rich.progress import track
 
     from clsim.cli.status import say_about_scene
-    from clsim.errors import InputError
     from clsim.events.sidecar import write_sidecar
-    from clsim.footage.times import read_times_us
     from clsim.frames.exr import ExrWriter
-    from clsim.live.rendering import Rendering
     from clsim.live.sidecars import scene_from_here
 
-    settings = {name: value for name, value in given.items() if name not in ("out", "as_json", "times")}
-    between = times == "adaptive"
-    options = live_options(settings | ({"time": "adaptive"} if between else {}))
-    rendering = Rendering(options, None if times is None or between else read_times_us(times, "s"))
-    if between and next(out.glob("between-*.npz"), None) is not None:
+    rendering = _rendering(given)
+    if rendering.between and next(out.glob("between-*.npz"), None) is not None:
         raise InputError(f"{out} holds files between-NNNNNN.npz; expected a folder without")
     writer = ExrWriter(out)
     console = Console(stderr=True)
@@ -115,7 +115,7 @@ def render(
     frames = rendering.frames_and_requests()
     for frame, requests in track(frames, "rendering", count, console=console, disable=quiet):
         writer.write(frame)
-        if between and frame.index > 0:
+        if rendering.between and frame.index > 0:
             np.savez(out / f"between-{frame.index:06d}.npz", **requests.as_dict())
     write_sidecar(out / "frames.json", rendering.about | scene_from_here(rendering.about, out))
     size = {"width": rendering.width, "height": rendering.height}
@@ -127,3 +127,26 @@ def render(
         highlight=False,
         soft_wrap=True,
     )
+
+
+def _rendering(given: Mapping[str, Any]) -> Rendering:
+    """Return what renders: at an even rate, or at the times of a file, or of the frames whose sidecar is --config."""
+    from clsim.footage.times import read_times_us
+    from clsim.live.rendering import Rendering
+
+    times = given["times"]
+    settings = {name: value for name, value in given.items() if name not in ("out", "as_json", "times")}
+    if times == "adaptive":
+        return Rendering(live_options(settings | {"time": "adaptive"}))
+    options = live_options(settings)
+    evenly = next((name for name in ("fps", "duration", "frame_count") if given[name] is not None), None)
+    if times is None:
+        times_us = None if given["config"] is None or evenly else config_times_us(given["config"])
+    elif evenly:
+        raise InputError(f"`times` say when frames are; leave out `{evenly}`")
+    else:
+        times_us = read_times_us(times, "s")
+    if times_us is None:
+        return Rendering(options)
+    alone = replace(options, fps=None, duration_s=None, frame_count=None, time="fixed", time_tolerance_us=None)
+    return Rendering(alone, times_us)

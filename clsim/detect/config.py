@@ -87,6 +87,8 @@ class DetectorConfig:
                     f"`{name}` must be a positive number from {SMALLEST_THRESHOLD:g} to {LARGEST_THRESHOLD:g}, "
                     f"got {value:g} for {'ON' if name == 'threshold_on' else 'OFF'} events"
                 )
+        if not isinstance(self.luminance, str) and (min(self.luminance) < 0 or sum(self.luminance) == 0):
+            raise InputError(f"`luminance` must be weights that are not negative, and not all 0, got {self.luminance}")
         if 0 < self.floor < SMALLEST_FLOOR:
             raise InputError(f"`floor` must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
         for name in ("bandwidth_h", "gate_scale", "scale", "floor"):

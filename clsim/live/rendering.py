@@ -30,7 +30,9 @@ class Rendering:
         warnings: what is asked for and will not be, one sentence each.
         notes: what was chosen where the scene leaves it open, likewise.
         settings: how they are rendered, in a few words.
-        about: what a sidecar tells of the frames: options, the detector they were made for, camera, poses.
+        between: whether pixels are traced between frames.
+        about: what a sidecar tells of the frames: options, the detector they were made for, camera, poses, and their
+            times where these were given.
     """
 
     def __init__(self, options: LiveOptions, times_us: Sequence[int] | None = None) -> None:
@@ -44,6 +46,7 @@ class Rendering:
             raise InputError(f"`truth` {options.truth[0]} is no plane; frames hold of it {', '.join(TRUTH_PLANES)}")
         stages = self._stages = plan_stages(options)
         world, camera = stages.world, stages.world.camera
+        told = {} if times_us is None else {"times_us": list(times_us)}
         if times_us is None:
             schedule = plan(world.duration_s, stages.fps, duration_s=options.duration_s, frames=options.frame_count)
             times_us = [schedule.time_us(index) for index in range(schedule.total or 0)]
@@ -51,6 +54,7 @@ class Rendering:
             raise InputError("`times` are those of pictures; `truth` needs frames at an even rate")
         self.width, self.height = camera.width, camera.height
         self._times_us = times_us
+        self.between = stages.retracing is not None
         self.frame_count = len(times_us)
         self.warnings, self.notes = stages.warnings, world.notes
         self.settings = stages.options.point.text()
@@ -62,6 +66,7 @@ class Rendering:
                 {"time_us": time_us, "camera_to_world": camera_pose(camera, time_us * 1e-6).tolist()}
                 for time_us in times_us
             ],
+            **told,
         }
 
     def frames(self) -> Iterator[Frame]:

@@ -191,6 +191,8 @@ def read_recording(path: Path) -> Recording:
         images, flows = (_times(file, group) for group in ("images", "flow"))
         height, width = (int(side) for side in file.attrs["sensor_resolution"][:2])
         told = json.loads(file.attrs["camera"]) if "camera" in file.attrs else {"width": width, "height": height}
+        if not isinstance(told, dict):
+            raise ValueError("its camera is no table")
     names = {*(["image"] if images else []), *(["flow"] if flows else [])}
     times = sorted({*images, *flows})
     about = About(
@@ -204,10 +206,20 @@ def read_recording(path: Path) -> Recording:
     def events() -> Iterator[EventBatch]:
         with h5py.File(source, "r") as file:
             columns = [file[f"events/{name}"] for name in ("ts", "xs", "ys", "ps")]
-            for start in range(0, min(map(len, columns)), CHUNK_EVENTS):
+            if any(column.ndim != 1 for column in columns) or len(set(map(len, columns))) > 1:
+                raise ValueError(
+                    f"events have the shapes {[column.shape for column in columns]}, expected one row each"
+                )
+            last_us = None
+            for start in range(0, len(columns[0]), CHUNK_EVENTS):
                 t, x, y, p = (column[start : start + CHUNK_EVENTS] for column in columns)
+                if min(x.min(), y.min()) < 0 or x.max() >= width or y.max() >= height:
+                    raise ValueError(f"events lie outside the sensor's {width}x{height} pixels")
                 batch = empty_batch(len(t))
                 batch["t"], batch["x"], batch["y"], batch["on"] = microseconds(t), x, y, p > 0
+                if (np.diff(batch["t"], prepend=batch["t"][0] if last_us is None else last_us) < 0).any():
+                    raise ValueError("events are not in the order of time")
+                last_us = batch["t"][-1]
                 yield batch
 
     def shots() -> Iterator[Shot]:
@@ -219,7 +231,10 @@ def read_recording(path: Path) -> Recording:
                 planes: dict[str, npt.NDArray[Any]] = {}
                 after_us = time_us
                 if time_us in images:
-                    planes["image"] = held(file[images[time_us]]).reshape(height, width)
+                    image = held(file[images[time_us]])
+                    if image.dtype != np.uint8:
+                        raise ValueError(f"{images[time_us]} holds {image.dtype}, expected uint8")
+                    planes["image"] = image.reshape(height, width)
                 if time_us in flows:
                     after_us = after.get(time_us, time_us + step_us)
                     planes["flow"] = _flow(held(file[flows[time_us]]), (after_us - time_us) * 1e-6)

@@ -14,6 +14,7 @@ from clsim.events.filesink import naming_failures, unwritable
 from clsim.truth.record import F64, ImuChunk, Times, TrackChunk
 
 MAX_BYTES = 1 << 30
+_LATEST_US = 1 << 62
 
 
 class Lines:
@@ -92,9 +93,15 @@ def held(dataset: Any, at: int | None = None) -> npt.NDArray[Any]:
 
 
 def microseconds(seconds: npt.ArrayLike) -> Times:
-    """Return whole µs of seconds ``[n]``."""
-    times_us: Times = np.rint(np.asarray(seconds, np.float64) * 1e6).astype(np.int64)
-    return times_us
+    """Return whole µs of seconds ``[n]``.
+
+    Raises:
+        ValueError: one is not finite, or so large that no µs can be told.
+    """
+    times_us = np.rint(np.asarray(seconds, np.float64) * 1e6)
+    if not (np.abs(times_us) < _LATEST_US).all():
+        raise ValueError("a time is not finite or too late")
+    return times_us.astype(np.int64)
 
 
 def read_track(path: Path, name: str) -> TrackChunk:

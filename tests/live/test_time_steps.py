@@ -172,6 +172,13 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
         source.fill(index, frame)
         found.append(frame.time_us)
     assert found == [2000, 10100, 33300]
+    again, evenly = tmp_path / "again", tmp_path / "evenly"
+    repeat = ["render", "--config", str(frames / "frames.json"), "--out"]
+    assert run.invoke(app, [*repeat, str(again)]).exit_code == 0
+    pictures = [file.name for file in frames.glob("*.exr")]
+    assert len(pictures) == 3 and all((again / each).read_bytes() == (frames / each).read_bytes() for each in pictures)
+    assert run.invoke(app, [*repeat, str(evenly), "--frame-count", "2"]).exit_code == 0
+    assert len(list(evenly.glob("*.exr"))) == 2
     asked = [*shared, "--times", "adaptive", "--frame-count", "3", "--out", str(between)]
     assert run.invoke(app, asked).exit_code == 0
     with np.load(between / "between-000002.npz") as traced, clsim.Simulator("two-boxes", **SMALL) as simulator:
@@ -179,7 +186,12 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
         assert simulator._eye.detector.between.stats.requests > len(traced["x"]) > 100
         assert traced["planes"].shape == (len(traced["names"]), len(traced["x"]))
         assert 1 / 30 < traced["time_s"].min() < traced["time_s"].max() < 2 / 30
-    assert run.invoke(app, [*shared, "--times", str(times), "--truth", "depth", "--out", str(tmp_path)]).exit_code != 0
+    for wrong, told in (
+        (["--truth", "depth"], "`truth` needs frames at an even rate"),
+        (["--frame-count", "7"], "`times` say when frames are; leave out `frame_count`"),
+    ):
+        outcome = run.invoke(app, [*shared, "--times", str(times), *wrong, "--out", str(tmp_path)])
+        assert told in str(outcome.exception)
 
 
 @pytest.mark.slow

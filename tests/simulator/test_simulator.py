@@ -8,6 +8,7 @@ import pytest
 
 import clsim
 from clsim.errors import Error, InputError
+from clsim.live.stages import Stages
 from clsim.render import RenderCancelled
 
 SIZE, FPS, FRAMES = (48, 36), 60.0, 8
@@ -105,3 +106,19 @@ def test_a_reset_lets_go_of_what_was_built() -> None:
         run.reset()
         with pytest.raises(RenderCancelled):
             before.fill(1, run._eye._frame)
+
+
+def test_what_could_not_be_built_is_told_and_built_by_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(stages: Stages) -> None:
+        raise InputError("no such device")
+
+    with simulator("two-boxes") as run:
+        with monkeypatch.context() as patch:
+            patch.setattr(Stages, "build_detector", refuse)
+            with pytest.raises(InputError, match="no such device"):
+                run.step(0)
+        assert len(run.step(50_000)) > 0
+    run = simulator("two-boxes")
+    monkeypatch.setattr(Stages, "build_detector", refuse)
+    with pytest.raises(InputError, match="no such device"), run:
+        run.step(0)

@@ -92,3 +92,33 @@ def test_files_that_claim_more_than_they_hold_are_told(tmp_path: Path) -> None:
         file.create_dataset("frames/depth", (4, 1 << 16, 1 << 16), "f4", chunks=(1, 16, 16))
     with pytest.raises(InputError, match="frames/depth has 17179869184 bytes"):
         next(read_recording(str(tmp_path / "b.h5")).shots())
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "told"),
+    [
+        ("events/ts", np.zeros((5, 2)), "events have the shapes"),
+        ("events/ts", np.zeros(1), "events have the shapes"),
+        ("events/ts", np.nan, "a time is not finite"),
+        ("events/ts", 1e300, "a time is not finite or too late"),
+        ("events/ts", -1.0, "not in the order of time"),
+        ("events/xs", -5, "outside the sensor's 24x16 pixels"),
+        ("events/ys", 16, "outside the sensor's 24x16 pixels"),
+        ("images/image000000001", np.zeros((16, 24)), "holds float64, expected uint8"),
+    ],
+)
+def test_event_utils_takes_no_events_that_cannot_be(tmp_path: Path, place: str, value: object, told: str) -> None:
+    home = tmp_path / "a.event_utils"
+    recorded(home)
+    with h5py.File(home / "a.h5", "r+") as file:
+        column, told_of = file[place][:], dict(file[place].attrs)
+        if np.ndim(value):
+            column = value
+        else:
+            column[len(column) // 2] = value
+        del file[place]
+        file[place] = column
+        file[place].attrs.update(told_of)
+    with pytest.raises(InputError, match=rf"\A[^\n]*a\.event_utils: is damaged or of another format \(.*{told}"):
+        convert_recording(str(home), str(tmp_path / "b.h5"))
+    assert not (tmp_path / "b.h5").exists()
