@@ -26,8 +26,10 @@ def mean_emission(world: World, mesh: Mesh) -> _F64:
         return np.zeros(len(mesh.triangles))
     luminance: _F64 = (emission @ LUMINANCE)[mesh.material_ids]
     for index, material in enumerate(world.materials):
-        triangles = np.flatnonzero(mesh.material_ids == index) if max(material.emission) > 0 else np.zeros(0, int)
-        if material.emission_texture >= 0 and mesh.uvs is not None and len(triangles):
+        if material.emission_texture < 0 or mesh.uvs is None or max(material.emission) == 0:
+            continue
+        triangles = np.flatnonzero(mesh.material_ids == index)
+        if len(triangles):
             colors = _mean(world.textures[material.emission_texture], mesh.uvs[mesh.triangles[triangles]])
             textured = colors * np.array(material.emission) @ LUMINANCE
             luminance[triangles] = np.maximum(textured, _LEAST * luminance[triangles])

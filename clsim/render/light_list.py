@@ -108,7 +108,7 @@ def small_lights(world: World, origin_m: _F64, middle_m: _F64, radius_m: float) 
     """Return spheres and lights without size, for a scene of that middle, from the device's origin, and radius."""
     lights: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
     power, far = np.zeros(len(lights)), np.zeros(len(lights), bool)
-    bounds = around(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    bounds = [around(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))]
     for i, light in enumerate(lights):
         pose = light.motion.pose(0.0)
         position, most = pose[:3, 3] - origin_m, _largest(light.modulation)
@@ -123,9 +123,9 @@ def small_lights(world: World, origin_m: _F64, middle_m: _F64, radius_m: float) 
             power[i] = lights_punctual.power(light, radius_m) @ LUMINANCE * most
             far[i] = light.kind == "directional"
             own = _of_punctual(light, position, -pose[:3, 2], most)
-        bounds = np.concatenate([bounds, own])
+        bounds.append(own)
     in_tree = np.array([in_light_tree(light) for light in lights], bool) & ~far
-    return SmallLights(power, far, in_tree, bounds)
+    return SmallLights(power, far, in_tree, np.concatenate(bounds))
 
 
 def _of_punctual(light: PunctualLight, position: _F64, axis: _F64, most: float) -> npt.NDArray[Any]:

@@ -174,7 +174,7 @@ class MaterialReader:
 def _solid(material: Material, volume: schema.Volume) -> Material:
     """Return glass that has an inside, where its thickness says so: it refracts, and dims light on its way within.
 
-    Its colour tints light once on the way in and out (KHR_materials_volume).
+    Its colour tints light once on the way in and out (KHR_materials_volume). Of a texture's the root is Disney's alone.
     """
     if volume.thicknessFactor == 0 or material.transmission == 0:
         return material
@@ -183,7 +183,7 @@ def _solid(material: Material, volume: schema.Volume) -> Material:
         for channel in volume.attenuationColor
     )
     solid = replace(material, absorption=(r, g, b))
-    if material.transmission == 1 and material.metallic == 0:
+    if material.transmission == 1 and material.metallic == 0 and material.texture < 0:
         x, y, z = (math.sqrt(channel) for channel in material.color)
         return replace(solid, kind="dielectric", color=(x, y, z))
     return replace(solid, kind="disney", alpha=max(material.alpha, LEAST_ALPHA), ior=max(material.ior, LEAST_IOR))

@@ -97,6 +97,9 @@ def test_solid_glass_has_the_colour_of_the_volume_after_its_distance(tmp_path, m
         clear = load_gltf(write_gltf(tmp_path, tree)).materials[0]
         assert clear.absorption == (0, 0, 0)
         assert (clear.kind == "principled") == ("thicknessFactor" in changed)
+    core["baseColorTexture"] = {"index": 0}
+    tree |= {"images": [{"uri": image_uri(np.full((1, 1, 4), 128))}], "textures": [{"source": 0}]}
+    assert load_gltf(write_gltf(tmp_path, tree)).materials[0].kind == "disney"
 
 
 @pytest.mark.parametrize("by_transform", [False, True])
