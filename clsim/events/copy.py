@@ -15,7 +15,7 @@ from clsim.events import SinkError
 from clsim.events.address import is_address
 from clsim.events.batch import EventBatch, Labelling, Labels, Sink
 from clsim.events.closing import close_at_once
-from clsim.events.files import LABELLED, split_topic
+from clsim.events.files import LABELLED, format_of, split_topic
 from clsim.events.filesource import EventSource
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
@@ -60,7 +60,7 @@ def convert_events(
     files.check([target_name])
     about = _source_sidecar(source_name)
     records_stream = is_address(source_name)
-    labelled = () if records_stream else _labels_of(source_name)
+    labelled = _labels_of(source_name)
     labels = labelled if "cause" in labelled and files.format_of(target_name) in LABELLED else ()
     if labels:
         files = replace(files, labels=True, objects="object" in labels)
@@ -94,7 +94,9 @@ def convert_events(
 
 
 def _labels_of(source: str) -> Labels:
-    """Return which labels stand beside the events of a file."""
+    """Return which labels stand beside the events of a file, if its format has any: a pipe cannot be opened twice."""
+    if is_address(source) or format_of(split_topic(source)[0]).name not in LABELLED:
+        return ()
     with open_events(source) as opened:
         return opened.labelled if isinstance(opened, EventSource) else ()
 

@@ -9,7 +9,7 @@ from event_data import end_of
 
 import clsim
 from clsim.errors import InputError
-from clsim.events import EventBatch, SinkError, whole
+from clsim.events import EventBatch, SinkError, text, whole
 from clsim.events.batch import Labelling
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
@@ -177,3 +177,13 @@ def test_events_left_out_after_the_last_that_fit_are_counted(tmp_path: Path, mon
     head = f"% evt 3.0\n% geometry {WIDTH}x{HEIGHT}\n% end\n".encode()
     (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())
     assert convert_events(str(tmp_path / "a.raw"), str(tmp_path / "b.txt")) == Copied(2, (1 << 12) + 7, 12)
+
+
+def test_a_source_without_labels_is_opened_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may be a pipe, which gives its events to who opens it first."""
+    source, opened = tmp_path / "a.txt", []
+    source.write_text("0.001 3 4 1\n0.002 5 6 0\n")
+    read_text = text.open_source
+    monkeypatch.setattr(text, "open_source", lambda path: opened.append(path) or read_text(path))
+    assert convert_events(str(source), str(tmp_path / "b.h5"), (WIDTH, HEIGHT)).events == 2
+    assert opened == [source]
