@@ -110,9 +110,9 @@ def run_all(sessions: list[Session]) -> None:
     try:
         for session in sessions:
             session.start()
-        for session in sessions:
-            while not session.pipeline.wait(0.1):
-                pass
+        running = sessions
+        while running:  # all in turn: one may fail while another would run for ever
+            running = [session for session in running if not session.pipeline.wait(0.1)]
     except BaseException:
         for session in sessions:
             session.pipeline.stop()

@@ -96,3 +96,20 @@ def test_each_camera_is_as_if_it_were_alone(tmp_path: Path) -> None:
     # On a plane, 1 / depth goes linearly from pixel to pixel.
     inverse = (1 - share) / far[y, at] + share / far[y, at + 1]
     assert np.abs(inverse * near - 1)[seen].max() < 1e-5
+
+
+def test_one_that_fails_ends_those_that_would_run_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sessions = open_rig(LiveOptions(rig(tmp_path), quality="draft", loop=True))
+    endless, failing = (session.pipeline for session in sessions)
+    asked = []
+
+    def fail(timeout_s: float) -> bool:
+        raise InputError("no such light")
+
+    monkeypatch.setattr(failing, "wait", fail)
+    monkeypatch.setattr(endless, "wait", lambda timeout_s: asked.append(timeout_s) or len(asked) > 20)
+    for session in sessions:
+        monkeypatch.setattr(session.pipeline, "start", lambda: None)
+    with pytest.raises(InputError, match="no such light"):
+        run_all(sessions)
+    assert len(asked) == 1
