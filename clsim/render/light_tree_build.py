@@ -60,6 +60,10 @@ def build_tree(bounds: _Rows, lights: _I64, count: int, probability: float, devi
         probability: with which the tree is asked for a light.
         device: Warp's device.
     """
+    tree: Any = LightTree()
+    if not len(lights):  # all are dark or far: the tree is never asked for one, but for whether it has one
+        tree.slots = array(np.full(count, -1), wp.int32, device)
+        return tree
     order = _arrange(0.5 * (bounds["low"] + bounds["high"]))
     here = order >= 0
     rows: list[_Rows] = [np.zeros(len(order), BOUNDS)]
@@ -79,7 +83,6 @@ def build_tree(bounds: _Rows, lights: _I64, count: int, probability: float, devi
         nodes[name] = merged[name]
     slots = np.full(count, -1)
     slots[lights[order[here]]] = np.flatnonzero(here)
-    tree = LightTree()
     tree.nodes = array(nodes, LightNode, device)
     tree.lights = array(np.where(here, lights[order], -1), wp.int32, device)
     tree.slots = array(slots, wp.int32, device)

@@ -75,10 +75,11 @@ class LightData:
         lights.punctual = self._punctual_table(times_s)
         lights.environment = wp.vec3(*world.environment)
         lights.environment_probability = float(probability[lights.first_environment])
-        if in_tree.any():
+        if features.light_tree:
+            # The kernel looks into it even where all such lights are dark or far.
             bounds = np.concatenate([triangles.bounds, small.bounds])[in_tree]
-            members = np.flatnonzero(in_tree)
-            lights.tree = build_tree(bounds, members, len(power), float(probability[-1]), device)
+            share = float(probability[-1]) if in_tree.any() else 0.0
+            lights.tree = build_tree(bounds, np.flatnonzero(in_tree), len(power), share, device)
 
     def update(self, times_s: _F64) -> None:
         """Put the lights without size where they are at those times; work only where one moves, or times are others."""

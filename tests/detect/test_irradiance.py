@@ -26,9 +26,9 @@ SEEDS = st.integers(0, 10**6)
     [
         (None, {}),
         (1, {"window": 3}),
-        (8, {"window": 21}),
+        pytest.param(8, {"window": 21}, marks=pytest.mark.slow),
         (4, {"scale": 0.3, "floor": 0.02, "luminance": "rec601"}),
-        (16, {"response": "lin-log", "window": 5}),
+        pytest.param(16, {"response": "lin-log", "window": 5}, marks=pytest.mark.slow),
     ],
     ids=str,
 )

@@ -26,7 +26,7 @@ def irradiance_seen(frame, **options):
 
 
 @pytest.mark.parametrize(("precision", "exact"), [("float32", 2e-5), ("float64", 1e-12)])
-@pytest.mark.parametrize(("lanes", "window"), [(None, 7), (1, 3), (8, 13), (16, 5)])
+@pytest.mark.parametrize(("lanes", "window"), [(None, 7), (1, 3), pytest.param(8, 13, marks=pytest.mark.slow), (16, 5)])
 @pytest.mark.parametrize("samples", [1, 16, 256])
 def test_kernels_equal_the_reference_at_shadows(samples, lanes, window, precision, exact):
     device = choose_device() if lanes is None else dataclasses.replace(choose_device(), lanes=lanes)
@@ -38,7 +38,7 @@ def test_kernels_equal_the_reference_at_shadows(samples, lanes, window, precisio
     np.testing.assert_allclose(stderr[valid], error[valid], rtol=100 * exact, atol=10 * exact)
 
 
-@pytest.mark.parametrize("window", [3, 7, 11])
+@pytest.mark.parametrize("window", [3, 7, pytest.param(11, marks=pytest.mark.slow)])
 def test_an_upright_shadow_without_noise_stays_as_sharp_as_it_is(window):
     """Second differences see no straight edge, so that nothing there counts as noise."""
     frame, light = shadowed_wall(3, None, slant=0.0)

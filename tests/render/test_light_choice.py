@@ -63,3 +63,11 @@ def test_of_a_far_light_the_power_arrives_that_the_scene_covers():
     """A disc of radius r at distance d, of a sphere: π·r² / (4·π·d²)."""
     assert arriving(1000.0, 2.0) == pytest.approx(np.pi * 4 / (4 * np.pi * 1e6))
     assert arriving(5.0, 2.0) == 1.0
+
+
+def test_lamps_that_are_all_off_are_no_reason_to_crash():
+    """Several lights that stand still bring the light tree in, and then none of them is in it."""
+    off = tuple(SphereLight(0.5, (0.0, 0.0, 0.0), Static(hw.translation(x, 2.0, 0.0))) for x in (-3.0, 3.0))
+    view = hw.camera(hw.look_from((0.0, 1.0, 2.0), (0.0, 0.0, 0.0)), 8, 8, fov_deg=40)
+    scene = hw.world(hw.quad((-9, 0, 9), (18, 0, 0), (0, 0, -18)), view=view, sphere_lights=off)
+    assert np.all(hw.radiance(hw.render(scene, spp=4)) == 0)

@@ -148,6 +148,7 @@ def test_variances_are_honest_and_smaller(spp):
     assert abs(means[0] - means[1]) < 4 * np.hypot(*errors)
 
 
+@pytest.mark.slow
 def test_an_exposure_is_stratified():
     """16 samples of a moving strip, 4 batches of 4 times each: quieter than independent times."""
 

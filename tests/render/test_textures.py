@@ -207,6 +207,7 @@ def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     assert np.ptp(shown) > 0.05 * max(shown)
 
 
+@pytest.mark.slow
 def test_tables_between_two_roughnesses_are_those_of_the_roughness_between():
     """So that sixteen are enough, from smooth to the roughest coat; only grazing light needs more of the smoothest."""
     passing, inner = coats(1.0, 1.5)
