@@ -17,7 +17,7 @@ from clsim.events.batch import gather
 from clsim.eye import Eye
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
-from clsim.live.stages import load_options_world, plan_stages
+from clsim.live.stages import in_colours_of, load_options_world, plan_stages
 from clsim.render import SceneData
 from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, read_place
@@ -98,7 +98,7 @@ class Driver(ABC):
             validate(world, world.name)
             given["scene"] = world.name
         self._options = LiveOptions(**given)
-        self.world = self._load() if world is None else world
+        self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)
         self._eyes = {name: Eye(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()}
         first = next(iter(self._eyes.values())).stages
         self.fps = first.fps

@@ -16,6 +16,8 @@ from clsim.events import EventBatch
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.live.sensors import read_sensor
 from clsim.opencl.device import choose_device
+from clsim.scene.spectral import spectral_weights
+from clsim.scene.world import Spectral
 from clsim.sensor import Specimen
 from clsim.sensor.settings import SensorSettings
 from clsim.values import read_value
@@ -70,9 +72,11 @@ class RadianceCamera:
             raise InputError(f"`width` and `height` must be at least 1, got {width} and {height}")
         settings = read_value("sensor", read_sensor(sensor), SensorSettings | None)
         on, off = _thresholds(read_value("threshold", threshold, float | tuple[float, float] | None), settings)
+        spectral: Spectral | None = None if settings is None else settings.optics.spectral
         config = DetectorConfig(
-            method="esim", event_rule=event_rule, threshold_on=on, threshold_off=off, scale=scale, floor=floor
-        )
+            method="esim", event_rule=event_rule, threshold_on=on, threshold_off=off, scale=scale, floor=floor,
+            luminance=spectral_weights(spectral or "luminance"),
+        )  # fmt: skip
         # Its level is the logarithm of scaled luminance, which is 0 where luminance is 1 / scale.
         lux = read_value("lux_per_unit", lux_per_unit, float) / config.scale
         specimen = None if settings is None else Specimen(settings, read_value("seed", seed, int), lux)

@@ -21,7 +21,7 @@ from clsim.truth.names import plane_names
 if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
     from clsim.sensor import Specimen
-    from clsim.sensor.settings import Optics
+    from clsim.sensor.settings import Optics, SensorSettings
 
 
 class DetectorMaker(Protocol):
@@ -114,9 +114,14 @@ def load_options_world(options: LiveOptions) -> World:
     )
     if options.resolution is None and options.sensor is not None:
         world = _seen_by(world, options.sensor.optics)
-    if options.sensor is not None and options.sensor.optics.spectral is not None:
-        world = replace(world, sensor=replace(world.sensor, spectral=options.sensor.optics.spectral))
-    return world
+    return in_colours_of(options.sensor, world)
+
+
+def in_colours_of(sensor: SensorSettings | None, world: World) -> World:
+    """Return the world seen in the colours that a sensor's file asks for; they come before the scene's."""
+    if sensor is None or sensor.optics.spectral is None:
+        return world
+    return replace(world, sensor=replace(world.sensor, spectral=sensor.optics.spectral))
 
 
 def alone(world: World) -> World:

@@ -1,5 +1,7 @@
 """Any renderer behind an event camera."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import warp as wp
@@ -7,6 +9,8 @@ import warp as wp
 import clsim
 from clsim.errors import Error, InputError
 from clsim.radiance import on_host
+from clsim.sensor import load_sensor
+from clsim.sensor.settings import Optics
 
 WIDTH, HEIGHT = 12, 8
 
@@ -137,3 +141,15 @@ def test_a_sensor_may_have_faults_and_thresholds_of_its_own() -> None:
     assert len(found["deaf"]) < len(found["davis346"]) / 4 and found["davis346"].tobytes() != found["ideal"].tobytes()
     with pytest.raises(InputError, match="davis347"):
         camera(sensor="davis347")
+
+
+def test_a_sensor_sees_its_own_colours() -> None:
+    """A sensor that is blind to blue, whether pictures are pushed or a World is rendered."""
+    blind = replace(load_sensor("ideal"), optics=Optics(spectral=(0.5, 0.5, 0.0)))
+    dark, blue, red = (np.full((3, HEIGHT, WIDTH), 0.3, np.float32) for _ in range(3))
+    blue[2], red[0] = 0.9, 0.9
+    with camera(sensor=blind) as pixels:
+        assert [len(pixels.push(shown, 1_000 * k)) > 0 for k, shown in enumerate((dark, blue, red))] == [0, 0, 1]
+    world = clsim.load_scene("two-boxes", resolution=(16, 12))
+    with clsim.Simulator(world, sensor=blind) as simulator:
+        assert simulator.world.sensor.spectral == (0.5, 0.5, 0.0)
