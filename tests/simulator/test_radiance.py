@@ -147,7 +147,7 @@ def test_a_sensor_sees_its_own_colours() -> None:
     """A sensor that is blind to blue, whether pictures are pushed or a World is rendered."""
     blind = replace(load_sensor("ideal"), optics=Optics(spectral=(0.5, 0.5, 0.0)))
     dark, blue, red = (np.full((3, HEIGHT, WIDTH), 0.3, np.float32) for _ in range(3))
-    blue[2], red[0] = 0.9, 0.9
+    blue[2], red[0] = 3.0, 0.9
     with camera(sensor=blind) as pixels:
         assert [len(pixels.push(shown, 1_000 * k)) > 0 for k, shown in enumerate((dark, blue, red))] == [0, 0, 1]
     world = clsim.load_scene("two-boxes", resolution=(16, 12))
