@@ -20,7 +20,6 @@ Source: Stoffregen et al., Reducing the Sim-to-Real Gap for Event Cameras, ECCV 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -32,7 +31,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.events.filesink import naming_failures, unwritable
+from clsim.events.filesink import PartFile, naming_failures, unwritable
 from clsim.events.filesource import CHUNK_EVENTS
 from clsim.truth.growing_npy import GrowingNpy
 from clsim.truth.images import Pictures, with_images
@@ -121,12 +120,15 @@ class EventUtilsLayout(Layout):
                 "sensor_resolution": [self._about.height, self._about.width],
             }
             (self._path / "memmap" / "metadata.json").write_text(json.dumps(facts), "utf-8")
-            part = self._h5.with_name(f".{self._h5.name}.part")
-            with h5py.File(part, "w") as file:
-                file.attrs.update(facts | {"camera": json.dumps(dict(self._about.camera))})
-                self._write_events(file)
-                self._write_frames(file)
-            os.replace(part, self._h5)
+            whole = PartFile(self._h5)
+            try:
+                with h5py.File(whole.part, "w") as file:
+                    file.attrs.update(facts | {"camera": json.dumps(dict(self._about.camera))})
+                    self._write_events(file)
+                    self._write_frames(file)
+                whole.complete()
+            finally:
+                whole.discard()
 
     def _count(self, name: str) -> int:
         return self._columns[name].count if name in self._columns else 0

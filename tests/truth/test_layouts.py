@@ -209,43 +209,6 @@ def test_mvsec_is_as_its_users_read_it(tmp_path: Path) -> None:
             assert np.array_equal(shown, np.where(known, shot.planes["flow"][..., axis], 0))
 
 
-def test_event_utils_finds_what_its_readers_ask_for(tmp_path: Path) -> None:
-    """By h5py and numpy alone: its loaders want torch, and are no package."""
-    layout = open_layout(str(tmp_path / "run.event_utils"), recordings.about())
-    expected = recordings.feed(layout, close=False)
-    kept = {file.stem: np.load(file, mmap_mode="r") for file in (tmp_path / "run.event_utils/memmap").glob("*.npy")}
-    layout.close()
-    e, shots = expected.events, expected.shots
-    with h5py.File(tmp_path / "run.event_utils/run.h5") as file:
-        columns = {name: file[f"events/{name}"][:] for name in ("xs", "ys", "ts", "ps")}
-        assert columns["ts"].dtype == np.float64 and columns["ps"].dtype == np.bool_
-        assert np.array_equal(np.rint(columns["ts"] * 1e6), e["t"]) and np.array_equal(columns["ps"], e["on"])
-        assert np.array_equal(columns["xs"], e["x"]) and np.array_equal(columns["ys"], e["y"])
-        told = dict(file.attrs)
-        counts = [told[name] for name in ("num_events", "num_pos", "num_neg", "num_imgs", "num_flow")]
-        assert counts == [len(e), e["on"].sum(), (~e["on"]).sum(), len(shots), len(shots)]
-        assert list(told["sensor_resolution"]) == [recordings.HEIGHT, recordings.WIDTH]
-        assert [told["t0"], told["tk"]] == [columns["ts"][0], columns["ts"][-1]]
-        assert told["duration"] == told["tk"] - told["t0"]
-        for k, shot in enumerate(shots):
-            image, flow = file[f"images/image{k:09d}"], file[f"flow/flow{k:09d}"]
-            assert image.dtype == np.uint8 and np.array_equal(image[:], shot.planes["image"])
-            assert image.attrs["timestamp"] == flow.attrs["timestamp"] == shot.time_us * 1e-6
-            # As its own packager has it: the last event before the image, by a search in the file's times.
-            before = np.searchsorted(columns["ts"], image.attrs["timestamp"]) - 1
-            assert image.attrs["event_idx"] == max(before, 0) and list(image.attrs["size"]) == list(image.shape)
-            known = shot.planes["flow"][..., 2] > 0
-            speed = np.where(known[..., None], shot.planes["flow"][..., :2], 0) / (recordings.STEP_US * 1e-6)
-            assert flow.shape == (2, recordings.HEIGHT, recordings.WIDTH) and flow.dtype == np.float32
-            np.testing.assert_allclose(flow[:], np.moveaxis(speed, 2, 0), rtol=1e-6)
-            assert np.array_equal(kept["images"][k, :, :, 0], image) and np.array_equal(kept["optic_flow"][k], flow)
-    assert np.array_equal(kept["t"][:, 0], columns["ts"]) and np.array_equal(kept["p"][:, 0], columns["ps"])
-    assert np.array_equal(kept["xy"], np.stack([columns["xs"], columns["ys"]], axis=1))
-    assert kept["timestamps"].shape == (len(shots), 1) and "metadata.json" in os.listdir(
-        tmp_path / "run.event_utils/memmap"
-    )
-
-
 def original_dsec(path: Path, block_style: bool) -> recordings.Given:
     """A sequence as DSEC publishes it: nothing beyond, numbers left out, images of another camera."""
     source = path / "made.dsec"
