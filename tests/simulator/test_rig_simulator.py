@@ -42,6 +42,7 @@ def drive(simulator: clsim.Simulator | clsim.RigSimulator, placed: np.ndarray | 
     return found
 
 
+@pytest.mark.slow
 def test_each_camera_has_the_bits_that_it_has_alone() -> None:
     options = {"clock": "caller", "quality": "draft", "truth": ("depth", "flow"), "seed": 3}
     with clsim.RigSimulator(scene(), **options) as rig:
@@ -99,6 +100,14 @@ def test_a_rig_goes_back_and_begins_anew() -> None:
         for name, events in first.items():
             assert len(events) > 20
             assert events.tobytes() == second[name].tobytes() == third[name].tobytes()
+        # Each has its own size, and its own place on the rig, which is where it was set.
+        assert rig.frame("left").planes.shape[1:] == (36, 48) and rig.frame("right").planes.shape[1:] == (20, 32)
+        placed, _ = poses(30)
+        rig.set_camera(placed)
+        rig.step(2 * END_US)
+        for mount in MOUNTS:
+            pose = rig.cameras[mount.name].motion.pose(rig.time_us * 1e-6)
+            assert np.allclose(pose, placed @ mount.offset, atol=1e-6), mount.name
         with pytest.raises(InputError, match="before a reset"):
             rig.restore(state)
         with pytest.raises(InputError, match="left, right"):
