@@ -86,7 +86,7 @@ def feed(layout: Layout, seed: int = 0, close: bool = True) -> Given:
     events = np.zeros(count, EVENT_DTYPE)
     events["t"] = np.sort(rng.integers(0, (SHOTS - 1) * STEP_US, count))
     events["x"], events["y"] = rng.integers(0, WIDTH, count), rng.integers(0, HEIGHT, count)
-    events["on"] = rng.random(count) < 0.5
+    events["on"] = rng.random(count) < 0.4
     labels = np.zeros(count, LABEL_DTYPE)
     labels["object"], labels["flow"] = rng.integers(0, 3, count), rng.normal(0, 100, (count, 2))
     labels["cause"] = np.arange(count) % 4

@@ -46,6 +46,8 @@ def test_it_holds_what_its_readers_ask_for(tmp_path: Path) -> None:
             assert flow.shape == (2, recordings.HEIGHT, recordings.WIDTH) and flow.dtype == np.float32
             np.testing.assert_allclose(flow[:], np.moveaxis(speed, 2, 0), rtol=1e-6)
             assert np.array_equal(kept["images"][k, :, :, 0], image) and np.array_equal(kept["optic_flow"][k], flow)
+    for name in ("timestamps", "optic_flow_timestamps", "optic_flow_stamps"):
+        assert np.array_equal(kept[name][:, 0], [shot.time_us * 1e-6 for shot in shots]), name
     assert np.array_equal(kept["t"][:, 0], columns["ts"]) and np.array_equal(kept["p"][:, 0], columns["ps"])
     assert np.array_equal(kept["xy"], np.stack([columns["xs"], columns["ys"]], axis=1))
     assert kept["timestamps"].shape == (len(shots), 1) and "metadata.json" in os.listdir(
