@@ -295,14 +295,18 @@ def test_close_delivers_what_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     sink.close()
 
 
-def test_close_does_not_wait_for_a_stuck_client() -> None:
+def test_close_does_not_wait_for_a_stuck_client(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 1000.0)
     sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
     batch = make_events(60_000)
     with connect_stuck(sink.port):
         assert sink.wait_for_clients(1, timeout_s=10)
         while sink.queued_bytes == 0:
             sink.write(batch, end_of(batch))
-        sink.close()
+        closer = threading.Thread(target=sink.close, daemon=True)
+        closer.start()
+        closer.join(30)
+        assert not closer.is_alive()
     assert sink.dropped_packets >= 1
     assert sink.dropped_events == sink.dropped_packets * len(batch)
 
