@@ -25,6 +25,8 @@ _USUAL_SIGMA, _CHANCE = 0.25 * _DECADE, 1e-9
 _ROUNDS = 5
 """In which the mean without hot pixels settles."""
 _RESAMPLED = 100
+_QUANTILES = 400
+"""Pixels that stand for all, where a mean over a lognormal distribution is not smooth."""
 _FEW = 1e-3
 """Noise events in a period of leak, below which they change nothing."""
 
@@ -87,7 +89,8 @@ class StillFit:
         noise_hz: rate of noise events of each polarity, of a median pixel [1/s].
         noise_decades: standard deviation of log10 of that rate over the pixels.
         leak_hz: rate at which a median pixel leaks, were there no noise [1/s].
-        leak_decades: as of noise; it holds the mismatch of thresholds too, over which pixels leak.
+        leak_decades: as of noise; it holds the mismatch of thresholds too, over which pixels leak. Where a mean pixel
+            leaks for less than a period, the recording does not tell it: it is that of a measured camera.
         hot: which pixels are hot, ``[H, W]``.
         hot_hz, hot_decades: of the hot pixels; None where there are too few.
     """
@@ -122,13 +125,17 @@ def fit_still(counts: Counts) -> StillFit:
         raise InputError(f"a fit needs {_FEWEST_EVENTS} events of a still scene at least, got {total}; record longer")
     hot = _hot_pixels(counts)
     on, off = (each[~hot].astype(np.float64) for each in (counts.on, counts.off))
-    best = _rates(on, off, counts.seconds)
+    # In less than a period a pixel has one event of leak or none, however its rate differs from others'.
+    told = bool(on.mean() - off.mean() >= 1)
+    best = _rates(on, off, counts.seconds, told)
     draw = np.random.default_rng(0)
     chosen = [draw.integers(0, len(on), len(on)) for _ in range(_RESAMPLED)]
-    errors = np.std([_rates(on[each], off[each], counts.seconds) for each in chosen], axis=0)
+    errors = np.std([_rates(on[each], off[each], counts.seconds, told) for each in chosen], axis=0)
     noise, noise_decades, leak, leak_decades = (
         (float(value), float(error)) for value, error in zip(best, errors, strict=True)
     )
+    if leak[0] > 0 and not told:
+        leak_decades = leak_decades[0], _USUAL_SIGMA / _DECADE
     hot_hz = hot_decades = None
     if hot.sum() >= 3:
         logs = np.log10((counts.on + counts.off)[hot] / counts.seconds)
@@ -167,8 +174,8 @@ def _hot_of_few(total: FloatArray) -> npt.NDArray[np.bool_]:
     return hot
 
 
-def _rates(on: FloatArray, off: FloatArray, seconds: float) -> tuple[float, float, float, float]:
-    """Return median and spread [decades] of noise and of leak."""
+def _rates(on: FloatArray, off: FloatArray, seconds: float, told: bool) -> tuple[float, float, float, float]:
+    """Return median and spread [decades] of noise and of leak; that of leak is `_USUAL_SIGMA` unless it is ``told``."""
     noise, noise_square = off.mean(), 0.0
     if noise > 0:
         noise_square = math.log1p(max(off.var() - noise, 0.0) / noise**2)
@@ -176,26 +183,35 @@ def _rates(on: FloatArray, off: FloatArray, seconds: float) -> tuple[float, floa
     leaked = on.mean() - noise
     if leaked <= 0:
         return noise_hz, noise_sigma / _DECADE, 0.0, 0.0
-    of_noise = noise + noise**2 * math.expm1(noise_square)
-    leak_square = math.log1p(max(on.var() - of_noise - _rounded(leaked), 0.0) / leaked**2)
-    start = math.log(leaked / seconds) - leak_square / 2, max(math.sqrt(leak_square), 0.01)
-    leak_hz, leak_sigma = _leak_of(on.mean(), on.var(), seconds, 2 * noise_hz, noise_sigma, start)
+    leak_sigma = _USUAL_SIGMA
+    if told:
+        of_others = noise + noise**2 * math.expm1(noise_square)
+        of_others += _of_phases(leaked * math.exp(-(leak_sigma**2) / 2), leak_sigma)
+        leak_sigma = math.sqrt(math.log1p(max(on.var() - of_others, 0.0) / leaked**2))
+    start = math.log(leaked / seconds) - leak_sigma**2 / 2, max(leak_sigma, 0.01)
+    variance = float(on.var()) if told else None
+    leak_hz, leak_sigma = _leak_of(float(on.mean()), variance, seconds, 2 * noise_hz, noise_sigma, start)
     return noise_hz, noise_sigma / _DECADE, leak_hz, leak_sigma / _DECADE
 
 
-def _rounded(periods: float) -> float:
-    """Return the variance of the number of periods, from a phase at random, in a time of so many of them, on average.
+def _of_phases(periods: float, sigma: float) -> float:
+    """Return the variance of the number of leak's periods that phases at random make, on average over the pixels.
 
-    Over times of many kinds it is 1/6; in less than a period there is one or none.
+    A pixel that leaks for p periods ends ⌊p⌋ of them or one more: that varies by f (1 − f), f the fraction of p.
+    ``periods`` are those of a median pixel; the log of p has the standard deviation ``sigma``.
     """
-    return min(1 / 6, periods * (1 - periods)) if periods < 1 else 1 / 6
+    from scipy.special import ndtri
+
+    fraction = periods * np.exp(sigma * ndtri((np.arange(_QUANTILES) + 0.5) / _QUANTILES)) % 1
+    return float((fraction * (1 - fraction)).mean())
 
 
 def _leak_of(
-    mean: float, variance: float, seconds: float, noise_hz: float, noise_sigma: float, start: tuple[float, float]
+    mean: float, variance: float | None, seconds: float, noise_hz: float, noise_sigma: float, start: tuple[float, float]
 ) -> tuple[float, float]:
     """Return median and spread [ln] of leak with which ON events have this mean and variance over the pixels.
 
+    Without a variance the spread is that of ``start``.
     Each noise event, of which there are ``noise_hz`` of both polarities, takes back what has leaked. Leak and noise
     are lognormal, and integrated over by Gauss and Hermite.
     """
@@ -210,8 +226,10 @@ def _leak_of(
         rate, fano = _on_events(noise, np.exp(guess[0] + guess[1] * nodes))
         counts = rate * seconds
         found = (both * counts).sum()
-        periods = float((weights * np.exp(guess[0] + guess[1] * nodes)).sum()) * seconds
-        spread = (both * counts**2).sum() - found**2 + (both * fano).sum() * seconds + _rounded(periods)
+        if variance is None:
+            return np.array([found / mean - 1, guess[1] - start[1]])
+        spread = (both * counts**2).sum() - found**2 + (both * fano).sum() * seconds
+        spread += _of_phases(math.exp(guess[0]) * seconds, guess[1])
         return np.array([found / mean - 1, (spread - variance) / mean**2])
 
     found = least_squares(misses, start, bounds=([-np.inf, 0.0], [np.inf, np.inf]), x_scale=(1.0, 0.1)).x

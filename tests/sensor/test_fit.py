@@ -97,12 +97,22 @@ def test_hot_pixels_are_found_in_half_a_second():
 
 def test_a_leak_is_found_in_less_than_its_period():
     # 0.1 Hz over 0.6 s: one pixel in seventeen fires once.
-    settings = SensorSettings(noise=Noise(0.02, 0.02), leak=Leak(0.1, 0.1))
+    settings = SensorSettings(noise=Noise(0.005, 0.005), leak=Leak(0.1, 0.25))
     counts = Counts.of_size(240, 180)
     lab = Lab(settings, 240, 180)
     counts.add([lab.to(t, 0.0).events for t in (0, 600_000)])
     found = fit_still(counts)
-    assert found.leak_hz[0] == pytest.approx(0.1, rel=0.15) and near(found.noise_hz, 0.02, rel=0.05)
+    assert found.leak_hz[0] == pytest.approx(0.1, rel=0.08) and near(found.noise_hz, 0.005, rel=0.05)
+    # Every pixel fires once or not at all: how rates spread is taken to be as usual, and its error is as large.
+    assert found.leak_decades == pytest.approx((0.25, 0.25))
+
+
+@pytest.mark.parametrize("periods", [1.05, 2.0])
+def test_a_spread_of_leaks_is_found_in_periods_of_any_number(periods):
+    generator, shape = np.random.default_rng(3), (150, 200)
+    ended = periods * 10 ** generator.normal(0, 0.05, shape) + generator.uniform(size=shape)
+    found = fit_still(Counts(np.floor(ended).astype(int), np.zeros(shape, int), 10.0))
+    assert near(found.leak_hz, periods / 10, rel=0.005) and near(found.leak_decades, 0.05, rel=0.01)
 
 
 def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
@@ -110,7 +120,7 @@ def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
     assert found.frequency_hz == pytest.approx(LAMP_HZ, rel=1e-4)
     assert near(found.on, 0.2, rel=0.005) and near(found.off, 0.25, rel=0.005)
     assert near(found.mismatch, 0.03, rel=0.02)
-    assert found.rest_us[0] == pytest.approx(300, rel=0.05)
+    assert found.rest_us[0] == pytest.approx(300, rel=0.02)
     assert found.silent_share[0] == pytest.approx(0.01, abs=4 * math.sqrt(0.01 / (WIDTH * HEIGHT)))
 
 
@@ -198,7 +208,8 @@ def test_a_base_that_is_not_there_is_told(recorded, tmp_path, monkeypatch, capsy
 @pytest.mark.slow
 def test_fits_do_not_hang_on_a_front_end(still):
     davis = replace(load_sensor("davis346"), defects=TRUE.defects)
-    found = fit_flicker(lamp(davis, 1.0, 100), WIDTH, HEIGHT, CONTRAST, ~still.hot)
+    found = fit_flicker(lamp(davis, 1.0, 400), WIDTH, HEIGHT, CONTRAST, ~still.hot)
     assert found.on[0] == pytest.approx(0.2, rel=0.01) and found.off[0] == pytest.approx(0.2, rel=0.01)
-    # Found 5.2 % long, and 4.7 % before pieces of the front end stayed open over launches; why is not known.
-    assert found.rest_us[0] == pytest.approx(250, rel=0.06)
+    # Of a float64 pixel the fit finds 252.0 under these 400 lines a period, 251.4 under a true sine, and 250.0 where
+    # there is no dark current either. Of 100 lines it finds 260.8: chords of a sine lie inside it.
+    assert found.rest_us[0] == pytest.approx(252, rel=0.01)
