@@ -32,7 +32,7 @@ class MaterialReader:
     def __init__(self, legacy: bool, folder: Any, warn: Callable[[str], None]) -> None:
         """Read from a scene's folder; ``legacy`` is a version before 2; ``warn`` takes what World cannot hold."""
         self.materials: list[Material] = []
-        self.textures = TextureReader(folder, self._warn)
+        self.textures = TextureReader(legacy, folder, self._warn)
         self._legacy, self._tell = legacy, warn
         self._at = ""
         self._told: set[str] = set()
@@ -217,7 +217,7 @@ class MaterialReader:
         if len(nested) != 2:
             raise InputError(f"{bsdf.place}: the bsdf blendbsdf has {len(nested)} bsdfs inside, expected 2")
         first, second = map(self._read, nested)
-        weight, texture = self.textures.color(bsdf, "weight", 0.5)
+        weight, texture = self.textures.color(bsdf, "weight", 0.5, number=True)
         share = min(max(luminance(weight), 0.0), 1.0)
         if {first.alpha_mode, second.alpha_mode} != {"opaque"}:
             if max(first.opacity_texture, second.opacity_texture, texture) >= 0:
@@ -251,7 +251,8 @@ class MaterialReader:
         material = replace(material, distribution="ggx" if distribution == "ggx" else "beckmann")
         texture = bsdf.child("alpha")
         if texture is not None:
-            return replace(material, alpha=1.0, roughness_texture=self.textures.roughness(self.textures.index(texture)))
+            rough = self.textures.roughness(self.textures.index(texture, number=True))
+            return replace(material, alpha=1.0, roughness_texture=rough)
         both = [self.textures.color(bsdf, name, 0.1, plain=True)[0] for name in ("alpha_u", "alpha_v")]
         if any(name in bsdf.values or bsdf.child(name) is not None for name in ("alpha_u", "alpha_v")):
             along_u, along_v = (max(luminance(alpha), LEAST_ALPHA) for alpha in both)

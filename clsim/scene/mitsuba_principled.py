@@ -26,7 +26,7 @@ def read_principled(bsdf: Plugin, textures: TextureReader, warn: Callable[[str],
     alpha, rough = 1.0, bsdf.child("roughness")
     roughness_texture = -1
     if rough is not None:
-        roughness_texture = textures.roughness(textures.index(rough), perceptual=True)
+        roughness_texture = textures.roughness(textures.index(rough, number=True), perceptual=True)
     else:
         alpha = max(share("roughness", 0.5) ** 2, LEAST_ALPHA)
     ior = bsdf.get("eta", 1.5)

@@ -28,22 +28,28 @@ class TextureReader:
         textures: what was read so far.
     """
 
-    def __init__(self, folder: Any, warn: Callable[[str], None]) -> None:
-        """Read images from a scene's folder; ``warn`` takes what World cannot hold."""
+    def __init__(self, legacy: bool, folder: Any, warn: Callable[[str], None]) -> None:
+        """Read images from a scene's folder; ``legacy`` is a version before 2; ``warn`` takes what World cannot hold."""
+        self._legacy = legacy
         self.textures: list[Texture] = []
         self._folder, self._warn = folder, warn
         self._indices: dict[tuple[object, ...], int] = {}
         self._pixels: dict[object, U8] = {}
         self._budget = PixelBudget()
 
-    def color(self, plugin: Plugin, name: str, default: float, *, plain: bool = False) -> tuple[Vec3, int]:
-        """Return a colour parameter, and its texture or -1; ``plain`` has no room for one, and takes its mean."""
+    def color(
+        self, plugin: Plugin, name: str, default: float, *, plain: bool = False, number: bool = False
+    ) -> tuple[Vec3, int]:
+        """Return a colour parameter, and its texture or -1; ``plain`` has no room for one, and takes its mean.
+
+        ``number`` as in `index`.
+        """
         texture = plugin.child(name)
         if texture is not None:
             if plain:
                 self._warn(f"the mean of a texture stands in where it gives {name}")
                 return self.mean(self.index(texture)), -1
-            return WHITE, self.index(texture)
+            return WHITE, self.index(texture, number=number)
         value = plugin.values.get(name, default)
         if isinstance(value, float):
             return (value, value, value), -1
@@ -69,16 +75,19 @@ class TextureReader:
         pixels = roughness_pixels(alpha**2 if perceptual else alpha)
         return self._add(("roughness", index, perceptual), lambda: replace(wrap, pixels=pixels, srgb=False))
 
-    def index(self, plugin: Plugin, *, raw: bool = False, as_opacity: bool = False) -> int:
-        """Return the number of a texture: of colours, of ``raw`` numbers, or with its luminance as alpha."""
+    def index(self, plugin: Plugin, *, raw: bool = False, as_opacity: bool = False, number: bool = False) -> int:
+        """Return the index of a texture: of colours, of ``raw`` numbers, or with its luminance as alpha.
+
+        ``number`` says that its luminance alone is asked for, as opacity's always is.
+        """
         matrix = flipped_v(self._to_uv(plugin))
         if plugin.type == "checkerboard":
-            return self._checkerboard(plugin, matrix, as_opacity=as_opacity)
+            return self._checkerboard(plugin, matrix, as_opacity=as_opacity, number=number or as_opacity)
         if plugin.type != "bitmap":
             nested = plugin.of_kind("texture")
             if nested:
                 self._warn(f"the texture {plugin.type} is left out; the one inside it stands in")
-                return self.index(nested[0], raw=raw, as_opacity=as_opacity)
+                return self.index(nested[0], raw=raw, as_opacity=as_opacity, number=number)
             self._warn(f"the texture {plugin.type} is left out; grey stands in")
             return self._add(("grey",), lambda: CheckerTexture((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)))
         path = file_of(plugin.place, plugin.get("filename", ""), self._folder)
@@ -132,9 +141,12 @@ class TextureReader:
             affine = affine @ scale
         return affine
 
-    def _checkerboard(self, plugin: Plugin, matrix: tuple[Vec3, Vec3], *, as_opacity: bool) -> int:
+    def _checkerboard(self, plugin: Plugin, matrix: tuple[Vec3, Vec3], *, as_opacity: bool, number: bool) -> int:
         """Return a checkerboard as an image of four texels, which takes any transform; a texture inside is grey."""
         colors = [self.color(plugin, name, value, plain=True)[0] for name, value in (("color0", 0.4), ("color1", 0.2))]
+        if number and not self._legacy:
+            # In Mitsuba 3, numbers of a checkerboard (``eval_1``) stand in the squares of the other colour (``eval``).
+            colors.reverse()
         encoded = [encode_srgb8(color) for color in colors]
         alphas = [round(255 * min(luminance(color), 1.0)) if as_opacity else 255 for color in colors]
         first, second = ((*color.tolist(), alpha) for color, alpha in zip(encoded, alphas, strict=True))

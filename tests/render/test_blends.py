@@ -53,6 +53,21 @@ def test_a_chain_of_blends_is_the_mean_of_all():
 
 
 @pytest.mark.slow
+def test_a_mirrors_share_is_seen_whole():
+    """A mirror of a share of .26 over black or a rough coat, under an even sky, shows .26 of it and of the coat .74.
+
+    What a mirror reflects has no rival that also finds it. Mitsuba 3.9 sets its chance against the other's density, as
+    if both were of a kind, and shows .14 over black.
+    """
+    mirror = Material(kind="conductor", color=WHITE, alpha=0.0)
+    coat = Material(kind="plastic", color=(0.0, 0.0, 0.0), alpha=0.3)
+    alone = picture(panel(coat))["Radiance.R"].mean()
+    for other, light in ((Material(color=(0.0, 0.0, 0.0)), 0.0), (coat, alone)):
+        found = picture(panel(replace(other, blend_with=1, blend_share=0.26), mirror))["Radiance.R"].mean()
+        assert found == pytest.approx(0.26 + 0.74 * light, rel=0.01)
+
+
+@pytest.mark.slow
 def test_a_texture_says_where_which_is_seen():
     """The left half has all of the other, the right half a quarter: a byte of 137 is .25 of the light in sRGB."""
     pixels = np.full((1, 2, 4), 255, np.uint8)

@@ -194,3 +194,15 @@ def test_masks_and_two_sides_are_combined(tmp_path):
     found, _ = material(tmp_path, f'<bsdf type="blendbsdf">{weight}{red}{mask(blue, 0.2)}</bsdf>')
     # Of the light that meets it .75 is scattered by red, .05 by blue, and .2 goes on.
     assert (found.opacity, found.blend_share * found.opacity) == (pytest.approx(0.8), pytest.approx(0.05))
+
+
+@pytest.mark.parametrize(("version", "corner"), [("3.0.0", 0.4), ("0.6.0", 0.0)])
+def test_numbers_of_a_checkerboard_stand_in_the_other_squares(tmp_path, version, corner):
+    """Mitsuba 3 gives numbers of a checkerboard at the corner that of color1, and colours that of color0."""
+    values = '<float name="color0" value="0"/><float name="color1" value="0.4"/>'
+    squares = f'<texture type="checkerboard" name="{{}}">{values}</texture>'
+    found, world = material(tmp_path, f'<bsdf type="roughconductor">{squares.format("alpha")}</bsdf>', version)
+    perceptual = world.textures[found.roughness_texture].pixels[0, 0, 1] / 255
+    assert perceptual**2 == pytest.approx(corner, abs=0.01)
+    found, world = material(tmp_path, f'<bsdf type="diffuse">{squares.format("reflectance")}</bsdf>', version)
+    assert world.textures[found.texture].pixels[0, 0, 0] == 0

@@ -142,7 +142,8 @@ def test_sky_and_sun_alone(mi, tmp_path, kind):
 ROUGH = """<bsdf type="roughconductor"><string name="material" value="Au"/><float name="alpha" value="0.2"/>
     <string name="distribution" value="ggx"/></bsdf>"""
 SQUARES = """<texture type="checkerboard" name="weight"><rgb name="color0" value="0.9"/><rgb name="color1" value="0.1"/>
-    <transform name="to_uv"><scale value="4"/></transform></texture>"""
+    </texture>"""
+"""Four, each larger than the blocks that are compared, so that one in another's place is seen."""
 
 
 @pytest.mark.parametrize("weight", ['<float name="weight" value="0.3"/>', SQUARES], ids=["even", "squares"])
@@ -210,6 +211,14 @@ def test_beckmanns_microfacets(mi, tmp_path, kind, values):
     body = f'<shape type="sphere">{ball}{bsdf}</shape>'
     body += f'<shape type="rectangle">{place}</transform>{bsdf}</shape>'
     assert_alike(mi, tmp_path, FLOOR + SKY + SUN + body, spp=1024)
+
+
+def test_squares_of_roughness(mi, tmp_path):
+    """A panel of four squares, rough and nearly smooth: which are which is seen in what it mirrors."""
+    squares = SQUARES.replace("weight", "alpha").replace("0.9", "0.02").replace("0.1", "0.5")
+    place = '<transform name="to_world"><scale value="1.2"/><translate y="0.8"/></transform>'
+    panel = f'<shape type="rectangle">{place}<bsdf type="roughconductor">{squares}</bsdf></shape>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + panel, spp=1024)
 
 
 def test_two_sides_of_their_own(mi, tmp_path):
