@@ -220,9 +220,10 @@ What else a file asks for is told by a warning, with the first material that it 
 files.
 
 In two places clsim differs from Mitsuba 3.9 on purpose. Point lights shine through masks and `null` as through holes,
-where Mitsuba's `path` lets them cast a shadow. A blend of a perfect mirror with something rough is the mean of both,
-to which Mitsuba's does not add up. One difference is not explained: rough glass whose roughness is a texture is 1.5 to
-3 % darker than Mitsuba's in one of its scenes. [Validation](validation.md) has more.
+where Mitsuba's `path` lets them cast a shadow. A blend of a perfect mirror with something rough is the mean of both.
+In Mitsuba the mirror is too dark: of a mirror with a share of .26 over black, under an even sky, it shows .14.
+Where a checkerboard gives a number (roughness, a blend's weight, opacity), its squares are the other way round than
+where it gives a colour, as in Mitsuba 3. [Validation](validation.md) has more.
 
 ## What glass does to light
 

@@ -163,8 +163,9 @@ NOTES = """
 ## What disagrees
 
 - `bsdf_blendbsdf`: Mitsuba's gold, a perfect mirror in a blend, is too dark: it sets the mirror's chance against the
-  density of the rough coat, as if both were of a kind. A mirror with a share of .26 over black shows .26 of an even sky;
-  Mitsuba 3.9.1 shows .14, clsim .26. With gold of a roughness of .01 instead, Mitsuba's picture is clsim's within .4 %.
+  density of the rough coat, as if both were of a kind. A mirror with a share of .26 over black shows .26 of an even
+  sky; Mitsuba 3.9.1 shows .14, clsim .26. With gold of a roughness of .01 instead, Mitsuba's picture is
+  clsim's within .4 %.
 - `sponza`: its file is of version 0.4 and gives its lamp as one number for all wavelengths. Mitsuba of that time took
   it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
 - `living-room` takes more than twice Mitsuba's time for rendering. Half of clsim's goes into the environment map of

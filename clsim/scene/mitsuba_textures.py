@@ -29,7 +29,7 @@ class TextureReader:
     """
 
     def __init__(self, legacy: bool, folder: Any, warn: Callable[[str], None]) -> None:
-        """Read images from a scene's folder; ``legacy`` is a version before 2; ``warn`` takes what World cannot hold."""
+        """Read images from a scene's folder; ``legacy`` is a version before 2; ``warn`` takes what is lost."""
         self._legacy = legacy
         self.textures: list[Texture] = []
         self._folder, self._warn = folder, warn
