@@ -109,7 +109,8 @@ class Detector:
         """The pixels; built when they are first wanted."""
         if self._sensor is None:
             config = self.config
-            thresholds = Thresholds(config.threshold_on, config.threshold_off, config.event_rule == "frame")
+            rule = config.event_rule
+            thresholds = Thresholds(config.threshold_on, config.threshold_off, rule == "frame", rule == "linear-light")
             self._sensor = self._specimen.pixels(Workplace(self.device, self._grid, self.queue), thresholds)
         return self._sensor
 

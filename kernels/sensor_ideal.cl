@@ -1,7 +1,8 @@
 // The ideal pixel: brightness becomes events. First how many each listed pixel fires, then, once their places are known,
 // the events.
 //
-// Build macros: FRAME_RULE (at most one event, at the step's end), KNOTS (the path tells levels within the step).
+// Build macros: FRAME_RULE (at most one event, at the step's end), KNOTS (the path tells levels within the step),
+// LINEAR_LIGHT (light is linear in time, and not its logarithm, which levels are).
 
 #include "types.clh"
 
@@ -94,14 +95,23 @@ __kernel void decide_events(
     out_counts[4 * get_global_id(0) + 3] = most;
 }
 
+// The share of the way from `before` to `after` at which brightness has come to `level`.
+static inline stamp share_of(stamp before, stamp after, stamp level) {
+    stamp way = level - before, all = after - before;
+#ifdef LINEAR_LIGHT
+    way = expm1(way);
+    all = expm1(all);
+#endif
+    return way / (all == 0 ? 1 : all);
+}
+
 // The whole µs from the step's start at which brightness, on its way from `before` at time t0 to `after` at t1 [µs],
 // has come to `level`.
 static inline long crossed_at(stamp before, stamp after, stamp level, stamp t0, stamp t1, long step) {
 #ifdef FRAME_RULE
     return step;
 #else
-    const stamp rise = after - before;
-    const long t = (long)ceil(t0 + (level - before) / (rise == 0 ? 1 : rise) * (t1 - t0));
+    const long t = (long)ceil(t0 + share_of(before, after, level) * (t1 - t0));
     return t < 1 ? 1 : (t > step ? step : t);
 #endif
 }

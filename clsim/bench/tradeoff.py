@@ -229,8 +229,8 @@ class Sweep:
         mismatch = mismatch_scale(reference.levels, sensor, self.fps, WITHIN_US)
         pixel_seconds = camera.width * camera.height * self.frames / self.fps
         for each in (*points, *settings):
-            ideal = each["event_rule"] == "interpolated"
-            each["equivalent_mismatch"] = mismatch.equivalent(each["f1_within_1ms"]) if ideal else None
+            timed = each["event_rule"] != "frame"
+            each["equivalent_mismatch"] = mismatch.equivalent(each["f1_within_1ms"]) if timed else None
             each["cpu_us_per_pixel_second"] = 1e6 * each["cpu_s"] / pixel_seconds
         return {
             "schema": SCHEMA,

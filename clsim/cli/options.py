@@ -182,7 +182,10 @@ GATE = Annotated[
 ]
 EVENT_RULE = Annotated[
     EventRule | None,
-    advanced(help="interpolated: each crossing gets its own time; frame: at most one event a frame. [interpolated]"),
+    advanced(
+        help="interpolated: each crossing gets its own time, the logarithm of light being linear between frames; "
+        "linear-light: light itself is; frame: at most one event a frame. [the quality's]"
+    ),
 ]
 WINDOW = Annotated[
     int | None, advanced(help="Side of the window [pixels], odd, 3…21. [the quality's; 7 for irradiance, else 13]")

@@ -18,7 +18,7 @@ _ADAPTIVE = "#CC79A7"
 """Theirs too, instead of blue: adaptive sampling is always with common random numbers."""
 _MARKERS = {"esim": "o", "wlr-esim": "s", "delta-r": "^", "radiance": "D", "irradiance": "v"}
 _SHORT_NAMES = {"esim": "ESIM", "wlr-esim": "WLR", "delta-r": "delta-r", "radiance": "", "irradiance": ""}
-_CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "frame": ":"}
+_CEILING_STYLES: dict[str, Any] = {"interpolated": "--", "linear-light": "-.", "frame": ":"}
 _PANELS = (("f1", "F1 (published metric)"), ("strict_f1", "strict F1 (same pixel, ±1 frame)"))
 _CAMERAS = ((0.021, "2.1 %, DVS128"), (0.03, "3 %"))
 """Mismatches of thresholds that cameras have, drawn as lines."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Method = Literal["esim", "wlr-esim", "esim-ad", "irradiance"]
 Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
-EventRule = Literal["interpolated", "frame"]
+EventRule = Literal["interpolated", "linear-light", "frame"]
 Kernel = Literal["gaussian", "epanechnikov"]
 Response = Literal["ln", "lin-log"]
 Regress = Literal["log", "linear"]
@@ -38,6 +38,11 @@ class DetectorConfig:
     method: Method = "esim-ad"
     gate: Gate = "radiance"
     event_rule: EventRule = "interpolated"
+    """frame: at most one event a pixel and frame; else one for each crossing, at its own time between two frames.
+
+    There the logarithm of light is linear in time (interpolated), or light itself (linear-light): so it is of an edge
+    that passes a pixel, since the covered share is.
+    """
     threshold_on: float = 0.2
     """Contrast threshold C of ON events, > 0."""
     threshold_off: float = 0.2
@@ -87,6 +92,8 @@ class DetectorConfig:
                     f"`{name}` must be a positive number from {SMALLEST_THRESHOLD:g} to {LARGEST_THRESHOLD:g}, "
                     f"got {value:g} for {'ON' if name == 'threshold_on' else 'OFF'} events"
                 )
+        if self.event_rule == "linear-light" and self.response != "ln":
+            raise InputError(f"`event_rule` linear-light needs `response` ln, got {self.response}")
         if not isinstance(self.luminance, str) and (min(self.luminance) < 0 or sum(self.luminance) == 0):
             raise InputError(f"`luminance` must be weights that are not negative, and not all 0, got {self.luminance}")
         if 0 < self.floor < SMALLEST_FLOOR:

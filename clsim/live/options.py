@@ -196,6 +196,10 @@ class LiveOptions:
         if self.probe_every is None and (point.noise != "common" or point.first_hit_rays == 0):
             # Nothing can be kept from frame to frame.
             point = replace(point, probe_every=1)
+        lines = self.time != "fixed" or not (self.sensor is None or self.sensor.is_ideal)
+        if lines and self.event_rule is None and point.event_rule == "linear-light":
+            # Levels are found between frames, or go through filters, which take lines.
+            point = replace(point, event_rule="interpolated")
         return point
 
     def settled(self, light_stands_still: bool) -> LiveOptions:

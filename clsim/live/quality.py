@@ -74,12 +74,27 @@ QUALITIES: dict[Quality, Point] = {
         first_hit_rays=4,
         sampler="sobol",
         probe_every=2,
+        event_rule="linear-light",
     ),
     "balanced": Point(
-        method="irradiance", window=7, sampling="adaptive", probe_spp=1, spp=8, first_hit_rays=16, sampler="sobol"
+        method="irradiance",
+        window=7,
+        sampling="adaptive",
+        probe_spp=1,
+        spp=8,
+        first_hit_rays=16,
+        sampler="sobol",
+        event_rule="linear-light",
     ),
     "accurate": Point(
-        method="irradiance", window=7, sampling="adaptive", probe_spp=4, spp=32, first_hit_rays=64, sampler="sobol"
+        method="irradiance",
+        window=7,
+        sampling="adaptive",
+        probe_spp=4,
+        spp=32,
+        first_hit_rays=64,
+        sampler="sobol",
+        event_rule="linear-light",
     ),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"
@@ -107,6 +122,7 @@ CACHED: dict[Quality, Point] = {
         first_hit_rays=8,
         sampler="sobol",
         probe_every=64,
+        event_rule="linear-light",
     ),
     "balanced": Point(
         method="esim",
@@ -117,6 +133,7 @@ CACHED: dict[Quality, Point] = {
         first_hit_rays=32,
         sampler="sobol",
         probe_every=16,
+        event_rule="linear-light",
     ),
     "accurate": Point(
         method="esim",
@@ -127,6 +144,7 @@ CACHED: dict[Quality, Point] = {
         first_hit_rays=256,
         sampler="sobol",
         probe_every=4,
+        event_rule="linear-light",
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""

@@ -32,11 +32,13 @@ class Thresholds:
         off: contrast threshold of OFF events, > 0.
         at_step_ends: at most one event a pixel and step, at the step's end, whose level is the new reference; else one
             for each threshold crossed, brightness being linear in time, and the reference moves by the threshold.
+        linear_light: between the ends of a step without knots, light is linear in time, and not its logarithm.
     """
 
     on: float
     off: float
     at_step_ends: bool = False
+    linear_light: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ class IdealPixels:
     def __init__(self, place: Workplace[Grid], thresholds: Thresholds) -> None:
         """Build the kernels; no pixel has a reference."""
         self._place, self._thresholds = place, thresholds
-        self._kernels = {False: self._build({})}
+        self._kernels = {False: self._build({"LINEAR_LIGHT": 1} if thresholds.linear_light else {})}
         pixels = place.layout.height * place.layout.span
         chunks = min(-(-pixels // _CHUNK), max(_CHUNKS, -(-pixels // _LARGEST_CHUNK)))
         self.references = place.allocate(place.layout.image_shape, fill=np.nan)

@@ -58,6 +58,17 @@ def test_a_stamp_between_two_microseconds_is_the_later_one():
     assert listed(strip.step(0.0, 0.75, 0, 1000).events)[0] == (334, 0, 0, True)
 
 
+def test_linear_light_stamps_events_when_light_and_not_its_logarithm_has_come_to_the_threshold():
+    strip = Strip(2, Thresholds(0.25, 0.125, linear_light=True))
+    strip.step(0.0, 0.0)
+    # From 1 to e, and from 1 to 1/e.
+    events = strip.step(0.0, [1.0, -1.0], 0, 10_000).events
+    up = [np.ceil(1e4 * (np.exp(0.25 * k) - 1) / (np.e - 1)) for k in (1, 2, 3, 4)]
+    down = [np.ceil(1e4 * (np.exp(-0.125 * k) - 1) / (1 / np.e - 1)) for k in range(1, 9)]
+    np.testing.assert_allclose(events["t"][events["on"]], up, atol=1)
+    np.testing.assert_allclose(events["t"][~events["on"]], down, atol=1)
+
+
 def test_an_event_is_at_the_earliest_a_microsecond_after_the_start_and_at_the_latest_at_the_end():
     strip = Strip(2)
     strip.step(0.0, 0.0)

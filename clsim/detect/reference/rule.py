@@ -75,7 +75,7 @@ def _frame_rule(step: Step, pixels: Pixels, width: int, config: DetectorConfig) 
 
 
 def _interpolated_rule(step: Step, pixels: Pixels, width: int, config: DetectorConfig) -> Outcome:
-    """One event per threshold crossed, brightness being linear in time; the reference steps by C."""
+    """One event per threshold crossed, brightness or light being linear in time; the reference steps by C."""
     change = step.after - step.ref
     on = change > 0
     size = np.where(on, config.threshold_on, config.threshold_off)
@@ -88,6 +88,8 @@ def _interpolated_rule(step: Step, pixels: Pixels, width: int, config: DetectorC
     before = np.clip(step.before, step.ref - config.threshold_off, step.ref + config.threshold_on)[source]
     rise = step.after[source] - before
     crossed = step.ref[source] + nth * stride[source] - before
+    if config.event_rule == "linear-light":
+        rise, crossed = np.expm1(rise), np.expm1(crossed)
     share = crossed / np.where(rise == 0, 1.0, rise)
     t = np.ceil(share * (step.end_us - step.start_us)).astype(np.int64) + step.start_us
     t = np.clip(t, step.start_us + 1, step.end_us)
