@@ -161,6 +161,7 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
         probe_every=point.probe_every,
         first_hit_rays=point.first_hit_rays,
         light_cache=point.sampling == "cached",
+        light_hz=None if options.time == "fixed" else BASE_FPS,
         fps=fps,
         seed=options.seed,
         noise=point.noise,

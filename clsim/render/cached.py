@@ -8,6 +8,9 @@ A pixel traces few of them, and the full number where little is known.
 
 To know the light better is no event. So what a pixel has learnt since its first frame is taken off its brightness
 again: R, G and B change as the light does, in the light as it was known first, and are off by as much as that was.
+
+Where pixels are traced between frames, they are seen in the light as it was known before the frame that ends the step,
+and so is that frame: brightness is then the same whatever the frames' times.
 """
 
 from typing import Any
@@ -43,6 +46,7 @@ class Gathering:
         turn: number of the frame.
         known: where what is known of the light is at least so much, the probe will do; 0 … 1.
         asked: which cells are asked for the light, and the update whose gain is no event.
+        earlier: whether the light is shown as it was known before that update.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
     """
 
@@ -52,6 +56,7 @@ class Gathering:
     turn: int
     known: float
     asked: Asked
+    earlier: bool
     cell_angle: float
 
 
@@ -59,13 +64,14 @@ class Gathering:
 class Lit:
     """Sums over what a pixel shows: light sent out and reflected, the latter as known before, and what is dark as yet.
 
-    ``covered`` is the share of the pixel where a surface is seen.
+    ``covered`` is the share of the pixel where a surface is seen, ``before`` the luminance of ``earlier``.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
     """
 
     covered: float
     emission: wp.vec3
     light: wp.vec3
+    earlier: wp.vec3
     before: float
     unlit: wp.vec3
     unlit_before: wp.vec3
@@ -101,7 +107,9 @@ def _light(
             else:
                 s.unlit += albedo
             if kept.known_before:
-                s.before += brightness(wp.cw_mul(albedo, kept.before), weights)
+                earlier = wp.cw_mul(albedo, kept.before)
+                s.earlier += earlier
+                s.before += brightness(earlier, weights)
             else:
                 s.unlit_before += albedo
     return s
@@ -112,10 +120,11 @@ def _finished(lit: Lit, own: wp.vec3, own_before: wp.vec3, weights: wp.vec3) -> 
     """Return the sums with a pixel's own light where no cell knows any."""
     s = lit
     s.light += wp.cw_mul(s.unlit, own)
+    earlier = wp.cw_mul(s.unlit_before, own)
     if brightness(own_before, weights) > 0.0:
-        s.before += brightness(wp.cw_mul(s.unlit_before, own_before), weights)
-    else:
-        s.before += brightness(wp.cw_mul(s.unlit_before, own), weights)
+        earlier = wp.cw_mul(s.unlit_before, own_before)
+    s.earlier += earlier
+    s.before += brightness(earlier, weights)
     return s
 
 
@@ -129,18 +138,28 @@ def _gain(lit: Lit, weights: wp.vec3) -> float:
 
 
 @wp.func
+def _shown(lit: Lit, earlier: bool, learnt: float) -> wp.vec3:
+    """Return the radiance of a pixel in the light as it is known, or as it was before."""
+    light = lit.light
+    if earlier:
+        light = lit.earlier
+    return (lit.emission + light) * wp.exp(-learnt)
+
+
+@wp.func
 def seen_light(
     cells: wp.array(dtype=Cell),
     things: wp.array(dtype=Thing),
     number: int,
     gathering: Gathering,
     own: wp.vec3,
+    own_before: wp.vec3,
     learnt: float,
     weights: wp.vec3,
 ) -> wp.vec3:
-    """Return the radiance of a pixel that shows those things, by what was known and learnt when a frame was done."""
-    lit = _finished(_light(cells, things, number, gathering, weights), own, own, weights)
-    return (lit.emission + lit.light) * wp.exp(-learnt)
+    """Return the radiance of a pixel that shows those things, by what a frame knew and had learnt that it shows."""
+    lit = _finished(_light(cells, things, number, gathering, weights), own, own_before, weights)
+    return _shown(lit, gathering.earlier, learnt)
 
 
 def make_cached(
@@ -156,9 +175,10 @@ def make_cached(
 
     Kept from frame to frame: ``own``, vec3 ``[H·W]``, the irradiance that a pixel's own paths found last, ``traced``,
     int32 ``[H·W]``, how many paths it ever had, and ``learnt``, float ``[H·W]``, by how much its log luminance has
-    changed in all because light is known better. ``out_positions``, ``out_normals`` and ``out_lights``
+    changed in all because light is known better. Where ``settings.samples`` is 0 nothing is traced, and nothing learnt.
+    ``out_positions``, ``out_normals`` and ``out_lights``
     ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
-    ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays and paths.
+    ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -222,10 +242,14 @@ def make_cached(
             own[pixel] = wp.cw_div(radiance, albedo)
         traced[pixel] = traced[pixel] + wanted
         lit = _finished(lit, own[pixel], before, settings.spectral)
-        learnt[pixel] = learnt[pixel] + _gain(lit, settings.spectral)
-        shown = (lit.emission + lit.light) * wp.exp(-learnt[pixel])
+        learnt_so_far = learnt[pixel]
+        if settings.samples > 0:
+            learnt[pixel] = learnt_so_far + _gain(lit, settings.spectral)
+            out_spent[1, pixel] = wanted
+        if not steering.earlier:
+            learnt_so_far = learnt[pixel]
+        shown = _shown(lit, steering.earlier, learnt_so_far)
         store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
         out_spent[0, pixel] = seen.rays
-        out_spent[1, pixel] = wanted
 
     return render_cached

@@ -134,10 +134,10 @@ class Steerer:
             "out_spent": self._spent,
         }
 
-    def prepare(self, index: int) -> tuple[dict[str, Any], int]:
+    def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
         """Choose the samples of the frame ``index``; return arguments of the kernel and the full number of paths.
 
-        Takes the interest map of two frames ago, and waits for it where the board does.
+        Whenever it is, this takes the interest map of two frames ago, and waits for it where the board does.
         """
         effort = self.effort
         steering: Any = Steering()

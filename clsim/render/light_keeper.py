@@ -25,12 +25,14 @@ _CELLS_PER_PIXEL = 1
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
+_PASSES_OF_FIRST = 2
+"""Times that the first frame is rendered: nothing was known when it was rendered first."""
 
 
 def nothing_shown(device: Any) -> dict[str, Any]:
     """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
     empty: dict[str, Any] = {"steering": Gathering()}
-    for name, kind in (("cells", Cell), ("own", wp.vec3), ("learnt", wp.float32)):
+    for name, kind in (("cells", Cell), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32)):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
     return empty
 
@@ -49,7 +51,16 @@ class LightKeeper:
         paths: paths traced so far.
     """
 
-    def __init__(self, width: int, height: int, effort: Effort, pixel_angle: float, sharp: bool, device: Any) -> None:
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        pixel_angle: float,
+        sharp: bool,
+        pace_hz: float | None,
+        device: Any,
+    ) -> None:
         """Allocate a table without cells.
 
         Args:
@@ -58,6 +69,7 @@ class LightKeeper:
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
             pixel_angle: width of a pixel seen from the camera [rad].
             sharp: whether the picture has no blur.
+            pace_hz: see `RenderOptions.light_hz`.
             device: Warp's device.
         """
         pixels = width * height
@@ -65,6 +77,9 @@ class LightKeeper:
         self.first_hit_rays = self.paths = 0
         self._device = device
         self._pixel_angle, self._sharp = pixel_angle, sharp
+        self._pace_hz = pace_hz
+        self._tick = 0
+        self._learns = True
         self._frames = 0
         self._update = 0
         self._found_more = False
@@ -76,6 +91,9 @@ class LightKeeper:
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
         self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
+        self._own_before, self._learnt_before = self._own, self._learnt
+        if pace_hz is not None:
+            self._own_before, self._learnt_before = wp.zeros_like(self._own), wp.zeros_like(self._learnt)
         self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
         self._make_room(effort.spp)
 
@@ -92,34 +110,44 @@ class LightKeeper:
             "out_spent": self._spent,
         }
 
-    def prepare(self, index: int) -> tuple[dict[str, Any], int]:
+    def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
         """Return the arguments of the kernel that change with a frame, and the full number of paths.
 
-        What the paths of the last frame found is kept from now on.
+        What the paths of the last frame found is kept from now on. At a pace, a frame that comes too soon traces none.
         """
-        self._learn()
+        self._learns = self._is_time(time_us)
+        asked: Any = Asked()
+        asked.last_update, asked.finest, asked.finest_before = -1, self._finest, self._finest
+        if self._learns:
+            self._learn()
+            asked.finest = self._finest = _finest_of(self.effort)
+            # The first frame is rendered twice, and what it learns is no gain over a frame before.
+            asked.last_update = self._update if self._frames >= _PASSES_OF_FIRST else -1
+            if self.effort.spp != self._found["out_lights"].shape[0]:
+                self._make_room(self.effort.spp)
+            if self._pace_hz is not None:
+                wp.copy(self._own_before, self._own)
+                wp.copy(self._learnt_before, self._learnt)
         effort = self.effort
-        if effort.spp != self._found["out_lights"].shape[0]:
-            self._make_room(effort.spp)
         self._gathering: Any = Gathering()
         self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp, _SPARED)
-        self._gathering.probe, self._gathering.every = effort.probe_spp, effort.every
+        self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
         self._gathering.cell_angle = _CELL_PX * self._pixel_angle
-        asked: Any = Asked()
-        # The first frame is rendered twice, and what it learns is no gain over a frame before.
-        asked.last_update = self._update if self._frames > 1 else -1
-        asked.finest_before = self._finest
-        asked.finest = self._finest = _finest_of(effort)
         self._gathering.asked = asked
+        self._gathering.earlier = self._learns and self._pace_hz is not None
         changed = {"steering": self._gathering, "cells": self._cells, **self._found}
-        return changed, effort.spp
+        return changed, effort.spp if self._learns else 0
 
     @property
     def shown(self) -> dict[str, Any]:
-        """The arguments of a kernel that sees chosen pixels in the light of the last frame (retraced.py)."""
-        return {"steering": self._gathering, "cells": self._cells, "own": self._own, "learnt": self._learnt}
+        """The arguments of a kernel that sees chosen pixels in the light that the last frame shows (retraced.py)."""
+        own, learnt = self._own, self._learnt
+        if self._gathering.earlier:
+            own, learnt = self._own_before, self._learnt_before
+        light = {"cells": self._cells, "own": self._own, "own_before": own, "learnt": learnt}
+        return {"steering": self._gathering} | light
 
     def forget(self) -> None:
         """Empty all cells: the light is another one."""
@@ -138,10 +166,20 @@ class LightKeeper:
         """
         first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
         self.first_hit_rays += int(first_hit_rays)
+        if not self._learns:
+            return False
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
-        return self._frames == 1
+        return self._frames < _PASSES_OF_FIRST
+
+    def _is_time(self, time_us: int) -> bool:
+        """Whether a frame learns: at a pace, the first one from each of its times on."""
+        if self._pace_hz is None:
+            return True
+        # Times of frames are rounded to whole µs.
+        before, self._tick = self._tick, int((time_us + 1) * self._pace_hz / 1e6)
+        return self._frames < _PASSES_OF_FIRST or self._tick != before
 
     def _learn(self) -> None:
         """Keep what the paths of the last frame found, unless that is done."""

@@ -78,6 +78,11 @@ class RenderOptions:
     Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
     little is known, ``probe_spp`` elsewhere.
     """
+    light_hz: float | None = None
+    """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
+
+    A frame and what is traced in the step that it ends are seen in the light as it was known before.
+    """
     truth: tuple[str, ...] = ()
     """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
@@ -109,8 +114,9 @@ class RenderOptions:
         ):
             if count > limit:
                 raise InputError(f"`{option}` must be at most {limit}, got {count}")
-        if self.fps is not None and not 0 < self.fps < float("inf"):
-            raise InputError(f"`fps` must be a positive number, got {self.fps}")
+        for option, rate in (("fps", self.fps), ("light_hz", self.light_hz)):
+            if rate is not None and not 0 < rate < float("inf"):
+                raise InputError(f"`{option}` must be a positive number, got {rate}")
         if not 0 <= self.seed <= _LARGEST_SEED:
             raise InputError(f"`seed` must be from 0 to 2^64 - 1, got {self.seed}")
         for name in self.truth:

@@ -31,7 +31,7 @@ def make_retraced(
     ``pixels`` and ``instants``, int32 ``[N]``, tell the pixel (y·width + x) and the instant of each request;
     ``out_planes``, float32 ``[C, N]``, is as for frames, and ``out_bits`` the same memory as unsigned integers. Of
     first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
-    is that of the last frame (``cached.py``).
+    is that in which the last frame is seen (``cached.py``).
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -99,6 +99,7 @@ def make_retraced(
         steering: Gathering,
         cells: wp.array(dtype=Cell),
         own: wp.array(dtype=wp.vec3),
+        own_before: wp.array(dtype=wp.vec3),
         learnt: wp.array(dtype=float),
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
@@ -108,7 +109,9 @@ def make_retraced(
         pixel = pixels[request]
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
         seen = look_around(scene, camera, settings, pixel, instants[request], steering.looks, things)
-        shown = seen_light(cells, things, seen.things, steering, own[pixel], learnt[pixel], settings.spectral)
+        shown = seen_light(
+            cells, things, seen.things, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral
+        )
         store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
 
     return retrace_paths, retrace_first_hits, retrace_in_kept_light

@@ -119,7 +119,7 @@ class View:
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
-                self._steerer = LightKeeper(*size, effort, pixel_angle, self._sharp, self._device)
+                self._steerer = LightKeeper(*size, effort, pixel_angle, self._sharp, options.light_hz, self._device)
             else:
                 self._steerer = Steerer(*size, effort, pixel_angle, self._sharp, board, self._device)
         self._truth: TruthPass | None = None
@@ -173,7 +173,7 @@ class View:
         else:
             unfinished = True
             while unfinished:
-                steering, self._settings.samples = self._steerer.prepare(index)
+                steering, self._settings.samples = self._steerer.prepare(index, time_us)
                 changed |= steering
                 if self._looks_at_corners:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))

@@ -80,6 +80,22 @@ def test_threads_and_tiles_change_nothing(sampler):
         np.testing.assert_array_equal(one.fill(index).planes, many.fill(index).planes)
 
 
+@pytest.mark.parametrize("fps", [60.0, 240.0])
+def test_at_a_pace_light_becomes_better_at_the_same_times_whatever_the_frames(fps):
+    """A frame that comes sooner shows it as it is known, traces no path, and leaves all later frames as they were."""
+    world = panning(textured_world())
+    few, many = (Run(world, light_hz=30.0, fps=each, **CACHED) for each in (30.0, fps))
+    times = int(fps / 30.0)
+    first = few.fill(0)
+    np.testing.assert_array_equal(many.fill(0).planes, first.planes)
+    for index in range(1, 3 * times + 1):
+        found = many.fill(index)
+        assert (many.spent[0] == 0) == (index % times > 0)
+        if index % times == 0:
+            np.testing.assert_array_equal(found.planes, few.fill(index // times).planes)
+    assert (found.planes != first.planes).any()
+
+
 def test_a_table_that_grows_loses_nothing(monkeypatch):
     world = panning(textured_world())
     large = Run(world, **CACHED)

@@ -163,19 +163,21 @@ def test_what_deforms_is_traced_in_the_shape_of_its_time():
 
 
 @pytest.mark.slow
-def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in():
+@pytest.mark.parametrize("light_hz", [None, 30.0])
+def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in(light_hz):
     """At the frame's time it has the frame's bits, whatever the frame's own paths have found."""
     world = load_world("two-boxes", resolution=(32, 24))
     options = RenderOptions(
-        spp=4, probe_spp=1, probe_every=2, first_hit_rays=16, sampler="sobol", light_cache=True, threads=2
-    )
+        spp=4, probe_spp=1, probe_every=2, first_hit_rays=16, sampler="sobol", light_cache=True, threads=2,
+        light_hz=light_hz,
+    )  # fmt: skip
     tracer = PathTracer(world, options)
     retracer = Retracer(SceneData(world, instants=True), options, lambda: tracer)
     frame = Frame(page_aligned((len(tracer.names), 24, 32)), tracer.names)
     pixels = np.random.default_rng(3).permutation(24 * 32).astype(np.int32)
     differ = tracer.names.index("Samples")
     try:
-        for index in (0, 1, 2, 9):
+        for index in (0, 1, 2, 8, 9):
             tracer.fill(index, frame)
             found = retracer.trace(pixels, np.full(len(pixels), frame_time_us(index, tracer.fps) * 1e-6))
             expected = frame.planes.reshape(len(tracer.names), -1)[:, pixels]
