@@ -31,7 +31,7 @@ def make_conductor(features: Features) -> tuple[Any, Any]:
         if wi[2] > 0.0 and b.alpha >= SMOOTH:
             h = wp.normalize(wo + wi)
             result.pdf = seen(b, wo, h) / (4.0 * wo[2])
-            result.value = conductor_fresnel(b, wp.dot(wo, h)) * (result.pdf * shadowing(b, wo, wi, h))
+            result.value = conductor_fresnel(b, wp.dot(wo, h)) * (result.pdf * shadowing(b, wi))
         return result
 
     @wp.func
@@ -48,7 +48,7 @@ def make_conductor(features: Features) -> tuple[Any, Any]:
             s.direction = reflected(wo, h)
             if s.direction[2] > 0.0:
                 s.pdf = seen(b, wo, h) / (4.0 * wo[2])
-                s.weight = conductor_fresnel(b, wp.dot(wo, h)) * shadowing(b, wo, s.direction, h)
+                s.weight = conductor_fresnel(b, wp.dot(wo, h)) * shadowing(b, s.direction)
         return s
 
     return conductor_value, conductor_sample

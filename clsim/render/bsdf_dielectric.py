@@ -31,7 +31,7 @@ def make_dielectric(features: Features) -> tuple[Any, Any]:
                 reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
                 visible = seen(b, wo, h) / wo[2]
                 result.pdf = 0.25 * visible * reflectance
-                result.value = b.specular * (result.pdf * shadowing(b, wo, wi, h))
+                result.value = b.specular * (result.pdf * shadowing(b, wi))
             else:
                 h = wo + wi * b.eta
                 length = wp.length(h)
@@ -46,7 +46,7 @@ def make_dielectric(features: Features) -> tuple[Any, Any]:
                         visible = seen(b, wo, h) * out_h / wo[2]
                         density = visible * passing * (-in_h) / (denominator * denominator)
                         result.pdf = density * b.eta * b.eta
-                        result.value = b.color * (density * shadowing(b, wo, wi, h))
+                        result.value = b.color * (density * shadowing(b, wi))
         return result
 
     @wp.func
@@ -66,7 +66,7 @@ def make_dielectric(features: Features) -> tuple[Any, Any]:
             s.direction = reflected(wo, h)
             if s.direction[2] > 0.0:
                 if rough:
-                    left = shadowing(b, wo, s.direction, h)
+                    left = shadowing(b, s.direction)
                     s.pdf = 0.25 * seen(b, wo, h) / wo[2] * f[0]
                 s.weight = b.specular * left
         else:
@@ -74,7 +74,7 @@ def make_dielectric(features: Features) -> tuple[Any, Any]:
             if s.direction[2] < 0.0:
                 s.eta2 = b.eta * b.eta
                 if rough:
-                    left = shadowing(b, wo, s.direction, h)
+                    left = shadowing(b, s.direction)
                     in_h = wp.dot(s.direction, h)
                     denominator = out_h + b.eta * in_h
                     visible = seen(b, wo, h) * out_h / wo[2]

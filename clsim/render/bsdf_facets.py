@@ -1,10 +1,6 @@
 # Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""The microfacets of metals, glass and coats: GGX's, Beckmann's, and rougher along one tangent, as Warp functions.
-
-Normals are always drawn from GGX's visible ones. Beckmann's distribution is at most 1.5 times GGX's of the same α, so
-that such weights stay small: their variance is a quarter.
-"""
+"""The microfacets of metals, glass and coats: GGX's, Beckmann's, and rougher along one tangent, as Warp functions."""
 
 from typing import Any
 
@@ -12,14 +8,22 @@ import warp as wp
 
 from clsim.render.features import Features
 from clsim.render.materials import Bsdf
-from clsim.render.microfacet import beckmann, beckmann_g1, evened, ggx, sample_visible_normal, smith_g1
+from clsim.render.microfacet import (
+    beckmann,
+    beckmann_g1,
+    evened,
+    ggx,
+    sample_visible_beckmann,
+    sample_visible_normal,
+    smith_g1,
+)
 
 
 def make_facets(features: Features) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``draw``, ``seen`` and ``shadowing``, in the frame of the shading normal.
 
     ``draw(bsdf, wo, u)`` gives a microfacet's normal, and ``seen(bsdf, wo, h)`` its density times wo.z / (wo·h).
-    ``shadowing(bsdf, wo, wi, h)`` is D·G1(wo)·G1(wi) over that.
+    ``shadowing(bsdf, wi)`` is the share of them that the other direction sees as well.
     """
 
     @wp.func
@@ -38,21 +42,27 @@ def make_facets(features: Features) -> tuple[Any, Any, Any]:
     @wp.func
     def draw(b: Bsdf, wo: wp.vec3, u: wp.vec2) -> wp.vec3:
         h = sample_visible_normal(even(b, wo), b.alpha, u)
+        if wp.static(features.beckmann):
+            if b.beckmann != 0:
+                h = sample_visible_beckmann(even(b, wo), b.alpha, u)
         if wp.static(features.anisotropic):
             h = wp.normalize(evened(h, b.stretch))
         return h
 
     @wp.func
-    def seen(b: Bsdf, wo: wp.vec3, h: wp.vec3) -> float:
-        return ggx(even_normal(b, h), b.alpha) * smith_g1(even(b, wo), b.alpha)
-
-    @wp.func
-    def shadowing(b: Bsdf, wo: wp.vec3, wi: wp.vec3, h: wp.vec3) -> float:
-        share = smith_g1(even(b, wi), b.alpha)
+    def shadowing(b: Bsdf, w: wp.vec3) -> float:
+        share = smith_g1(even(b, w), b.alpha)
         if wp.static(features.beckmann):
             if b.beckmann != 0:
-                both = beckmann_g1(even(b, wo), b.alpha) * beckmann_g1(even(b, wi), b.alpha)
-                share = beckmann(even_normal(b, h), b.alpha) * both / wp.max(seen(b, wo, h), 1.0e-20)
+                share = beckmann_g1(even(b, w), b.alpha)
         return share
+
+    @wp.func
+    def seen(b: Bsdf, wo: wp.vec3, h: wp.vec3) -> float:
+        density = ggx(even_normal(b, h), b.alpha)
+        if wp.static(features.beckmann):
+            if b.beckmann != 0:
+                density = beckmann(even_normal(b, h), b.alpha)
+        return density * shadowing(b, wo)
 
     return draw, seen, shadowing

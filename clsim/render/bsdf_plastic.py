@@ -60,7 +60,7 @@ def make_plastic(features: Features) -> tuple[Any, Any]:
                 h = wp.normalize(wo + wi)
                 density = seen(b, wo, h) / (4.0 * wo[2])
                 reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
-                result.value += b.specular * (density * shadowing(b, wo, wi, h) * reflectance)
+                result.value += b.specular * (density * shadowing(b, wi) * reflectance)
                 result.pdf += coat * density
         return result
 
