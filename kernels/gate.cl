@@ -1,6 +1,6 @@
 // Which pixels may fire, and the level of those that cannot.
 //
-// Work-item: a row. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how many of each.
+// Work-item: a row, unless stated. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how many of each.
 
 #include "model.clh"
 #include "brightness.clh"
@@ -101,14 +101,19 @@ __kernel void take_levels(
 }
 #endif
 
-// Work-item: one row. The pixels to solve, in raster order, as y·span + x.
+// Work-item: LISTED rows. The pixels to solve, in raster order, as y·span + x.
 __kernel void list_pixels(
-    __global const uchar *flags, __global const int *counts, int width, int span, __global int *out_list)
+    __global const uchar *flags, __global const int *counts, int height, int span, __global int *out_list)
 {
-    const int y = get_global_id(0);
-    if (counts[4 * y + SOLVED] + counts[4 * y + FRESH] == 0) return;
+    const int first = get_global_id(0) * LISTED, last = MIN(first + LISTED, height);
     int next = 0;
-    for (int row = 0; row < y; row++) next += counts[4 * row + SOLVED] + counts[4 * row + FRESH];
-    for (int x = 0; x < width; x++)
-        if (flags[(size_t)y * span + x] >= SOLVED) out_list[next++] = y * span + x;
+    for (int y = 0; y < first; y++) next += counts[4 * y + SOLVED] + counts[4 * y + FRESH];
+    for (int y = first; y < last; y++) {
+        int left = counts[4 * y + SOLVED] + counts[4 * y + FRESH];
+        for (int x = 0; left > 0; x++) {
+            if (flags[(size_t)y * span + x] < SOLVED) continue;
+            out_list[next++] = y * span + x;
+            left--;
+        }
+    }
 }

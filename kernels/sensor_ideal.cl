@@ -34,22 +34,24 @@ static inline real crossings_to(real level, real on, real off, real *ref, int *r
 
 #ifdef KNOTS
 #define KNOT_ARGUMENTS __global const int *offsets, __global const long *times, __global const real *levels,
+#define KNOTS_GIVEN offsets, times, levels,
 #else
 #define KNOT_ARGUMENTS
+#define KNOTS_GIVEN
 #endif
 
-// Work-item: `chunk` pixels of the list, which holds y·span + x. start and end: levels at both ends of the step; KNOTS:
+// Chunk `mine` of the list, which has `chunk` pixels as y·span + x. start and end: levels at both ends of the step; KNOTS:
 // levels[k] at times[k] [ns from the start], k = offsets[i] … offsets[i + 1] - 1, for the i-th of the list. Updates the
 // references; a pixel without one (NaN) takes the level as its first and fires nothing.
 // out_fired: crossings, negative where the last is OFF; out_from: level before, reference before, level after.
-// out_counts per work-item: events to write, pixels with many crossings and no knots, events left out, most crossings of a
+// out_counts, of each chunk: events to write, pixels with many crossings and no knots, events left out, most crossings of a
 // pixel without knots.
-__kernel void decide_events(
-    __global const int *list, int count, int chunk, __global const real *start, __global const real *end,
+static inline void decide(
+    int mine, __global const int *list, int count, int chunk, __global const real *start, __global const real *end,
     KNOT_ARGUMENTS real on, real off, __global real *references, __global int *out_fired, __global real *out_from,
     __global long *out_counts)
 {
-    const int first = get_global_id(0) * chunk, last = MIN(first + chunk, count);
+    const int first = mine * chunk, last = MIN(first + chunk, count);
     long events = 0, many = 0, capped = 0, most = 0;
     for (int i = first; i < last; i++) {
         const real now = end[list[i]], before = start[list[i]], ref = references[list[i]];
@@ -89,10 +91,20 @@ __kernel void decide_events(
         out_from[3 * i + 1] = ref;
         out_from[3 * i + 2] = now;
     }
-    out_counts[4 * get_global_id(0)] = events;
-    out_counts[4 * get_global_id(0) + 1] = many;
-    out_counts[4 * get_global_id(0) + 2] = capped;
-    out_counts[4 * get_global_id(0) + 3] = most;
+    out_counts[4 * mine] = events;
+    out_counts[4 * mine + 1] = many;
+    out_counts[4 * mine + 2] = capped;
+    out_counts[4 * mine + 3] = most;
+}
+
+// Work-item: a chunk.
+__kernel void decide_events(
+    __global const int *list, int count, int chunk, __global const real *start, __global const real *end,
+    KNOT_ARGUMENTS real on, real off, __global real *references, __global int *out_fired, __global real *out_from,
+    __global long *out_counts)
+{
+    decide(
+        get_global_id(0), list, count, chunk, start, end, KNOTS_GIVEN on, off, references, out_fired, out_from, out_counts);
 }
 
 // The share of the way from `before` to `after` at which brightness has come to `level`.
@@ -122,16 +134,13 @@ typedef struct {
     uint on;
 } Event;
 
-// Work-item: `chunk` pixels of the list, from work-item first_chunk on. Their events follow those of the work-items before
-// in out_events, if all of them have room there: there is room for `room`.
-__kernel void emit_events(
-    __global const int *list, int count, int chunk, int first_chunk, __global const int *fired,
+// Chunk `mine`: its events go to out_events from `next` on, if all of them have room: there is room for `room`.
+static inline void emit(
+    int mine, long next, __global const int *list, int count, int chunk, __global const int *fired,
     __global const real *from, __global const long *counts, long room, int span, long time_before, long step,
     KNOT_ARGUMENTS real on, real off, __global Event *out_events)
 {
-    const int mine = first_chunk + get_global_id(0), first = mine * chunk, last = MIN(first + chunk, count);
-    long next = 0;
-    for (int k = first_chunk; k < mine; k++) next += counts[4 * k];
+    const int first = mine * chunk, last = MIN(first + chunk, count);
     if (next + counts[4 * mine] > room) return;
     for (int i = first; i < last; i++) {
         int left = fired[i] > 0 ? fired[i] : -fired[i];
@@ -165,5 +174,35 @@ __kernel void emit_events(
             ref = ref_after;
             t0 = t1;
         }
+    }
+}
+
+// Work-item: a chunk, from first_chunk on. Its events follow those of the work-items before.
+__kernel void emit_events(
+    __global const int *list, int count, int chunk, int first_chunk, __global const int *fired,
+    __global const real *from, __global const long *counts, long room, int span, long time_before, long step,
+    KNOT_ARGUMENTS real on, real off, __global Event *out_events)
+{
+    const int mine = first_chunk + get_global_id(0);
+    long next = 0;
+    for (int k = first_chunk; k < mine; k++) next += counts[4 * k];
+    emit(
+        mine, next, list, count, chunk, fired, from, counts, room, span, time_before, step, KNOTS_GIVEN on, off,
+        out_events);
+}
+
+// One work-item does both for all chunks: where they are few, a launch takes longer.
+__kernel void fire_events(
+    __global const int *list, int count, int chunk, __global const real *start, __global const real *end, long room,
+    int span, long time_before, long step, KNOT_ARGUMENTS real on, real off, __global real *references,
+    __global int *out_fired, __global real *out_from, __global long *out_counts, __global Event *out_events)
+{
+    long next = 0;
+    for (int mine = 0; mine * chunk < count; mine++) {
+        decide(mine, list, count, chunk, start, end, KNOTS_GIVEN on, off, references, out_fired, out_from, out_counts);
+        emit(
+            mine, next, list, count, chunk, out_fired, out_from, out_counts, room, span, time_before, step, KNOTS_GIVEN
+            on, off, out_events);
+        next += out_counts[4 * mine];
     }
 }

@@ -10,6 +10,9 @@ import numpy as np
 from clsim.detect.layout import CHUNK, Place
 from clsim.opencl.workplace import Buffer
 
+_LISTED = 64
+"""Rows that one work-item lists on a CPU: it takes longer to wake its threads than to look at a small picture."""
+
 
 @dataclass(frozen=True)
 class Level:
@@ -69,20 +72,19 @@ class Gate:
         """Allocate memory, and build the kernels that all gates have."""
         self._place = place
         layout = place.layout
-        self._macros = {"CHUNK": CHUNK, **(macros or {})}
+        listed = _LISTED if place.device.is_cpu else 1
+        self._macros = {"CHUNK": CHUNK, "LISTED": listed, **(macros or {})}
         (self._list,) = place.kernels("gate", ("list_pixels",), self._macros)
         self.flags = place.allocate(layout.image_shape, np.uint8)
-        self.counts = place.allocate((layout.height, 4), np.int32)
+        self.counts = place.allocate_seen((layout.height, 4), np.int32)
         self.pixels = place.allocate((layout.height * layout.span,), np.int32)
-        self._host_counts = np.zeros((layout.height, 4), dtype=np.int32)
+        self._lists = -(-layout.height // listed)
 
     def collect(self) -> Counts:
         """List the flagged pixels that may fire or are new, and count all."""
         layout = self._place.layout
-        self._place.launch(
-            self._list, (layout.height,), self.flags, self.counts, layout.width, layout.span, self.pixels
-        )
-        totals = self._place.read(self.counts, self._host_counts).sum(axis=0)
+        self._place.launch(self._list, (self._lists,), self.flags, self.counts, layout.height, layout.span, self.pixels)
+        totals = self._place.seen(self.counts, layout.height).sum(axis=0)
         return Counts(*totals.tolist())
 
 

@@ -15,17 +15,21 @@ import numpy as np
 from clsim.detect.config import DetectorConfig
 from clsim.detect.features import luminance_weights
 from clsim.detect.gate import Gate, Levels
-from clsim.detect.layout import BORDER, Place
+from clsim.detect.layout import BORDER, FIRST_FEATURE, Place
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, NORMAL, RADIANCE, SAMPLES
 from clsim.opencl.workplace import Buffer
 
 NEEDED_PLANES = (*RADIANCE, *ALBEDO, *NORMAL, *DEPTH)
-PACKED_PLANES = 9
-"""Planes of a packed image after mask and luminance (irradiance.cl)."""
-_DETAIL_PLANES, _ENERGY_PLANES = 3, 4
-_ROWS = 4
-"""Rows that a work-item smooths, or sums up."""
+_PACKED_PLANES = 7
+"""Planes of a packed image (irradiance.cl)."""
+FEATURES = _PACKED_PLANES - FIRST_FEATURE
+"""What a `clsim.detect.layout.Layout` of so many planes is told."""
+_INVALID = -3.0
+"""Irradiance where there is no pixel (irradiance.cl)."""
+_DETAIL_PLANES, _ENERGY_PLANES, _BOX_ROWS = 3, 4, 9
+_ROWS, _GATED = 4, 16
+"""Rows that a work-item smooths, and tests."""
 
 
 def check_planes(names: tuple[str, ...]) -> None:
@@ -52,7 +56,7 @@ class Demodulation:
         place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
         self._weights = luminance_weights(config)
         self._scale = float(config.scale)
-        self.packed = place.allocate((1, *place.layout.packed_shape))
+        self.packed = place.allocate((1, *place.layout.packed_shape), fill=_INVALID)
 
     def run(self, memory: Any, slot: int) -> None:
         """Pack one frame."""
@@ -78,8 +82,8 @@ class Smoothing:
     def __init__(self, place: Place, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Build the kernels for this window."""
         self._place = place
-        kernels = ("smooth_plain", "smooth_with_error", "sum_energies", "gate_details")
-        self._plain, self._with_error, self._sum, self._test = place.kernels(
+        kernels = ("smooth_plain", "smooth_with_error", "gate_details")
+        self._plain, self._with_error, self._test = place.kernels(
             "irradiance", kernels, _macros(config, names), _prefix(place)
         )
         self.gate = Gate(place)
@@ -87,27 +91,24 @@ class Smoothing:
         rows = layout.height + 2 * BORDER
         self._details = place.allocate((rows, _DETAIL_PLANES, layout.pitch))
         self._strips = -(-layout.height // _ROWS)
-        self._energies = place.allocate((self._strips, _ENERGY_PLANES, layout.pitch))
-        self._sums = place.allocate((rows, _ENERGY_PLANES, layout.pitch))
+        self._tests = -(-layout.height // _GATED)
+        self._room = place.allocate((self._tests, _BOX_ROWS + 1, _ENERGY_PLANES, layout.pitch))
         self.error = place.allocate((layout.height, layout.span))
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
         """Smooth a packed frame."""
-        layout, launch = self._place.layout, self._place.launch
+        layout = self._place.layout
         kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
         size = (layout.vectors[0], self._strips)
-        launch(kernel, size, packed, layout.height, layout.pitch, layout.span, self._details, *out_error)
-        launch(
-            self._sum, (self._strips,), packed, self._details, layout.height, layout.pitch, layout.span,
-            self._energies, self._sums,
-        )  # fmt: skip
+        self._place.launch(kernel, size, packed, layout.height, layout.pitch, layout.span, self._details, *out_error)
 
     def test(self, packed: Buffer, levels: Levels, references: Buffer) -> None:
         """Write the smoothed frame's ``levels``, and flag pixels by them."""
         layout, gate = self._place.layout, self.gate
         self._place.launch(
-            self._test, (layout.height,), packed, self._details, self._sums, layout.pitch, layout.span, layout.width,
-            references, levels.threshold_on, levels.threshold_off, levels.start, levels.end, gate.flags, gate.counts,
+            self._test, (self._tests,), packed, self._details, layout.height, layout.pitch, layout.span, layout.width,
+            references, levels.threshold_on, levels.threshold_off, levels.start, self._room, levels.end, gate.flags,
+            gate.counts,
         )  # fmt: skip
 
 
@@ -134,6 +135,7 @@ def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]
     return {
         "REACH": config.side // 2,
         "ROWS": _ROWS,
+        "GATED": _GATED,
         "COARSE_NOISE": f"{coarse:.17e}",
         "FINE_NOISE": f"{fine:.17e}",
         "HAS_COVERAGE": int(COVERAGE[0] in names),

@@ -53,13 +53,19 @@ class Grid:
 GridT = TypeVar("GridT", bound=Grid, covariant=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Buffer:
-    """Device memory and the shape of what it holds."""
+    """Device memory and the shape of what it holds.
+
+    Attributes:
+        host: where the host sees it (`Workplace.seen`): the same memory, if the device is the host; None where it was
+            not asked for.
+    """
 
     memory: Any
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
+    host: npt.NDArray[Any] | None = None
 
 
 class Workplace(Generic[GridT]):
@@ -104,6 +110,33 @@ class Workplace(Generic[GridT]):
         memory = cl.Buffer(self.device.context, cl.mem_flags.READ_WRITE, size)
         cl.enqueue_fill_buffer(self.queue, memory, np.array(fill, dtype=kind), 0, size)
         return Buffer(memory, shape, kind)
+
+    def allocate_seen(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> Buffer:
+        """Return device memory, whose contents are undefined, for `seen`."""
+        import pyopencl as cl
+
+        kind = np.dtype(dtype)
+        size = max(int(np.prod(shape, dtype=np.int64)) * kind.itemsize, kind.itemsize)
+        flags = cl.mem_flags.READ_WRITE | (cl.mem_flags.ALLOC_HOST_PTR if self.device.is_cpu else 0)
+        memory = cl.Buffer(self.device.context, flags, size)
+        if not self.device.is_cpu:
+            return Buffer(memory, shape, kind, np.empty(shape, kind))
+        # Mapped once and for all: to copy would hand it from the host to the host, by way of another thread.
+        access: Any = cl.map_flags.READ | cl.map_flags.WRITE
+        host, _ = cl.enqueue_map_buffer(self.queue, memory, access, 0, shape, kind)
+        return Buffer(memory, shape, kind, host)
+
+    def seen(self, buffer: Buffer, count: int) -> npt.NDArray[Any]:
+        """Wait for what was enqueued, and return the first items of a buffer, which the next launch may change."""
+        import pyopencl as cl
+
+        assert buffer.host is not None, "of allocate_seen"
+        found: npt.NDArray[Any] = buffer.host[:count]
+        if self.device.is_cpu:
+            self.queue.finish()
+        elif found.nbytes:
+            cl.enqueue_copy(self.queue, found, buffer.memory)
+        return found
 
     def fill(self, buffer: Buffer, value: float) -> None:
         """Let all items of a buffer have one value."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 _CHUNK, _LARGEST_CHUNK = 64, 1024
 """Pixels of the path's list that one work-item turns into events, at least and at most."""
+_FEW = 16
+"""Chunks up to which one work-item of a CPU turns all of them into events."""
 _CHUNKS = 2048
 """Work-items up to which they do not grow: each sums up what those before it write."""
 _MOST_OF_A_PIXEL = 1000
@@ -81,23 +83,22 @@ class IdealPixels:
         self.references = place.allocate(place.layout.image_shape, fill=np.nan)
         self._crossings = place.allocate((pixels,), np.int32)
         self._from = place.allocate((pixels, 3))
-        self._counts = place.allocate((chunks, 4), np.int64)
-        self._host_counts = np.zeros((chunks, 4), dtype=np.int64)
+        self._counts = place.allocate_seen((chunks, 4), np.int64)
+        self._few = _FEW if place.device.is_cpu else 0
         self._capacity = min(max(pixels, _chunk(pixels) * _MOST_OF_A_PIXEL), _PORTION)
-        self._out = replace(place.allocate((2 * self._capacity,), np.int64), shape=(self._capacity,), dtype=_WRITTEN)
-        self._host_out = np.empty(self._capacity, dtype=_WRITTEN)
+        self._out = place.allocate_seen((self._capacity,), _WRITTEN)
 
     def _build(self, more: dict[str, object]) -> list[Any]:
         macros = more | ({"FRAME_RULE": 1} if self._thresholds.at_step_ends else {})
-        return self._place.kernels("sensor_ideal", ("decide_events", "emit_events"), macros)
+        return self._place.kernels("sensor_ideal", ("decide_events", "emit_events", "fire_events"), macros)
 
-    def _for(self, path: BrightnessPath) -> tuple[Any, Any, tuple[Buffer, ...]]:
+    def _for(self, path: BrightnessPath) -> tuple[list[Any], tuple[Buffer, ...]]:
         """Return the kernels for a path, and what they take of its knots: none where only the step's end counts."""
         knots = None if self._thresholds.at_step_ends else path.knots
         if knots is not None and True not in self._kernels:
             self._kernels[True] = self._build({"KNOTS": 1})
-        decide, emit = self._kernels[knots is not None]
-        return decide, emit, () if knots is None else (knots.offsets, knots.times_ns, knots.levels)
+        kernels = self._kernels[knots is not None]
+        return kernels, () if knots is None else (knots.offsets, knots.times_ns, knots.levels)
 
     def forget(self) -> None:
         """Take all references back: the next level of each pixel is its first."""
@@ -107,18 +108,13 @@ class IdealPixels:
         """Return the events of a time step and move the references of the pixels that fired."""
         if path.count == 0:
             return Fired(empty_batch(), self._crossings)
-        place, thresholds = self._place, self._thresholds
-        decide, _, knots = self._for(path)
         chunk = _chunk(path.count)
         chunks = -(-path.count // chunk)
-        place.launch(
-            decide, (chunks,), path.pixels, path.count, chunk, path.start, path.end, *knots, thresholds.on,
-            thresholds.off, self.references, self._crossings, self._from, self._counts,
-        )  # fmt: skip
-        self._emit(path, chunk, 0, chunks)  # before anyone knows how many there are: as a rule they have room
-        counts = place.read(self._counts, self._host_counts[:chunks])
+        self._fire(path, chunk, chunks)
+        counts = self._place.seen(self._counts, chunks)
         ends = np.cumsum(counts[:, 0])
-        total, many, capped = (int(value) for value in counts[:, :3].sum(axis=0))
+        _, many, capped = counts[:, :3].sum(axis=0).tolist()
+        most, total = int(counts[:, 3].max()), int(ends[-1])
         batch = empty_batch(total)
         first, done = 0, 0
         while done < total:
@@ -127,12 +123,29 @@ class IdealPixels:
             first = int(np.searchsorted(ends, done + self._capacity, side="right"))
             self._copy(batch[done : int(ends[first - 1])])
             done = int(ends[first - 1])
-        return Fired(self._sorted(batch), self._crossings, many, int(counts[:, 3].max()), capped)
+        return Fired(self._sorted(batch), self._crossings, many, most, capped)
+
+    def _fire(self, path: BrightnessPath, chunk: int, chunks: int) -> None:
+        """Decide what fires, and write the events before anyone knows how many there are: as a rule they have room."""
+        place, thresholds = self._place, self._thresholds
+        (decide, _, fire), knots = self._for(path)
+        if chunks > self._few:
+            place.launch(
+                decide, (chunks,), path.pixels, path.count, chunk, path.start, path.end, *knots, thresholds.on,
+                thresholds.off, self.references, self._crossings, self._from, self._counts,
+            )  # fmt: skip
+            self._emit(path, chunk, 0, chunks)
+            return
+        place.launch(
+            fire, (1,), path.pixels, path.count, chunk, path.start, path.end, np.int64(self._capacity),
+            place.layout.span, np.int64(path.start_us), np.int64(path.end_us - path.start_us), *knots, thresholds.on,
+            thresholds.off, self.references, self._crossings, self._from, self._counts, self._out,
+        )  # fmt: skip
 
     def _emit(self, path: BrightnessPath, chunk: int, first: int, chunks: int) -> None:
         """Let the work-items from ``first`` on write their events, in raster order, as far as there is room."""
         place, thresholds = self._place, self._thresholds
-        _, emit, knots = self._for(path)
+        (_, emit, _), knots = self._for(path)
         place.launch(
             emit, (chunks - first,), path.pixels, path.count, chunk, first, self._crossings, self._from, self._counts,
             np.int64(self._capacity), place.layout.span, np.int64(path.start_us),
@@ -141,7 +154,7 @@ class IdealPixels:
 
     def _copy(self, out_batch: EventBatch) -> None:
         """Read the first ``len(out_batch)`` events that were written."""
-        written = self._place.read(self._out, self._host_out[: len(out_batch)])
+        written = self._place.seen(self._out, len(out_batch))
         for name in out_batch.dtype.names or ():
             out_batch[name] = written[name]
 

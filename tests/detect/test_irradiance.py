@@ -50,10 +50,13 @@ def test_frames_smaller_than_the_window(size):
     np.testing.assert_allclose(seen(frame)[0], smoothed_level(frame, config_of())[0], rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("rule", ["interpolated", "frame"])
-def test_events_equal_the_references(rule):
+SHAPES = [("interpolated", (14, 22)), ("frame", (14, 22)), ("interpolated", (70, 5))]
+
+
+@pytest.mark.parametrize(("rule", "shape"), SHAPES)
+def test_events_equal_the_references(rule, shape):
     config = config_of(event_rule=rule, threshold_on=0.15, threshold_off=0.12)
-    frames = [textured_room(seed) for seed in range(3)]
+    frames = [textured_room(seed, *shape) for seed in range(3)]
     size = (frames[0].width, frames[0].height, frames[0].names)
     kernels, reference = Detector(config, *size), ReferenceDetector(config, *size)
     total = 0

@@ -157,7 +157,25 @@ def test_a_flash_is_capped_and_counted_without_overflow():
     assert strip.pixels._capacity <= ideal._PORTION
 
 
-@pytest.mark.parametrize("width", [1, 63, 64, 65, 200])
+@pytest.mark.parametrize("few", [0, 16])
+def test_one_work_item_writes_what_many_do(few, monkeypatch):
+    monkeypatch.setattr(ideal, "_FEW", few)
+    levels = np.random.default_rng(2).uniform(-0.5, 0.5, 300)
+    strip = Strip(300)
+    strip.step(0.0, 0.0)
+    fired = strip.step(0.0, levels)
+    crossings = np.where(levels > 0, levels // 0.25, -(-levels // 0.125)).astype(int)
+    assert np.bincount(fired.events["x"], minlength=300).tolist() == np.abs(crossings).tolist()
+    assert strip.place.read(fired.crossings)[:300].tolist() == crossings.tolist()
+    rise = levels[fired.events["x"]]
+    rank = [np.count_nonzero(fired.events["x"][:i] == x) + 1 for i, x in enumerate(fired.events["x"])]
+    expected = 1000 + np.ceil(1000 * np.array(rank) * np.where(rise > 0, 0.25, 0.125) / np.abs(rise))
+    assert np.abs(fired.events["t"] - expected).max() <= 1
+    sizes = np.where(crossings > 0, 0.25, 0.125)
+    np.testing.assert_allclose(strip.references(), crossings * sizes, atol=1e-6)
+
+
+@pytest.mark.parametrize("width", [1, 63, 64, 65, 200, 1025])
 def test_every_listed_pixel_is_handled_once(width):
     strip = Strip(width)
     strip.step(0.0, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.gate import Counts, Levels
-from clsim.detect.irradiance import PACKED_PLANES, Demodulation, Smoothing, check_planes
+from clsim.detect.irradiance import FEATURES, Demodulation, Smoothing, check_planes
 from clsim.detect.methods.base import Method, Setting, Stages
 from clsim.detect.wlr import History
 from clsim.opencl.workplace import Buffer
@@ -15,7 +15,7 @@ class IrradianceStages(Stages):
 
     def __init__(self, setting: Setting) -> None:
         """Build the kernels."""
-        self.place = setting.place(PACKED_PLANES)
+        self.place = setting.place(FEATURES)
         self.pack: Demodulation = Demodulation(self.place, setting.config, setting.names)
         self.smoothing = Smoothing(self.place, setting.config, setting.names)
         self.gate = self.smoothing.gate
