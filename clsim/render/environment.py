@@ -3,10 +3,11 @@
 """Environment maps: their radiance and how directions to them are drawn.
 
 The image is interpolated bilinearly between the centres of its texels, around the vertical without a seam. The cells
-between centres, one row more than the image has, are drawn by their mean luminance times their solid angle, by
+between centres, one row more than the image has, are drawn by their mean luminance times their solid angle: within a
+cell radiance exceeds its mean four times at most, so that weights are bounded. Blocks of 4×4 cells are drawn by
 inverting the cumulative distribution of rows and then that of the row's columns (Pharr, Jakob, Humphreys, Physically
-Based Rendering, 4th ed., §12.5): within a cell radiance exceeds its mean four times at most, so that weights are
-bounded.
+Based Rendering, 4th ed., §12.5), and then a cell by its share of the block. The tables of blocks stay in the
+processor's cache where the image does not, and a block's shares are one line of it.
 """
 
 from __future__ import annotations
@@ -27,16 +28,19 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 STEPS = 1 << 24
 """Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
 STEP = wp.constant(1.0 / STEPS)
-_BLOCK_ROWS = 32
+SIDE = wp.constant(4)
+"""Cells along the side of a block."""
+_ROWS_AT_ONCE = 8 * SIDE
 
 
 @wp.struct
 class EnvironmentImage:
-    """Radiance by row and column, and the cumulative probabilities of rows and, row by row, of columns."""
+    """Radiance by row and column, and how directions are drawn, as `EnvironmentTables` has it."""
 
     radiance: wp.array2d(dtype=wp.vec3)
     rows: wp.array(dtype=float)
     columns: wp.array(dtype=float)
+    shares: wp.array(dtype=float)
     to_world: wp.mat33
 
 
@@ -89,11 +93,14 @@ def _density(image: EnvironmentImage, row: int, column: int, sin_theta: float) -
     """Return the density per steradian in a cell; its rows are cut in half at the poles."""
     height = image.radiance.shape[0]
     width = image.radiance.shape[1]
-    first = row * width
+    block_row = row // SIDE
+    first = block_row * ((width + SIDE - 1) // SIDE)
+    block = first + column // SIDE
     cells = float(width * height)
     if row == 0 or row == height:
         cells = 2.0 * cells
-    probability = _share(image.rows, 0, row) * _share(image.columns, first, first + column)
+    probability = _share(image.rows, 0, block_row) * _share(image.columns, first, block)
+    probability = probability * image.shares[(block * SIDE + row % SIDE) * SIDE + column % SIDE]
     return probability * cells / (2.0 * wp.pi * wp.pi * wp.max(sin_theta, 1.0e-7))
 
 
@@ -114,25 +121,44 @@ def environment_towards(image: EnvironmentImage, direction: wp.vec3) -> Environm
 
 
 @wp.func
-def sample_environment(image: EnvironmentImage, random: wp.vec2) -> EnvironmentSample:
+def _within(shares: wp.vec4, left: float) -> wp.vec2:
+    """Return which of four is drawn by ``left``, 0 to 1, and where in it that lies."""
+    whole = shares[0] + shares[1] + shares[2] + shares[3]
+    drawn = wp.vec2(0.0, 0.5)
+    before = float(0.0)
+    for k in range(SIDE):
+        if shares[k] > 0.0 and left * whole >= before:
+            drawn = wp.vec2(float(k), wp.min((left * whole - before) / shares[k], 1.0))
+        before = before + shares[k]
+    return drawn
+
+
+@wp.func
+def sample_environment(image: EnvironmentImage, random: wp.vec2) -> wp.vec3:
     """Draw a direction."""
     height = image.radiance.shape[0]
     width = image.radiance.shape[1]
-    row = wp.lower_bound(image.rows, random[1] + STEP)
-    first = row * width
-    column = wp.lower_bound(image.columns, first, first + width, random[0] + STEP) - first
-    across = _inside(image.columns, first, first + column, random[0])
-    down = _inside(image.rows, 0, row, random[1])
-    u = (float(column) + 0.5 + across) / float(width)
-    top = wp.max(float(row) - 0.5, 0.0)
-    bottom = wp.min(float(row) + 0.5, float(height))
-    v = (top + (bottom - top) * down) / float(height)
+    blocks = (width + SIDE - 1) // SIDE
+    block_row = wp.lower_bound(image.rows, random[1] + STEP)
+    first = block_row * blocks
+    block = wp.lower_bound(image.columns, first, first + blocks, random[0] + STEP)
+    rows = wp.vec4()
+    start = block * SIDE * SIDE
+    for k in range(SIDE):
+        at = start + k * SIDE
+        rows[k] = image.shares[at] + image.shares[at + 1] + image.shares[at + 2] + image.shares[at + 3]
+    down = _within(rows, _inside(image.rows, 0, block_row, random[1]))
+    at = start + int(down[0]) * SIDE
+    shares = wp.vec4(image.shares[at], image.shares[at + 1], image.shares[at + 2], image.shares[at + 3])
+    across = _within(shares, _inside(image.columns, first, block, random[0]))
+    u = (float((block - first) * SIDE) + across[0] + across[1] + 0.5) / float(width)
+    row = float(block_row * SIDE) + down[0]
+    top = wp.max(row - 0.5, 0.0)
+    bottom = wp.min(row + 0.5, float(height))
+    v = (top + (bottom - top) * down[1]) / float(height)
     sin_theta = wp.sin(wp.pi * v)
     phi = 2.0 * wp.pi * u
-    local = wp.vec3(sin_theta * wp.sin(phi), wp.cos(wp.pi * v), -sin_theta * wp.cos(phi))
-    return EnvironmentSample(
-        wp.normalize(image.to_world * local), _radiance(image, u, v), _density(image, row, column, sin_theta)
-    )
+    return wp.normalize(image.to_world * wp.vec3(sin_theta * wp.sin(phi), wp.cos(wp.pi * v), -sin_theta * wp.cos(phi)))
 
 
 @dataclass(frozen=True)
@@ -141,14 +167,16 @@ class EnvironmentTables:
 
     Attributes:
         radiance: float32 ``[h, w, 3]``, the constant environment included.
-        rows: cumulative probabilities of the rows of cells, float32 ``[h + 1]``.
-        columns: those of the columns of each row, float32 ``[h + 1, w]``.
+        rows: cumulative probabilities of the rows of blocks, float32 ``[ceil((h + 1) / SIDE)]``.
+        columns: those of the columns of each row, float32 ``[…, ceil(w / SIDE)]``.
+        shares: of each block's probability, those of its cells, float32 ``[…, …, SIDE, SIDE]``; 0 beyond the image.
         mean: luminance averaged over the sphere.
     """
 
     radiance: F32
     rows: F32
     columns: F32
+    shares: F32
     mean: float
 
 
@@ -159,23 +187,31 @@ def tabulate(environment: EnvironmentMap, constant: tuple[float, float, float]) 
         radiance = radiance + np.asarray(constant, np.float32)
     height, width, _ = radiance.shape
     luminance = radiance @ LUMINANCE.astype(np.float32)
-    columns = np.empty((height + 1, width), np.float32)
-    sums = np.empty(height + 1)
-    for first in range(0, height + 1, _BLOCK_ROWS):  # so that what is worked on stays in the processor's cache
-        rows = np.arange(first, min(first + _BLOCK_ROWS, height + 1))
-        # Four times the mean of a cell's corners; the polar cells have the outermost texels on both sides.
-        edges = luminance[np.maximum(rows - 1, 0)] + luminance[np.minimum(rows, height - 1)]
-        cells = edges.astype(np.float64)
-        cells[:, :-1] += edges[:, 1:]
-        cells[:, -1] += edges[:, 0]
-        np.cumsum(cells, axis=1, out=cells)
-        sums[rows] = cells[:, -1]
-        columns[rows] = steps(cells)
+    down, across = -(-(height + 1) // SIDE), -(-width // SIDE)
     angles = np.concatenate([[0.0], np.arange(0.5, height), [float(height)]]) * (math.pi / height)
     # The difference of cosines as a product, which does not cancel at the poles.
     bands = 2 * np.sin((angles[1:] + angles[:-1]) / 2) * np.sin((angles[1:] - angles[:-1]) / 2)
-    weights = sums * bands
-    return EnvironmentTables(radiance, steps(np.cumsum(weights)), columns, float(weights.sum() / (4 * width * 2)))
+    weights = np.empty((down, across))
+    shares = np.empty((down, across, SIDE, SIDE), np.float32)
+    for first in range(0, height + 1, _ROWS_AT_ONCE):  # so that what is worked on stays in the processor's cache
+        rows = np.arange(first, min(first + _ROWS_AT_ONCE, height + 1))
+        # Four times the mean of a cell's corners; the polar cells have the outermost texels on both sides.
+        edges = luminance[np.maximum(rows - 1, 0)] + luminance[np.minimum(rows, height - 1)]
+        cells = np.zeros((-(-len(rows) // SIDE) * SIDE, across * SIDE))
+        inside = cells[: len(rows), :width]
+        inside[:] = edges
+        inside[:, :-1] += edges[:, 1:]
+        inside[:, -1] += edges[:, 0]
+        inside *= bands[rows, None]
+        blocks = cells.reshape(-1, SIDE, across, SIDE).swapaxes(1, 2)
+        at = slice(first // SIDE, first // SIDE + len(blocks))
+        weights[at] = sums = blocks.sum(axis=(2, 3))
+        shares[at] = np.divide(
+            blocks, sums[..., None, None], out=np.zeros_like(blocks), where=sums[..., None, None] > 0
+        )
+    columns = steps(np.cumsum(weights, axis=1))
+    rows_of_blocks = steps(np.cumsum(weights.sum(axis=1)))
+    return EnvironmentTables(radiance, rows_of_blocks, columns, shares, float(weights.sum() / (4 * width * 2)))
 
 
 def steps(cumulative: F64) -> F32:

@@ -255,6 +255,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                             visible = visibility(scene, light.origin, light.direction, light.distance, time)
                             if visible > 0.0:
                                 w = visible
+                                if wp.static(features.environment_map):
+                                    if light.mapped:
+                                        sky = environment(scene.lights, point.shading_normal, light.direction)
+                                        value = wp.cw_mul(value, sky.radiance)
+                                        # Beside a cell that is black, roundings may end in it.
+                                        light.pdf = wp.max(sky.pdf, 1.0e-30)
                                 if wp.static(features.absorption):
                                     way = absorption_towards(scene.materials, point, light.direction, absorption)
                                     value = wp.cw_mul(value, dimmed(way, light.distance))

@@ -69,11 +69,13 @@ class LightSample:
     """A direction to a light: its density per steradian (0: no light there), radiance and where the shadow ray ends.
 
     A ``delta`` light has no size: ``pdf`` is its probability, ``radiance`` its irradiance across the direction, and
-    scattering never finds it.
+    scattering never finds it. Of an image of the environment, whose ``radiance`` and ``pdf`` here are 1, `environment`
+    tells them where it is ``mapped``: its texels are read only for rays that nothing stops.
     """
 
     direction: wp.vec3
     delta: bool
+    mapped: bool
     pdf: float
     radiance: wp.vec3
     origin: wp.vec3
@@ -262,8 +264,9 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         if wp.static(features.environment):
             if light == lights.first_environment:
                 if wp.static(features.environment_map):
-                    drawn = sample_environment(lights.environment_image, u)
-                    drawn.pdf = drawn.pdf * lights.environment_probability
+                    towards = sample_environment(lights.environment_image, u)
+                    drawn = EnvironmentSample(towards, wp.vec3(1.0, 1.0, 1.0), 1.0)
+                    sample.mapped = True
                 else:
                     drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))
                 leaving = side(point.normal, drawn.direction)

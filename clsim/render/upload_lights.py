@@ -126,6 +126,7 @@ class LightData:
         image.radiance = wp.array(tables.radiance, dtype=wp.vec3, device=self._device)
         image.rows = array(tables.rows, wp.float32, self._device)
         image.columns = array(tables.columns.ravel(), wp.float32, self._device)
+        image.shares = array(tables.shares.ravel(), wp.float32, self._device)
         image.to_world = wp.mat33(*np.asarray(to_world, np.float64).ravel())
         return image
 
