@@ -1,41 +1,69 @@
 // What brightness is likely to do between two frames: the pictures at both ends are carried along the ways of things.
 //
-// Build macros: none of its own.
+// Build macros: LINEAR_LIGHT (light is linear in time between marks, and not its logarithm, which levels are).
 
 #include "types.clh"
 
 #define WAYS 3        // ways that things may go over a pixel
 #define MOMENTS 64    // into how many parts a step is divided
-#define ALIKE 0.25f   // pixels within which two ways are one
-#define SHARE ((real)0.9)   // of a threshold: what comes so near may reach it
+#define SHORT 0.25f   // pixels that a way must be long at least
+#define ALIKE 0.7f    // pixels within which two ways are one
+#define SHARE ((real)0.5)   // of a threshold: what comes so near may reach it
 
-// An image at x, y (0, 0 is the middle of the first pixel), linear between pixels.
+// Weights of four neighbours for a place between the two in the middle: a cubic through these with the slopes of chords
+// (Catmull and Rom, 1974), so that what peaks between two pixels is not cut off.
+static inline void cubic(real f, real *weights) {
+    const real g = 1 - f;
+    weights[0] = (real)-0.5 * f * g * g;
+    weights[1] = g * (1 + f - (real)1.5 * f * f);
+    weights[2] = f * (1 + g - (real)1.5 * g * g);
+    weights[3] = (real)-0.5 * g * f * f;
+}
+
+// An image at x, y (0, 0 is the middle of the first pixel), smooth between pixels.
 static inline real sampled(__global const real *image, real x, real y, int width, int height, int span) {
     x = x < 0 ? 0 : (x > width - 1 ? width - 1 : x);
     y = y < 0 ? 0 : (y > height - 1 ? height - 1 : y);
     const int left = (int)x, top = (int)y;
-    const int right = left + (left < width - 1), below = top + (top < height - 1);
-    const real fx = x - left, fy = y - top;
-    __global const real *upper = image + (size_t)top * span, *lower = image + (size_t)below * span;
-    return (upper[left] * (1 - fx) + upper[right] * fx) * (1 - fy) + (lower[left] * (1 - fx) + lower[right] * fx) * fy;
+    real across[4], down[4], sum = 0;
+    cubic(x - left, across);
+    cubic(y - top, down);
+    int columns[4];
+    for (int i = 0; i < 4; i++) columns[i] = MIN(MAX(left + i - 1, 0), width - 1);
+    for (int j = 0; j < 4; j++) {
+        __global const real *row = image + (size_t)MIN(MAX(top + j - 1, 0), height - 1) * span;
+        sum += down[j] * (across[0] * row[columns[0]] + across[1] * row[columns[1]] + across[2] * row[columns[2]]
+            + across[3] * row[columns[3]]);
+    }
+    return sum;
 }
 
 // Marks the moments between which the forecast is straight to `tolerance`: from a mark on, a line must pass within it by
 // all values (the swinging door: Bristol, ISA 1990). The ends of the step are marks already.
-static inline ulong bends(const real *values, int parts, real tolerance) {
+static inline ulong bends(const real *levels, int parts, real tolerance) {
+    real values[MOMENTS + 1], off[MOMENTS + 1];
+    for (int i = 0; i <= parts; i++) {
+#ifdef LINEAR_LIGHT
+        values[i] = exp(levels[i] - levels[0]);
+        off[i] = tolerance * values[i];
+#else
+        values[i] = levels[i];
+        off[i] = tolerance;
+#endif
+    }
     ulong marks = 0;
     int from = 0;
     real least = -INFINITY, most = INFINITY;
     for (int i = 1; i <= parts; i++) {
         const real run = (real)1 / (i - from);
-        const real low = (values[i] - tolerance - values[from]) * run, high = (values[i] + tolerance - values[from]) * run;
+        const real low = (values[i] - off[i] - values[from]) * run, high = (values[i] + off[i] - values[from]) * run;
         const real slope = (values[i] - values[from]) * run;
         if (slope < least || slope > most) {
             from = i - 1;
             const int moment = from * MOMENTS / parts;
             if (moment > 0) marks |= (ulong)1 << moment;
-            least = values[i] - tolerance - values[from];
-            most = values[i] + tolerance - values[from];
+            least = values[i] - off[i] - values[from];
+            most = values[i] + off[i] - values[from];
         } else {
             least = MAX(least, low);
             most = MIN(most, high);
@@ -65,8 +93,8 @@ __kernel void forecast(
                 known |= ex * ex + ey * ey < ALIKE * ALIKE;
             }
             const real length = sqrt(dx * dx + dy * dy);
-            if (known || length < ALIKE) continue;
-            const int parts = length > MOMENTS / 2 ? MOMENTS : (int)ceil(2 * length);
+            if (known || length < SHORT) continue;
+            const int parts = length > MOMENTS / 4 ? MOMENTS : (int)ceil(4 * length);
             real values[MOMENTS + 1], least = INFINITY, most = -INFINITY;
             for (int i = 0; i <= parts; i++) {
                 const real share = (real)i / parts, rest = 1 - share;

@@ -16,11 +16,11 @@ BEND = 0.12
 class Forecast:
     """Carries the pictures at both ends of a step along the ways of things."""
 
-    def __init__(self, place: Workplace[Grid], on: float, off: float) -> None:
-        """Build the kernel for contrast thresholds [natural-log units]."""
+    def __init__(self, place: Workplace[Grid], on: float, off: float, linear_light: bool) -> None:
+        """Build the kernel for contrast thresholds [natural-log units], and light or its logarithm linear in time."""
         self._place = place
         self._thresholds = on, off
-        (self._kernel,) = place.kernels("forecast", ("forecast",))
+        (self._kernel,) = place.kernels("forecast", ("forecast",), {"LINEAR_LIGHT": 1} if linear_light else {})
         height, width = place.layout.height, place.layout.width
         self._ways = place.allocate((3, 2, height, width), np.float32)
         self._marks = place.allocate((height, width), np.uint64)

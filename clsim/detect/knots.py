@@ -37,13 +37,15 @@ class Knots:
         pixels: which pixel, a number from 0 on, ``[K]``.
         times: [ticks], ``[K]``.
         levels: [natural-log units], ``[K]``.
-        bulges: by how much the level may leave the straight line of a piece, ``[K]``; infinite where nobody knows.
+        bulges: by how much the level may leave the line of a piece, ``[K]``; infinite where nobody knows.
+        linear_light: whether light is linear in time between knots; else its logarithm is, which levels are.
     """
 
     pixels: I64
     times: I64
     levels: F64
     bulges: F64
+    linear_light: bool = False
 
     @property
     def firsts(self) -> Mask:
@@ -55,7 +57,7 @@ class Knots:
         last, first = before, before - 1
         span = (self.times[last] - self.times[first]).astype(np.float64)
         share = (times - self.times[first]) / span
-        straight = self.levels[first] + share * (self.levels[last] - self.levels[first])
+        straight = self._on_line(self.levels[first], self.levels[last], share)
         # The parabola through the three leaves a line over the whole piece by so much.
         bend = CAUTION * np.abs(levels - straight) / (4.0 * share * (1.0 - share))
         self.bulges[last] = bend * (1.0 - share) ** 2
@@ -66,20 +68,39 @@ class Knots:
 
     def of(self, chosen: Mask) -> Knots:
         """Return the knots of some pixels, all of each."""
-        return Knots(self.pixels[chosen], self.times[chosen], self.levels[chosen], self.bulges[chosen])
+        kept = self.pixels[chosen], self.times[chosen], self.levels[chosen], self.bulges[chosen]
+        return Knots(*kept, self.linear_light)
 
     def guess_bulges(self) -> None:
         """Take what is not known of a piece from how the slope changes at both its ends."""
         inside = ~self.firsts
         spans = np.where(inside, np.diff(self.times, prepend=0), 1).astype(np.float64)
-        slopes = np.diff(self.levels, prepend=0.0) / spans
+        heights = np.exp(self.levels) if self.linear_light else self.levels
+        slopes = np.diff(heights, prepend=0.0) / spans
         # The second derivative at each knot that lies between two pieces of its pixel.
         bends = np.zeros(len(slopes) + 1)
         between = inside[:-1] & inside[1:]
         bends[1:-1] = np.where(between, np.abs(2.0 * np.diff(slopes) / (spans[1:] + spans[:-1])), 0.0)
+        if self.linear_light:
+            bends[:-1] /= heights
         bend = np.maximum(bends[:-1], bends[1:])
         guessed = inside & np.isinf(self.bulges) & (bend > 0)
         self.bulges[guessed] = CAUTION * bend[guessed] * spans[guessed] ** 2 / 8.0
+
+    def crossed(self, pieces: I64, levels: F64) -> tuple[F64, F64]:
+        """Return at which share of each piece its line is at a level, or next to it, and its rise in a piece there."""
+        first, last = self.levels[pieces - 1], self.levels[pieces]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if not self.linear_light:
+                return np.clip((levels - first) / (last - first), 0.0, 1.0), last - first
+            rise = np.expm1(last - first)
+            share = np.clip(np.expm1(levels - first) / rise, 0.0, 1.0)
+            return share, rise / (1.0 + share * rise)
+
+    def _on_line(self, first: F64, last: F64, share: F64) -> F64:
+        if self.linear_light:
+            return np.asarray(first + np.log1p(share * np.expm1(last - first)))
+        return first + share * (last - first)
 
     def walk(self, references: F64, on: float, off: float) -> tuple[F64, I64]:
         """Let ideal pixels fire, brightness being linear between knots.
@@ -117,7 +138,7 @@ def join(parts: list[Knots]) -> Knots:
     times, levels, bulges = (
         np.concatenate([getattr(part, name) for part in parts])[order] for name in ("times", "levels", "bulges")
     )
-    return Knots(pixels[order], times, levels, bulges)
+    return Knots(pixels[order], times, levels, bulges, parts[0].linear_light)
 
 
 def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float, least: int) -> tuple[I64, I64]:
@@ -135,10 +156,9 @@ def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float
     last, first = knots.levels[pieces], knots.levels[pieces - 1]
     span = knots.times[pieces] - knots.times[pieces - 1]
     bulge, fired = knots.bulges[pieces], crossings[pieces]
-    rise = last - first
     threshold = before[pieces] + np.where(fired > 0, on, -off)
+    share, rise = knots.crossed(pieces, threshold)
     with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.clip((threshold - first) / rise, 0.0, 1.0)
         # Near a piece's ends the parabola is near the line.
         way = np.where(np.abs(fired) == 1, 4.0 * share * (1.0 - share) * bulge, bulge)
         error = np.where(np.isinf(bulge), span, way * span / np.abs(rise))

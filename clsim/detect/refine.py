@@ -54,7 +54,8 @@ class Refiner(Between):
         """
         super().__init__(place, config, names, tracer)
         self.tolerance_us = tolerance_us
-        self._forecast = Forecast(place, self._on, self._off)
+        self._linear_light = config.event_rule == "linear-light"
+        self._forecast = Forecast(place, self._on, self._off, self._linear_light)
         self._images: list[Buffer] = []
 
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:
@@ -120,7 +121,8 @@ class Refiner(Between):
         all_times = np.concatenate([np.repeat(times, len(active)), asked])
         found = np.concatenate([levels.ravel().astype(np.float64), self._trace(path, active[rows], asked)])
         order = np.lexsort((all_times, pixels))
-        knots = Knots(pixels[order], all_times[order], found[order], np.full(len(pixels), np.inf))
+        unknown = np.full(len(pixels), np.inf)
+        knots = Knots(pixels[order], all_times[order], found[order], unknown, self._linear_light)
         knots.guess_bulges()
         return knots
 

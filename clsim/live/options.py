@@ -196,9 +196,9 @@ class LiveOptions:
         if self.probe_every is None and (point.noise != "common" or point.first_hit_rays == 0):
             # Nothing can be kept from frame to frame.
             point = replace(point, probe_every=1)
-        lines = self.time != "fixed" or not (self.sensor is None or self.sensor.is_ideal)
-        if lines and self.event_rule is None and point.event_rule == "linear-light":
-            # Levels are found between frames, or go through filters, which take lines.
+        filtered = not (self.sensor is None or self.sensor.is_ideal)
+        if filtered and self.event_rule is None and point.event_rule == "linear-light":
+            # Levels go through filters, which take lines.
             point = replace(point, event_rule="interpolated")
         return point
 
@@ -321,8 +321,8 @@ class LiveOptions:
             raise InputError(f"`time` {self.time} needs `method` esim or irradiance, got {point.method}")
         if point.noise != "common":
             raise InputError(f"`time` {self.time} needs `noise` common, got {point.noise}")
-        if point.event_rule != "interpolated":
-            raise InputError(f"`time` {self.time} needs `event_rule` interpolated, got {point.event_rule}")
+        if point.event_rule == "frame":
+            raise InputError(f"`time` {self.time} needs `event_rule` interpolated or linear-light, got frame")
         if point.method == "irradiance":
             self._need_first_hit_rays(f"`time` {self.time} with `method` irradiance")
 

@@ -77,7 +77,7 @@ class IdealPixels:
     def __init__(self, place: Workplace[Grid], thresholds: Thresholds) -> None:
         """Build the kernels; no pixel has a reference."""
         self._place, self._thresholds = place, thresholds
-        self._kernels = {False: self._build({"LINEAR_LIGHT": 1} if thresholds.linear_light else {})}
+        self._kernels = {False: self._build({})}
         pixels = place.layout.height * place.layout.span
         chunks = min(-(-pixels // _CHUNK), max(_CHUNKS, -(-pixels // _LARGEST_CHUNK)))
         self.references = place.allocate(place.layout.image_shape, fill=np.nan)
@@ -89,7 +89,8 @@ class IdealPixels:
         self._out = place.allocate_seen((self._capacity,), _WRITTEN)
 
     def _build(self, more: dict[str, object]) -> list[Any]:
-        macros = more | ({"FRAME_RULE": 1} if self._thresholds.at_step_ends else {})
+        rules = {"FRAME_RULE": self._thresholds.at_step_ends, "LINEAR_LIGHT": self._thresholds.linear_light}
+        macros = more | {name: 1 for name, holds in rules.items() if holds}
         return self._place.kernels("sensor_ideal", ("decide_events", "emit_events", "fire_events"), macros)
 
     def _for(self, path: BrightnessPath) -> tuple[list[Any], tuple[Buffer, ...]]:

@@ -14,17 +14,17 @@ STEP = 2**15
 """A step of 1/30 s [ticks]."""
 
 
-def whole_step(levels):
+def whole_step(levels, linear_light=False):
     """One piece a pixel; ``levels`` is the pair of each pixel's levels at both ends."""
     levels = np.asarray(levels, float)
     count = len(levels)
     times = np.tile([0, STEP], count)
-    return Knots(np.repeat(np.arange(count), 2), times, levels.ravel(), np.full(2 * count, np.inf))
+    return Knots(np.repeat(np.arange(count), 2), times, levels.ravel(), np.full(2 * count, np.inf), linear_light)
 
 
-def sharpened(functions, tolerance, on=0.2, off=0.2):
+def sharpened(functions, tolerance, on=0.2, off=0.2, linear_light=False):
     """Ask functions of the share of the step until their crossings are known; return knots and how often was asked."""
-    knots = whole_step([(f(0.0), f(1.0)) for f in functions])
+    knots = whole_step([(f(0.0), f(1.0)) for f in functions], linear_light)
     references = np.array([f(0.0) for f in functions])
     asked = 0
     for _ in range(30):
@@ -75,6 +75,22 @@ def test_crossings_of_curves_are_found_to_the_tolerance(tolerance):
     assert asked < 20 * (3 if tolerance > 50 else 5)
 
 
+@pytest.mark.parametrize("tolerance", [100.0, 10.0])
+def test_crossings_of_light_that_bends_are_found_to_the_tolerance(tolerance):
+    """Light of 1 + 4xᵖ is eᵏᶜ at a time in closed form; where it is a ramp (p = 1), one look says so."""
+    powers = (1.0, 1.5, 3.0)
+    knots, asked = sharpened([lambda x, p=p: np.log1p(4 * x**p) for p in powers], tolerance, linear_light=True)
+    before, crossings = knots.walk(np.zeros(len(powers)), 0.2, 0.2)
+    for pixel, p in enumerate(powers):
+        pieces = np.flatnonzero((knots.pixels == pixel) & (crossings > 0))
+        pieces, number = np.repeat(pieces, crossings[pieces]), np.concatenate([np.arange(crossings[k]) for k in pieces])
+        share, _ = knots.crossed(pieces, before[pieces] + 0.2 * (number + 1))
+        start, end = knots.times[pieces - 1], knots.times[pieces]
+        expected = (np.expm1(0.2 * np.arange(1, 9)) / 4) ** (1 / p) * STEP
+        np.testing.assert_allclose(start + share * (end - start), expected, atol=tolerance)
+    assert np.sum(knots.pixels == 0) == 3 and asked < 1 + 16 * 4
+
+
 def test_a_straight_line_is_asked_once_and_a_flat_one_never():
     _, asked = sharpened([lambda x: 0.5 * x, lambda x: 0.1 * x], 50.0)
     assert asked == 1
@@ -97,3 +113,13 @@ def test_bends_between_known_levels_are_guessed_from_both_sides():
     np.testing.assert_allclose(knots.bulges[1:5], 2.0 * 0.25**2 / 4)
     assert np.isinf(knots.bulges[[0, 5]]).all()
     assert np.isinf(knots.bulges[6:]).all()
+
+
+def test_bends_of_light_are_guessed_as_those_of_its_logarithm():
+    x = np.array([0, 0.25, 0.5, 0.75, 1.0])
+    knots = Knots(np.zeros(5, int), (x * STEP).astype(int), np.log1p(x**2), np.full(5, np.inf), linear_light=True)
+    knots.guess_bulges()
+    middle = 0.5 * (x[:-1] + x[1:])
+    # In the middle of a piece a parabola of light is h²/4 below its chord.
+    off = np.log1p((0.25**2 / 4) / (1 + middle**2))
+    assert np.all(knots.bulges[1:] >= 1.5 * off) and np.all(knots.bulges[1:] <= 3 * off)

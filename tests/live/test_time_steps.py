@@ -35,7 +35,7 @@ def gathered(**options):
         ({"time": "adaptive", "method": "esim-ad"}, "`method` esim or irradiance, got esim-ad"),
         ({"time": "adaptive", "quality": "published"}, "`method` esim or irradiance, got esim-ad"),
         ({"time": "adaptive", "quality": "exact", "noise": "independent"}, "`noise` common, got independent"),
-        ({"time": "adaptive", "event_rule": "frame"}, "`event_rule` interpolated, got frame"),
+        ({"time": "adaptive", "event_rule": "frame"}, "`event_rule` interpolated or linear-light, got frame"),
         ({"time": "adaptive", "first_hit_rays": 0}, "`first_hit_rays` of at least 1"),
         ({"time_tolerance_us": 20.0}, "is for `time` adaptive, but time is fixed"),
         ({"time": "adaptive", "time_tolerance_us": 0.5}, "from 1 to 1e"),

@@ -80,6 +80,13 @@ def test_knots_on_the_line_change_nothing():
     assert references.tolist() == [1.0, 1.0]
 
 
+def test_between_knots_light_is_linear_where_it_is_asked_for():
+    rule = Thresholds(ON, OFF, linear_light=True)
+    fired, _, _ = fire([0.0], [[(1_000_000, 0.5)]], [0.25], rule)
+    up, down = (1000 * np.expm1(0.25) / np.expm1(0.5), 1000 + 3000 * np.expm1(-0.125) / np.expm1(-0.25))
+    assert told(fired.events, 0) == [(np.ceil(up), True), (1000, True), (np.ceil(down), False), (4000, False)]
+
+
 def test_the_frame_rule_knows_the_end_alone():
     fired, _, _ = fire([0.0, 0.0], [[(1_000_000, 0.9)], [(1_000_000, 0.9)]], [0.0, 0.3], Thresholds(ON, OFF, True))
     assert told(fired.events, 0) == [] and told(fired.events, 1) == [(STEP_US, True)]
