@@ -37,6 +37,7 @@ SCENES = {
     for name in (
         "bsdf_dielectric_glass",
         "bsdf_roughdielectric_rough",
+        "bsdf_roughdielectric_textured",
         "bsdf_roughconductor_copper",
         "bsdf_roughplastic_ggx",
         "bsdf_plastic_shiny",

@@ -237,7 +237,9 @@ class ImageTable(Table):
 class MaterialTable(Table):
     """A surface; colours are linear Rec. 709."""
 
-    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled"] = "diffuse"
+    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled", "disney"] = (
+        "diffuse"
+    )
     color: Reflectance | None = Field(None, description="reflectance or base colour 0…1, default 0.5; metal, glass 1")
     texture: ImageTable | None = Field(None, description="times the colour, whose default is then 1")
     checker: CheckerTable | None = None
@@ -258,11 +260,23 @@ class MaterialTable(Table):
     eta: Radiance | None = Field(None, description="refractive index of a conductor, with k instead of metal")
     k: Radiance | None = Field(None, description="extinction coefficient of a conductor")
     specular_color: Reflectance = (1.0, 1.0, 1.0)
+    distribution: Literal["ggx", "beckmann"] = Field("ggx", description="of a conductor, dielectric or plastic")
+    stretch: Positive = Field(
+        1.0, description="of a conductor, dielectric or disney: alpha times this along u, over this along v"
+    )
+    absorption: Radiance = Field((0.0, 0.0, 0.0), description="within a dielectric or disney glass, per metre")
+    nonlinear: Flag = Field(False, description="whether inner reflections shift the colour of plastic")
+    specular_tint: Share = Field(0.0, description="of disney, as are sheen, its tint and flatness")
+    sheen: NonNegative = 0.0
+    sheen_tint: Share = 0.0
+    flatness: Share = 0.0
     transmission: Share = 0.0
     clearcoat: Share = 0.0
     clearcoat_roughness: Share = 0.0
     normal_texture: ImageTable | None = None
     normal_scale: Number = 1.0
+    bump_texture: ImageTable | None = Field(None, description="its luminance, of numbers as they are, is height")
+    bump_scale: Number = Field(1.0, description="metres of height for a luminance of 1")
     alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
     alpha_cutoff: Share = 0.5
     opacity: Share = 1.0

@@ -1,5 +1,6 @@
 """What a TOML says of materials, lights, environment maps and lenses."""
 
+import json
 import math
 
 import numpy as np
@@ -39,6 +40,29 @@ def test_materials(tmp_path):
     )
     assert (paint.metallic, paint.clearcoat, paint.transmission) == (0.4, 0.5, 0.1)
     assert paint.clearcoat_alpha == pytest.approx(0.04)
+
+
+def test_every_property_of_a_surface_can_be_said(tmp_path):
+    """What only some kinds have, each by the name that `Material` gives it."""
+    said = {
+        "distribution": "beckmann",
+        "stretch": 2.0,
+        "absorption": (1.0, 2.0, 3.0),
+        "nonlinear": True,
+        "specular_tint": 0.1,
+        "sheen": 1.5,
+        "sheen_tint": 0.3,
+        "flatness": 0.4,
+        "bump_scale": 0.01,
+    }
+    lines = "\n".join(f"{key} = {json.dumps(value)}" for key, value in said.items())
+    PIL.Image.new("RGB", (2, 2)).save(tmp_path / "heights.png")
+    text = f'kind = "disney"\n{lines}\nbump_texture = {{ file = "heights.png" }}'
+    found, world = material(tmp_path, text)
+    assert found.kind == "disney" and {key: getattr(found, key) for key in said} == said
+    assert not world.textures[found.bump_texture].srgb
+    with pytest.raises(InputError, match=r"ior is 1\.0, expected more than 1"):
+        material(tmp_path, 'kind = "disney"\nior = 1.0')
 
 
 def test_textures_come_from_files_in_the_folder(tmp_path):
