@@ -129,7 +129,7 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
         long next = next_crossing(p, line, t, &rising);
 #ifdef RATE_NOISE
         int noise_rising;
-        const long noisy = next_arrival(p, line, t, MIN(next, end), &noise_rising);
+        const long noisy = p->silent ? NEVER : next_arrival(p, line, t, MIN(next, end), &noise_rising);
         if (noisy < next) {
             next = noisy;
             rising = noise_rising;
@@ -158,6 +158,27 @@ static inline Knot knot_at(const Pixel *p, long t, double level) {
     return knot;
 }
 
+#ifdef FRONT
+// From t, where it is moved, over a piece or to the launch's end `to`; `light` is that at p->in.at.
+static inline void run_front_piece(Pixel *p, Outbox *out, const Piece *piece, Light *light, long *t, long to) {
+    const long end = MIN(to, piece->end);
+    // Pieces that end before t were left out while the pixel was calm.
+    if (end > *t) {
+#ifdef PARASITIC
+        change_leak(p, *t, 0.5 * (p->in.level + level_at(p->in, piece->end)));
+#endif
+        RUN_PIECE(p, out, piece->seen, *t, end);
+        *t = end;
+    }
+    if (end == piece->end) {
+        const Line in = {end, level_at(p->in, end), p->in.slope};
+        p->in = in;
+        p->front = piece->front;
+        *light = piece->after;
+    }
+}
+#endif
+
 // From a knot to the next one.
 static inline void run_segment(Pixel *p, Outbox *out, Knot from, Knot to) {
     if (from.t == to.t) return;
@@ -171,19 +192,7 @@ static inline void run_segment(Pixel *p, Outbox *out, Knot from, Knot to) {
     }
     for (long t = from.t; t < to.t;) {
         const Piece piece = piece_of(p, light);
-        const long end = MIN(to.t, piece.end);
-#ifdef PARASITIC
-        change_leak(p, t, 0.5 * (p->in.level + level_at(p->in, piece.end)));
-#endif
-        RUN_PIECE(p, out, piece.seen, t, end);
-        p->seen = level_at(piece.seen, end);
-        if (end == piece.end) {
-            const Line in = {end, level_at(p->in, end), p->in.slope};
-            p->in = in;
-            p->front = piece.front;
-            light = piece.after;
-        }
-        t = end;
+        run_front_piece(p, out, &piece, &light, &t, to.t);
     }
 #else
     const Line line = {from.t, from.level, slope};
@@ -222,17 +231,14 @@ static inline void begin(Pixel *p, long t, double level) {
 #endif
 }
 
-// What a detector takes for the level of the last event: what it sees now, less what the pixel compares, noise apart.
-static inline double reference_for(const Pixel *p, long t, double level) {
-    if (p->since > t) return level;
-    double seen = level, ref = p->ref - LEAK_OF(p) * SECONDS(t - p->since);
-#ifdef FRONT
-    seen = p->seen;
-#endif
+// What a detector takes for the level of the last event: the level now, under `light`, less what the pixel will compare
+// when its filters have come to rest under it, noise apart.
+static inline double reference_for(const Pixel *p, long t, double level, Light light) {
+    double ref = p->ref - LEAK_OF(p) * SECONDS(t - p->since);
 #ifdef SHOT_NOISE
     ref -= p->noise_at_ref;
 #endif
-    return level - (seen - ref);
+    return p->since > t ? level : level - (light.level - ref);
 }
 
 #ifdef SHOT_NOISE
@@ -241,6 +247,8 @@ static inline double reference_for(const Pixel *p, long t, double level) {
 #else
 #define WHEN(ns) (ns)
 #endif
+
+#include "sensor_calm.clh"
 
 #ifdef KNOTS
 // Work-item: CHUNK pixels of the list. out_rows: [H][span], where each is in the list.
@@ -269,44 +277,72 @@ __kernel void run_pixels(
     const int item = get_global_id(0), first = item * CHUNK, last = MIN(first + CHUNK, pixels);
     const size_t room = (size_t)item * capacity;
     Outbox out = {out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, capacity, 0};
-    long many = 0, capped = 0, most = 0;
-    // Apart, so that a compiler takes several at a time.
-    Light lights[CHUNK];
-    for (int i = first; i < last; i++) lights[i - first] = light_of(c, start[i]);
+    Totals totals = {0, 0, 0};
+    Chunk chunk;
+    look_ahead(&chunk, c, seed, own, state, pixels, span, first, last - first, t0, t1, start, end);
+#ifdef KNOTS
+    for (int i = first; i < last; i++)
+        if (rows[i] >= 0) chunk.calm[i - first] &= offsets[rows[i]] == offsets[rows[i] + 1];
+#endif
+    keep_calm(&chunk, state, pixels, first, last - first, out_state, out_references, out_fired);
+    Pixel together[CHUNK];   // those that run side by side
+    Light light[CHUNK];
+    int at[CHUNK], count = 0;
     for (int i = first; i < last; i++) {
+        if (chunk.calm[i - first]) continue;
         Pixel p = loaded(c, seed, own, state, pixels, i, i % span, i / span);
+#ifdef RATE_NOISE
+        p.silent = chunk.silent[i - first];
+#endif
 #ifdef SHOT_NOISE
         set_law(&p, p.law.light);
 #endif
         const double before = start[i], now = end[i];
         if (i % span < width && now == now) {
+#ifdef KNOTS
+            const int row = rows[i], knots = row < 0 ? 0 : offsets[row + 1] - offsets[row];
+#else
+            const int knots = 0;
+#endif
+#ifdef SIDE_BY_SIDE
+            if (chunk.joined[i - first] && knots == 0) {
+                take_front(&p, &chunk, i - first);
+                together[count] = p;
+                light[count] = chunk.begun[i - first];
+                at[count++] = i;
+                continue;
+            }
+#endif
             if (p.ref != p.ref && p.since <= t0) {
                 begin(&p, t1, now);
             } else {
-                Knot from = {t0, before, lights[i - first]};
-                const Knot to = {t1, now};
+                Knot from = {t0, before, chunk.first[i - first]};
 #ifdef KNOTS
-                if (rows[i] >= 0)
-                    for (int k = offsets[rows[i]]; k < offsets[rows[i] + 1]; k++) {
-                        const Knot knot = knot_at(&p, t0 + WHEN(times[k]), levels[k]);
-                        run_segment(&p, &out, from, knot);
-                        from = knot;
-                    }
+                for (int k = 0; k < knots; k++) {
+                    const int n = offsets[row] + k;
+                    const Knot knot = knot_at(&p, t0 + WHEN(times[n]), levels[n]);
+                    run_segment(&p, &out, from, knot);
+                    from = knot;
+                }
 #endif
+                const Knot to = {t1, now};
                 run_segment(&p, &out, from, to);
             }
-            out_references[i] = reference_for(&p, t1, now);
+            out_references[i] = reference_for(&p, t1, now, chunk.last[i - first]);
         }
-        keep(&p, out_state, pixels, i);
-        out_fired[i] = p.net_on ? p.fired : -p.fired;
-        many += p.fired > MANY;
-        capped += p.capped;
-        most = MAX(most, p.fired + p.capped);
+        keep(&p, out_state, pixels, i, out_fired, &totals);
     }
+#ifdef SIDE_BY_SIDE
+    run_side_by_side(together, light, count, &out, t0, t1);
+    for (int k = 0; k < count; k++) {
+        out_references[at[k]] = reference_for(&together[k], t1, end[at[k]], chunk.last[at[k] - first]);
+        keep(&together[k], out_state, pixels, at[k], out_fired, &totals);
+    }
+#endif
     out_counts[4 * item] = out.count;
-    out_counts[4 * item + 1] = many;
-    out_counts[4 * item + 2] = capped;
-    out_counts[4 * item + 3] = most;
+    out_counts[4 * item + 1] = totals.many;
+    out_counts[4 * item + 2] = totals.capped;
+    out_counts[4 * item + 3] = totals.most;
 }
 
 // Work-item: a work-item of run_pixels; its events go to out_* from place[work-item] on.

@@ -116,5 +116,6 @@ def planes(bench, kind):
     values = bench.place.read(memory).reshape(-1, bench.pixels._pixels)[:, : bench.grid.width]
     found = {name[2:]: values[at].copy() for name, at in bench.pixels._macros.items() if name.startswith(f"{kind}_")}
     if kind == "S":
-        found["SINCE"] = found["SINCE"].view(np.int64)
+        for name in found.keys() & {"SINCE", "INPUT_SINCE"}:
+            found[name] = found[name].view(np.int64)
     return found

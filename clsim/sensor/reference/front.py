@@ -11,7 +11,12 @@ _TOLERANCE = 1e-8
 
 
 def follow(
-    points: Sequence[tuple[float, float]], *, dark: float, receptor_s: float, follower_s: float
+    points: Sequence[tuple[float, float]],
+    *,
+    dark: float,
+    receptor_s: float,
+    follower_s: float,
+    start: tuple[float, float] | None = None,
 ) -> list[tuple[float, float]]:
     """Return what a pixel compares, as times [s] and levels so close that lines between them do.
 
@@ -21,15 +26,17 @@ def follow(
     z' = (y − z) / ``follower_s``.
 
     Args:
-        points: times [s], rising, and levels [natural-log units], linear in between; the pixel rests under the first.
+        points: times [s], rising, and levels [natural-log units], linear in between.
         dark: dark current, in units of the photocurrent of level 0.
         receptor_s: time constant of the receptor under level 0, without ``dark`` [s].
         follower_s: that of the follower [s].
+        start: what receptor and follower give at the first point [natural-log units]; None is at rest under its level.
     """
     from scipy.integrate import solve_ivp
 
     rest = math.log(math.exp(points[0][1]) + dark)
-    state, found = [rest, rest], [(points[0][0], rest)]
+    state = [rest, rest] if start is None else list(start)
+    found = [(points[0][0], state[1])]
     for (t0, before), (t1, after) in pairwise(points):
         slope = (after - before) / (t1 - t0)
 
