@@ -79,53 +79,82 @@ def read_value(name: str, value: Any, kind: Any) -> Any:
         InputError: it is none, or a number that is not finite.
     """
     try:
-        return _read(kind, _without_numpy(value))
+        return _reader(kind)(_without_numpy(value))
     except TypeError:
         raise InputError(f"`{name}` must be {_words(kind)}, got {_shown(value)}") from None
 
 
 def _without_numpy(value: Any) -> Any:
     """Return Python's number or list in place of one of numpy, which is not loaded for that."""
+    if type(value) in _PLAIN:  # most are, and simulators that are driven read some in each step
+        return value
     numpy = sys.modules.get("numpy")
     return value.tolist() if numpy is not None and isinstance(value, numpy.ndarray | numpy.generic) else value
 
 
-def _read(kind: Any, value: Any) -> Any:
-    """Return ``value`` as one of ``kind``; raises TypeError where it is none."""
+@cache
+def _reader(kind: Any) -> Callable[[Any], Any]:
+    """Return what makes a value of Python one of ``kind``, and raises TypeError where it is none."""
     if kind in _READERS:
-        return _READERS[kind](value)
+        return _READERS[kind]
     origin, parts = get_origin(kind), get_args(kind)
     if origin in (Union, types.UnionType):
-        for part in parts:
+        return _reader_of_any(tuple(map(_reader, parts)))
+    if origin is Literal:
+        return _reader_of_words(parts)
+    if origin is tuple and parts[1:] == (...,):
+        return _reader_of_many(_reader(parts[0]))
+    if origin is tuple:
+        return _reader_of_each(tuple(map(_reader, parts)))
+    return _reader_of_class(kind)
+
+
+def _reader_of_any(readers: tuple[Callable[[Any], Any], ...]) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        for reader in readers:
             try:
-                return _read(part, value)
+                return reader(value)
             except TypeError:
                 continue
-    elif origin is Literal:
-        if isinstance(value, str) and value in parts:
-            return str(value)
-    elif origin is tuple:
-        return _read_tuple(parts, value)
-    elif is_dataclass(kind):
-        if isinstance(value, Mapping):
-            return from_plain(kind, value)  # type: ignore[arg-type]
-        if isinstance(value, kind):  # type: ignore[arg-type]
-            return value
-    elif isinstance(value, kind):
-        return value
-    raise TypeError
-
-
-def _read_tuple(parts: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
-    any_number = parts[1:] == (...,)
-    if not isinstance(value, list | tuple):
-        if not any_number:
-            raise TypeError
-        value = (value,)
-    items = parts[:1] * len(value) if any_number else parts
-    if len(items) != len(value):
         raise TypeError
-    return tuple(map(_read, items, map(_without_numpy, value)))
+
+    return read
+
+
+def _reader_of_words(words: tuple[str, ...]) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        if isinstance(value, str) and value in words:
+            return str(value)
+        raise TypeError
+
+    return read
+
+
+def _reader_of_many(reader: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        return tuple(reader(_without_numpy(item)) for item in (value if isinstance(value, list | tuple) else (value,)))
+
+    return read
+
+
+def _reader_of_each(readers: tuple[Callable[[Any], Any], ...]) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        if not isinstance(value, list | tuple) or len(value) != len(readers):
+            raise TypeError
+        return tuple(reader(_without_numpy(item)) for reader, item in zip(readers, value, strict=True))
+
+    return read
+
+
+def _reader_of_class(kind: Any) -> Callable[[Any], Any]:
+    def read(value: Any) -> Any:
+        if is_dataclass(kind) and isinstance(value, Mapping):
+            return from_plain(kind, value)  # type: ignore[arg-type]
+        if isinstance(value, kind):
+            return value
+        raise TypeError
+
+    return read
 
 
 def _read_number(value: Any) -> float:
@@ -180,6 +209,7 @@ def _words(kind: Any) -> str:
     return _NAMES[kind][0] if kind in _NAMES else f"{kind.__name__} or its fields by name"
 
 
+_PLAIN = frozenset({bool, int, float, str, types.NoneType})
 _NAMES = {
     float: ("a finite number", "finite numbers"),
     int: ("a whole number", "whole numbers"),

@@ -107,31 +107,30 @@ __kernel void decide_events(
         get_global_id(0), list, count, chunk, start, end, KNOTS_GIVEN on, off, references, out_fired, out_from, out_counts);
 }
 
-// The share of the way from `before` to `after` at which brightness has come to `level`.
-static inline stamp share_of(stamp before, stamp after, stamp level) {
-    stamp way = level - before, all = after - before;
+// What is linear in time as brightness changes.
+static inline stamp way_of(stamp change) {
 #ifdef LINEAR_LIGHT
-    way = expm1(way);
-    all = expm1(all);
+    return expm1(change);
+#else
+    return change;
 #endif
-    return way / (all == 0 ? 1 : all);
 }
 
-// The whole µs from the step's start at which brightness, on its way from `before` at time t0 to `after` at t1 [µs],
-// has come to `level`.
-static inline long crossed_at(stamp before, stamp after, stamp level, stamp t0, stamp t1, long step) {
+// The whole µs from the step's start at which what is linear, on its way from time t0 to t1 [µs], of `all`, has gone `way`.
+static inline long crossed_at(stamp way, stamp all, stamp t0, stamp t1, long step) {
 #ifdef FRAME_RULE
     return step;
 #else
-    const long t = (long)ceil(t0 + share_of(before, after, level) * (t1 - t0));
+    const long t = (long)ceil(t0 + way / (all == 0 ? 1 : all) * (t1 - t0));
     return t < 1 ? 1 : (t > step ? step : t);
 #endif
 }
 
-typedef struct {
+// As clsim/events/batch.py has it.
+typedef struct __attribute__((packed)) {
     long time;
     ushort x, y;
-    uint on;
+    uchar on;
 } Event;
 
 // Chunk `mine`: its events go to out_events from `next` on, if all of them have room: there is room for `room`.
@@ -162,9 +161,10 @@ static inline void emit(
             const stamp t1 = step;
             const int rising = fired[i] > 0, n = left;
 #endif
+            const stamp all = way_of((stamp)after - before);
             for (int j = 1; j <= n; j++) {
                 const stamp level = ref + j * (rising ? (stamp)on : -(stamp)off);
-                out_events[next].time = time_before + crossed_at(before, after, level, t0, t1, step);
+                out_events[next].time = time_before + crossed_at(way_of(level - before), all, t0, t1, step);
                 out_events[next].x = list[i] % span;
                 out_events[next].y = list[i] / span;
                 out_events[next++].on = rising;

@@ -155,23 +155,24 @@ class BrightnessEstimator:
     def _pack(self, frame: Frame, stages: Stages) -> Stages:
         stages.pack.run(self._memory.lend(frame), self._slot)
         self._memory.take_back(frame)
-        invalid, extremes = stages.found()
-        grown = np.zeros(0, dtype=bool)
-        if len(extremes):
-            seen = self._constant.copy()
-            self._constant[:, 0] = np.minimum(seen[:, 0], extremes[:, 0])
-            self._constant[:, 1] = np.maximum(seen[:, 1], extremes[:, 1])
-            grown = self._constant[:, 0] < self._constant[:, 1]
-        if grown.any():
-            woken = {name for name, is_grown in zip(stages.quiet, grown, strict=True) if is_grown}
-            values = {name: float(lo) for name, (lo, _) in zip(stages.quiet, seen, strict=True)}
-            kept = dict(zip(stages.quiet, self._constant, strict=True))
-            larger = self._build(tuple(n for n in self._candidates if n in woken or n in stages.features))
-            for i, name in enumerate(larger.quiet):
-                self._constant[i] = kept[name]
-            larger.take_over(stages, values, self._setting.config.history)
-            larger.pack.run(self._memory.lend(frame), self._slot)
-            self._memory.take_back(frame)
-            stages = larger
-        self._invalid[self._slot] = invalid
-        return stages
+        self._invalid[self._slot], extremes = stages.found()
+        return self._grown(frame, stages, extremes) if len(extremes) else stages
+
+    def _grown(self, frame: Frame, stages: Stages, extremes: FloatArray) -> Stages:
+        """Return stages that regress on what is constant no longer, too, with the frame packed."""
+        seen = self._constant.copy()
+        self._constant[:, 0] = np.minimum(seen[:, 0], extremes[:, 0])
+        self._constant[:, 1] = np.maximum(seen[:, 1], extremes[:, 1])
+        grown = self._constant[:, 0] < self._constant[:, 1]
+        if not grown.any():
+            return stages
+        woken = {name for name, is_grown in zip(stages.quiet, grown, strict=True) if is_grown}
+        values = {name: float(lo) for name, (lo, _) in zip(stages.quiet, seen, strict=True)}
+        kept = dict(zip(stages.quiet, self._constant, strict=True))
+        larger = self._build(tuple(n for n in self._candidates if n in woken or n in stages.features))
+        for i, name in enumerate(larger.quiet):
+            self._constant[i] = kept[name]
+        larger.take_over(stages, values, self._setting.config.history)
+        larger.pack.run(self._memory.lend(frame), self._slot)
+        self._memory.take_back(frame)
+        return larger

@@ -35,7 +35,7 @@ class FrameMemory:
         import pyopencl as cl
 
         planes = frame.planes
-        key = (planes.ctypes.data, planes.nbytes)
+        key = _place_of(planes)
         if key in self._known:
             memory, _, mapped = self._known[key]
             if mapped is not None:
@@ -56,7 +56,7 @@ class FrameMemory:
         if self._device.is_cpu:
             return  # to map would hand it from the host to the host, by way of another thread
         planes = frame.planes
-        key = (planes.ctypes.data, planes.nbytes)
+        key = _place_of(planes)
         memory = self._known[key][0]
         flags: Any = cl.map_flags.READ | cl.map_flags.WRITE
         mapped, _ = cl.enqueue_map_buffer(self._queue, memory, flags, 0, planes.shape, planes.dtype, is_blocking=False)
@@ -78,6 +78,11 @@ class FrameMemory:
 
     def _finish(self) -> None:
         self._queue.finish()
+
+
+def _place_of(planes: npt.NDArray[np.float32]) -> tuple[int, int]:
+    """Return where planes lie, and how many bytes they are; ``ctypes.data`` takes ten times as long."""
+    return planes.__array_interface__["data"][0], planes.nbytes
 
 
 class Pack:

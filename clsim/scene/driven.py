@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import replace
 from typing import Any
@@ -126,10 +127,11 @@ def matrix_of(place: Place) -> Matrix:
 
 
 def _pair(position: Matrix, quaternion: Matrix) -> Place:
-    sound = np.isfinite(position).all() and abs(np.linalg.norm(quaternion) - 1.0) < 0.01
-    if position.shape != (3,) or quaternion.shape != (4,) or not sound:
+    if position.shape != (3,) or quaternion.shape != (4,):
         raise ValueError
     (x, y, z), (qx, qy, qz, qw) = position.tolist(), quaternion.tolist()
+    if not (all(map(math.isfinite, (x, y, z))) and abs(math.hypot(qx, qy, qz, qw) - 1.0) < 0.01):
+        raise ValueError
     return (x, y, z), (qx, qy, qz, qw), 1.0
 
 

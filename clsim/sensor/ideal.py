@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from clsim.events import Causes, EventBatch, empty_batch
+from clsim.events import EVENT_DTYPE, Causes, EventBatch, empty_batch
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
@@ -19,8 +20,6 @@ _CHUNKS = 2048
 """Work-items up to which they do not grow: each sums up what those before it write."""
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step (MAX_EVENTS in sensor_ideal.cl)."""
-_WRITTEN = np.dtype([("t", np.int64), ("x", np.uint16), ("y", np.uint16), ("on", np.uint32)])
-"""An event as kernels write it (Event in sensor_ideal.cl)."""
 _PORTION = 1 << 20
 """Events that are written at a time, at most, and more than a work-item has: memory does not grow with a step's."""
 
@@ -86,7 +85,7 @@ class IdealPixels:
         self._counts = place.allocate_seen((chunks, 4), np.int64)
         self._few = _FEW if place.device.is_cpu else 0
         self._capacity = min(max(pixels, _chunk(pixels) * _MOST_OF_A_PIXEL), _PORTION)
-        self._out = place.allocate_seen((self._capacity,), _WRITTEN)
+        self._out = place.allocate_seen((self._capacity,), EVENT_DTYPE)
 
     def _build(self, more: dict[str, object]) -> list[Any]:
         rules = {"FRAME_RULE": self._thresholds.at_step_ends, "LINEAR_LIGHT": self._thresholds.linear_light}
@@ -113,17 +112,9 @@ class IdealPixels:
         chunks = -(-path.count // chunk)
         self._fire(path, chunk, chunks)
         counts = self._place.seen(self._counts, chunks)
-        ends = np.cumsum(counts[:, 0])
-        _, many, capped = counts[:, :3].sum(axis=0).tolist()
-        most, total = int(counts[:, 3].max()), int(ends[-1])
-        batch = empty_batch(total)
-        first, done = 0, 0
-        while done < total:
-            if first:
-                self._emit(path, chunk, first, chunks)
-            first = int(np.searchsorted(ends, done + self._capacity, side="right"))
-            self._copy(batch[done : int(ends[first - 1])])
-            done = int(ends[first - 1])
+        total, many, capped, _ = counts.sum(axis=0).tolist()
+        most = int(counts[:, 3].max())
+        batch = self._place.seen(self._out, total) if total <= self._capacity else self._portions(path, chunk, counts)
         return Fired(self._sorted(batch), self._crossings, many, most, capped)
 
     def _fire(self, path: BrightnessPath, chunk: int, chunks: int) -> None:
@@ -153,17 +144,26 @@ class IdealPixels:
             np.int64(path.end_us - path.start_us), *knots, thresholds.on, thresholds.off, self._out,
         )  # fmt: skip
 
-    def _copy(self, out_batch: EventBatch) -> None:
-        """Read the first ``len(out_batch)`` events that were written."""
-        written = self._place.seen(self._out, len(out_batch))
-        for name in out_batch.dtype.names or ():
-            out_batch[name] = written[name]
+    def _portions(self, path: BrightnessPath, chunk: int, counts: npt.NDArray[np.int64]) -> EventBatch:
+        """Return more events than there is room for, of which the first were written."""
+        ends = np.cumsum(counts[:, 0])
+        batch = empty_batch(int(ends[-1]))
+        first, done = 0, 0
+        while done < len(batch):
+            if first:
+                self._emit(path, chunk, first, len(counts))
+            first = int(np.searchsorted(ends, done + self._capacity, side="right"))
+            end = int(ends[first - 1])
+            batch[done:end] = self._place.seen(self._out, end - done)
+            done = end
+        return batch
 
     def _sorted(self, batch: EventBatch) -> EventBatch:
         # In raster order already: a stable sort by time is all that is left to do.
         if self._thresholds.at_step_ends:
-            return batch
-        return batch[np.argsort(batch["t"], kind="stable")]
+            return batch.copy()
+        batch = batch.take(np.argsort(batch["t"], kind="stable"))  # ten times as fast as by an index
+        return batch
 
 
 def _chunk(pixels: int) -> int:
