@@ -161,9 +161,9 @@ class IdealPixels:
     def _sorted(self, batch: EventBatch) -> EventBatch:
         # In raster order already: a stable sort by time is all that is left to do.
         if self._thresholds.at_step_ends:
-            return batch.copy()
-        batch = batch.take(np.argsort(batch["t"], kind="stable"))  # ten times as fast as by an index
-        return batch
+            return np.array(batch)
+        order = np.argsort(batch["t"], kind="stable")
+        return np.take(batch, order)  # an index takes ten times as long
 
 
 def _chunk(pixels: int) -> int:
