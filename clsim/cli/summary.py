@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
     from clsim.live.session import Session
 
+_MUCH_NOISE = 0.1
+"""Share of events that are likely noise from which on it is told."""
 _COARSE_SHARE = 0.2
 """Crossings of several thresholds in one step, per event, from which on most times lie somewhere between frames."""
 
@@ -57,6 +59,12 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
         )
     if summary["lost_events"]:
         say(f"clsim: {summary['lost_events']:,} events were lost in the sensor's readout: it was too busy")
+    noise = summary["noise_share"]
+    if noise is not None and noise > _MUCH_NOISE:
+        say(
+            f"clsim: about {percent_text(noise)} of the events are likely noise of the rendering: looked at again with "
+            "other random numbers, pixels do not fire them"
+        )
     motion = summary["motion"]
     if motion is not None and motion["fast_pairs"]:
         say(

@@ -13,6 +13,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol, cast, runtime_checkable
 
+import numpy as np
+import numpy.typing as npt
+
 from clsim.events import Causes, EventBatch
 from clsim.events.closing import HURRY_S
 from clsim.frames import (
@@ -34,6 +37,7 @@ from clsim.live.delivery import Delivery, Output
 from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
 from clsim.live.load import BusyMeter
 from clsim.live.schedule import Continuity, Schedule
+from clsim.live.second_look import SecondLook
 
 Pace = Literal["max", "real"]
 _CLOSING_S = HURRY_S + 0.1
@@ -113,6 +117,14 @@ class TellsCauses(Protocol):
         ...
 
 
+class SeesTwice(Protocol):
+    """A source that looks at some pixels a second time."""
+
+    def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
+        """Return the luminance of these pixels, ``[2, n]``: as in ``frame``, the last one, and as seen again."""
+        ...
+
+
 class FrameWatcher(Protocol):
     """Somebody who looks at a frame now and then."""
 
@@ -145,6 +157,8 @@ class Progress:
     capped_events: int = 0
     lost_events: int = 0
     """Events that the sensor's readout had no time for."""
+    noise_share: float | None = None
+    """Share of the events that is likely noise of the rendering; known at the end, where pixels were seen twice."""
     paths: int | None = None
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
@@ -169,6 +183,7 @@ class Pipeline:
         board: where the detector's maps of interest go, if the source wants them.
         governed: what sets the source's effort at the pace of the wall clock.
         share_cores: whether source and detector compute on the same cores.
+        second_look: what is told of pixels that are seen twice, if the source sees any so.
         in_step: whether the source waits with each frame until the last one's events are found.
     """
 
@@ -187,6 +202,7 @@ class Pipeline:
         governed: Governed | None = None,
         share_cores: bool = True,
         in_step: bool = False,
+        second_look: SecondLook | None = None,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
@@ -199,6 +215,7 @@ class Pipeline:
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
         self._board, self._governed, self._in_step = board, governed, in_step
+        self._second_look = second_look
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
         self._detector: object = None
@@ -297,6 +314,8 @@ class Pipeline:
                         source.fill(shown, frame)
                     except SourceEnded:
                         break
+                if self._second_look is not None:
+                    self._second_look.take(cast(SeesTwice, source).seen_twice(frame), frame.time_us)
                 frame.index = index
                 if not schedule.recorded_times:
                     frame.time_us = schedule.time_us(index)
@@ -306,6 +325,8 @@ class Pipeline:
                 index += 1
             self._ring.close()
         finally:
+            if self._second_look is not None:
+                self.progress.noise_share = self._second_look.noise_share
             source.close()
 
     def _consume(self) -> None:

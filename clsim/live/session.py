@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +22,7 @@ from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.pipeline import Pipeline
 from clsim.live.schedule import Schedule, plan
+from clsim.live.second_look import SEEN_TWICE, SecondLook
 from clsim.live.sensors import cost_of
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
@@ -130,6 +131,7 @@ class Session:
             steep_pixels=progress.steep_pixels,
             most_crossings=progress.most_crossings,
             capped_events=progress.capped_events,
+            noise_share=progress.noise_share,
             lost_events=progress.lost_events,
             dropped_frames=progress.dropped_frames,
             late_frames=progress.late_frames,
@@ -203,6 +205,8 @@ def open_live(
     tolerance_us = None if retracing is None else retracing.tolerance_us
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
+    twice = seat is None and options.time == "fixed" and stages.render.light_cache
+    render = replace(stages.render, look_again=SEEN_TWICE) if twice else stages.render
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
@@ -211,7 +215,7 @@ def open_live(
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
-        lambda: stages.shown_by(PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board)),
+        lambda: stages.shown_by(PathTracer(world, render, board) if seat is None else seat.view(stages, board)),
         lambda: stages.build_detector(schedule),
         outputs,
         schedule,
@@ -222,6 +226,7 @@ def open_live(
         board=board,
         governed=governed,
         share_cores=options.render_device == "cpu",
+        second_look=SecondLook(config) if twice else None,
     )
     return Session(
         world.name,

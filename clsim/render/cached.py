@@ -6,6 +6,8 @@ first hit from the cells of ``light_cache.py``, so that where a pixel shows two 
 Paths have random numbers of their own in every frame, and only what they add to the cells is seen: in the next frame.
 A pixel traces few of them, and the full number where little is known.
 
+Some pixels may be looked at again, by other random numbers in the same light: what two looks differ by is noise.
+
 To know the light better is no event. So what a pixel has learnt since its first frame is taken off its brightness
 again: R, G and B change as the light does, in the light as it was known first, and are off by as much as that was.
 
@@ -27,6 +29,8 @@ from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
 _OWN = wp.constant(1 << 16)
 """Number of a pixel's first path: beyond those of all first-hit rays."""
+_AGAIN = wp.constant(-3)
+"""Number of the random numbers of a second look."""
 _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(1.0)
@@ -179,6 +183,9 @@ def make_cached(
     ``out_positions``, ``out_normals`` and ``out_lights``
     ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
     ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
+
+    Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more. It
+    writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -194,14 +201,18 @@ def make_cached(
         own: wp.array(dtype=wp.vec3),
         traced: wp.array(dtype=int),
         learnt: wp.array(dtype=float),
+        again: int,
         out_planes: wp.array2d(dtype=float),
+        out_again: wp.array(dtype=float),
         out_positions: wp.array2d(dtype=wp.vec4),
         out_normals: wp.array2d(dtype=wp.vec3),
         out_lights: wp.array2d(dtype=wp.vec3),
         out_spent: wp.array2d(dtype=int),
     ):
-        pixel = first_pixel + wp.tid()
+        pixel = (first_pixel + wp.tid()) * wp.max(again, 1)
         state = sampling.absorb(settings.stream, pixel)
+        if again > 0:
+            state = sampling.absorb(state, _AGAIN)
         stream = sampling.Stream()
         corner = wp.where(corner_pass, pixel, -1)
         nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
@@ -211,6 +222,11 @@ def make_cached(
         if corner_pass:
             return
         lit = _light(cells, things, seen.things, steering, settings.spectral)
+        if again > 0:
+            lit = _finished(lit, own[pixel], own[pixel], settings.spectral)
+            seen_again = _shown(lit, steering.earlier, learnt[pixel])
+            out_again[first_pixel + wp.tid()] = brightness(seen_again, settings.spectral)
+            return
         wanted = int(settings.samples)
         if lit.known >= steering.known:
             turn = pixel % settings.width + pixel // settings.width + steering.turn

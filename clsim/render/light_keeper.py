@@ -49,6 +49,8 @@ class LightKeeper:
         effort: what holds from the next frame on; may be set from any thread.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
+        seen_again: on the device, luminance of every n-th pixel in raster order, as a second look at the last frame saw
+            it; n is `RenderOptions.look_again`.
     """
 
     def __init__(
@@ -59,6 +61,7 @@ class LightKeeper:
         pixel_angle: float,
         sharp: bool,
         pace_hz: float | None,
+        look_again: int,
         device: Any,
     ) -> None:
         """Allocate a table without cells.
@@ -70,9 +73,11 @@ class LightKeeper:
             pixel_angle: width of a pixel seen from the camera [rad].
             sharp: whether the picture has no blur.
             pace_hz: see `RenderOptions.light_hz`.
+            look_again: see there too.
             device: Warp's device.
         """
         pixels = width * height
+        self.seen_again: Any = wp.zeros(-(-pixels // look_again) if look_again else 1, dtype=wp.float32, device=device)
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -106,6 +111,8 @@ class LightKeeper:
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
+            "again": 0,
+            "out_again": self.seen_again,
             **self._found,
             "out_spent": self._spent,
         }
@@ -137,7 +144,7 @@ class LightKeeper:
         self._gathering.cell_angle = _CELL_PX * self._pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
-        changed = {"steering": self._gathering, "cells": self._cells, **self._found}
+        changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}
         return changed, effort.spp if self._learns else 0
 
     @property

@@ -83,6 +83,11 @@ class RenderOptions:
 
     A frame and what is traced in the step that it ends are seen in the light as it was known before.
     """
+    look_again: int = 0
+    """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
+
+    Needs ``light_cache``; `View.seen_twice` has what was seen.
+    """
     truth: tuple[str, ...] = ()
     """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
@@ -134,6 +139,10 @@ class RenderOptions:
                 raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
             if steers and self.noise != "common":
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
+        if self.look_again < 0:
+            raise InputError(f"`look_again` must not be negative, got {self.look_again}")
+        if self.look_again and not self.light_cache:
+            raise InputError(f"`look_again` {self.look_again} needs `light_cache`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 

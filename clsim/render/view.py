@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import Error, InputError
@@ -119,7 +120,9 @@ class View:
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
-                self._steerer = LightKeeper(*size, effort, pixel_angle, self._sharp, options.light_hz, self._device)
+                self._steerer = LightKeeper(
+                    *size, effort, pixel_angle, self._sharp, options.light_hz, options.look_again, self._device
+                )
             else:
                 self._steerer = Steerer(*size, effort, pixel_angle, self._sharp, board, self._device)
         self._truth: TruthPass | None = None
@@ -179,6 +182,9 @@ class View:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
                 unfinished = self._steerer.finish()
+            if self._options.look_again:
+                again = {"corner_pass": False, "again": self._options.look_again}
+                self._render(changed | again, -(-self.width * self.height // self._options.look_again))
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
@@ -226,6 +232,12 @@ class View:
         """What keeps the light that its frames are seen in, where it is kept on surfaces."""
         assert self._options.light_cache
         return cast("LightKeeper", self._steerer)
+
+    def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
+        """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then."""
+        every, weights = self._options.look_again, spectral_weights(self._data.world.sensor.spectral)
+        first = frame.planes[:3].reshape(3, -1)[:, ::every]
+        return np.stack([np.asarray(weights, np.float32) @ first, self.light_keeper.seen_again.numpy()])
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""

@@ -135,6 +135,11 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
     assert "0 frames came late, 3 were dropped" in text
 
 
+def test_noise_is_told_where_it_is_more_than_a_tenth(session: Session) -> None:
+    assert "clsim: about 24 % of the events are likely noise" in told_at_the_end(session, noise_share=0.237)
+    assert "noise" not in told_at_the_end(session, noise_share=0.1) + told_at_the_end(session, noise_share=None)
+
+
 @pytest.mark.parametrize(("first_frame_s", "long_s", "told"), [(None, 0.0, 1), (None, 1e3, 0), (0.1, 0.0, 0)])
 def test_a_long_start_is_explained_once_without_a_terminal(
     session: Session, monkeypatch: pytest.MonkeyPatch, first_frame_s: float | None, long_s: float, told: int

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.events.files import open_source
+from clsim.live import session as live_session
 from clsim.live.options import LiveOptions
 from clsim.live.session import open_live
 from clsim.live.stages import plan_stages
@@ -26,7 +28,7 @@ def events_of(scene: str, **options: object) -> np.ndarray:
     return np.concatenate(list(clsim.stream(scene, **settings)))
 
 
-def summary_of(scene: str, **options: object) -> dict[str, object]:
+def summary_of(scene: str, **options: object) -> dict[str, Any]:
     session = open_live(LiveOptions(scene, resolution=SIZE, **options))  # type: ignore[arg-type]
     session.start()
     assert session.pipeline.wait(120)
@@ -110,6 +112,14 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
     others = events_of("two-boxes", quality="balanced", frame_count=8)
     kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
     assert kept > fresh + 0.02
+
+
+def test_noise_is_what_another_seed_does_not_fire(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    told = summary_of("two-boxes", sampling=None, quality="draft", frame_count=8, fps=60.0)["noise_share"]
+    runs = (events_of("two-boxes", sampling=None, quality="draft", frame_count=8, seed=seed) for seed in (0, 1))
+    alone = 1 - score(*runs, *SIZE, fps=60, within_us=(25_000,)).within[25_000].precision
+    assert alone / 1.5 < told < alone * 1.5
 
 
 def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:

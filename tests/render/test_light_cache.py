@@ -46,6 +46,21 @@ def test_learning_fires_no_event():
     np.testing.assert_allclose(last, first, atol=1e-5)
 
 
+def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing():
+    world = panning(textured_world())
+    once, twice = Run(world, **CACHED), Run(world, look_again=3, **CACHED)
+    for index in range(3):
+        np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
+        first, again = twice.tracer.seen_twice(twice.frame)
+    np.testing.assert_allclose(first, luminance(twice.frame).reshape(-1)[::3], rtol=1e-6)
+    assert again.mean() == pytest.approx(first.mean(), rel=0.01)
+    # What shows one thing is seen alike.
+    same = np.isclose(first, again, rtol=1e-4)
+    assert 0.2 < same.mean() < 1.0
+    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`"):
+        RenderOptions(look_again=3)
+
+
 @pytest.mark.slow
 def test_lamps_smaller_than_a_pixel_do_not_vanish():
     """Dots between the corners of pixels, seen by the fewest rays of kept light: one looks into each pixel."""
