@@ -20,8 +20,8 @@ class Summary:
         steep_pixels: pixels that crossed more than 3 thresholds in one step, summed over steps.
         most_crossings: the largest number of thresholds that a pixel crossed in one step.
         capped_events: events not written because a pixel had too many in one step.
-        noise_share: share of the events that is likely noise of the rendering (see `clsim.live.second_look`); None where
-            that is not measured.
+        noise_share: share of the events that is likely noise of the rendering (see `clsim.live.second_look`); None
+            where that is not measured.
         lost_events: events that the sensor's readout had no time for.
         dropped_frames, late_frames: frames lost, and frames begun more than a frame's time late, at real pace.
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.

@@ -184,8 +184,8 @@ def make_cached(
     ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
     ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
 
-    Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more. It
-    writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
+    Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
+    It writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
