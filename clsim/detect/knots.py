@@ -170,7 +170,7 @@ def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float
     single = np.abs(fired[chosen]) == 1
     share = np.where(single, np.clip(share, _NEAREST, 1.0 - _NEAREST), 0.5)
     # As coarse a grid as says something: the fewer different times there are, the cheaper they are traced.
-    grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, tolerance))
+    grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, 2.0 * tolerance))
     start = knots.times[pieces - 1]
     times = np.round((start + share * span) / grid).astype(np.int64) * grid
     return pieces, np.clip(times, start + 1, start + span - 1)

@@ -254,40 +254,38 @@ class CameraData:
         """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
         motion, times_s = self._camera.motion, key_times(time_s, self._shutter_s)
         poses = np.array([motion.pose(float(t)) for t in times_s])
-        axes = poses[:, :3, :3] / np.linalg.norm(poses[:, :3, :3], axis=1, keepdims=True)
         positions = poses[:, :3, 3] - self._origin_m
         self._view.positions.assign(positions.astype(np.float32))
         self._view.steps.assign(key_steps([motion], times_s, positions[:, None])[:, 0].astype(np.float32))
-        self._view.rotations.assign(quaternions(axes).astype(np.float32))
+        self._view.rotations.assign(quaternions(_axes(poses)).astype(np.float32))
         middle = motion.pose(time_s)
         self._view.origin = wp.vec3(*(middle[:3, 3] - self._origin_m))
-        right, down, corner = self._image(middle)
+        right, down, corner = self._images(middle[None])[0]
         self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
         return self._view
 
     def at_instants(self, times_s: npt.NDArray[np.float64], poses: PoseCache) -> Any:
         """Return the views at those times, one after the other."""
-        seen = [poses.recall(self, float(t), self._instant) for t in times_s]
-        positions, images, axes = (np.array(values) for values in zip(*seen, strict=True))
+        stood = np.array([poses.pose(self._camera.motion, float(t)) for t in times_s])
         device = self._view.positions.device
-        self._view.positions = array(positions.astype(np.float32), wp.vec3, device)
+        self._view.positions = array((stood[:, :3, 3] - self._origin_m).astype(np.float32), wp.vec3, device)
         if self._plain:
-            self._view.images = array(images.astype(np.float32), wp.mat33, device)
+            self._view.images = array(self._images(stood).astype(np.float32), wp.mat33, device)
         else:
-            self._view.rotations = array(quaternions(axes).astype(np.float32), wp.quat, device)
+            self._view.rotations = array(quaternions(_axes(stood)).astype(np.float32), wp.quat, device)
         return self._view
 
-    def _instant(self, time_s: float) -> tuple[Any, Any, Any]:
-        """Return position, image plane and axes at a time."""
-        pose = self._camera.motion.pose(time_s)
-        axes = pose[:3, :3] / np.linalg.norm(pose[None, :3, :3], axis=1, keepdims=True)[0]
-        return pose[:3, 3] - self._origin_m, self._image(pose), axes
-
-    def _image(self, pose: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
-        """Return the plane of the image: right, down and the corner."""
-        right, up, back = (pose[:3, i] / np.linalg.norm(pose[:3, i]) for i in range(3))
+    def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""
+        right, up, back = np.moveaxis(_axes(poses), 2, 0)
         x, y = (c / self._focal_px for c in self._centre_px)
-        return right / self._focal_px, -up / self._focal_px, -back - right * x + up * y
+        return np.stack([right / self._focal_px, -up / self._focal_px, -back - right * x + up * y], axis=1)
+
+
+def _axes(poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the axes of poses ``[K, 4, 4]`` as columns ``[K, 3, 3]``, without their scale."""
+    lengths = np.sqrt(np.square(poses[:, :3, :3]).sum(axis=1, keepdims=True))
+    return np.asarray(poses[:, :3, :3] / lengths)
 
 
 def invertible(distortion: tuple[float, ...], fisheye: bool) -> float:

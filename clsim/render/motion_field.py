@@ -19,6 +19,8 @@ from clsim.render.integrator import Scene, Settings
 from clsim.render.intersection import make_intersection
 
 _ITERATIONS = wp.constant(4)
+_NEAR_PX = wp.constant(0.05)
+"""After so small a step of Newton's method the next one would be below 10⁻³ pixels."""
 _SKY_M = wp.constant(1.0e6)
 FRACTIONS = 256
 """Into how many parts a pixel is divided where lengths of ways are compared."""
@@ -72,7 +74,9 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         moved = wp.vec2()
         if ray.exists:
             place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
-            for _ in range(_ITERATIONS):
+            left = int(_ITERATIONS)
+            while left > 0:
+                left = left - 1
                 here = camera_ray(camera, x + moved[0], y + moved[1], wp.vec2(), float(1 - start))
                 right = camera_ray(camera, x + moved[0] + 0.5, y + moved[1], wp.vec2(), float(1 - start))
                 below = camera_ray(camera, x + moved[0], y + moved[1] + 0.5, wp.vec2(), float(1 - start))
@@ -89,6 +93,8 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
                     step = wp.vec2((yy * a - xy * b) / determinant, (xx * b - xy * a) / determinant)
                     # Far from its solution Newton's method may run away.
                     moved += step * wp.min(1.0, float(settings.width) / wp.max(wp.length(step), 1.0))
+                    if wp.length(step) < _NEAR_PX:
+                        left = 0
         out_ways[pixel] = moved
 
     return follow
