@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from clsim.errors import InputError
 from clsim.scene.mitsuba_principled import LEAST_ALPHA, read_principled
 from clsim.scene.mitsuba_textures import WHITE, TextureReader, luminance
@@ -126,6 +128,39 @@ class MaterialReader:
 
     def _read_roughplastic(self, bsdf: Plugin) -> Material:
         return self._roughened(self._read_plastic(bsdf), bsdf)
+
+    def _read_pplastic(self, bsdf: Plugin) -> Material:
+        """As rough plastic, whose base gets back what its coat reflects inwards; here that is lost."""
+        self._warn("the bsdf pplastic is rendered without polarisation")
+        material = self._read_roughplastic(bsdf)
+        passing = 1.0 - mean_reflectance(material.ior)
+        return replace(material, color=_scaled(material.color, passing), nonlinear=False)
+
+    def _read_phong(self, bsdf: Plugin) -> Material:
+        """As a matt surface with a share of a rough mirror, whose half vectors are as narrow as the lobe."""
+        base = self._diffuse(bsdf, "diffuse_reflectance")
+        specular = _reflectance(self.textures.color(bsdf, "specular_reflectance", 0.2, plain=True)[0])
+        exponent = max(bsdf.get("exponent", 30.0), 0.0)
+        whole = max(base.color) + max(specular)
+        if base.texture >= 0 or not any(specular) or whole > 1.0:
+            self._warn("the bsdf phong is rendered as diffuse")
+            return base
+        self._warn("the bsdf phong is rendered as diffuse with a lobe of Beckmann's microfacets")
+        # By half vectors the angle is half as wide, and cosⁿ as narrow as exp(−tan² / α²) of α² = 2 / (4n + 2).
+        alpha = math.sqrt(2.0 / (4.0 * exponent + 2.0))
+        share = max(specular) / whole
+        lobe = Material(
+            kind="conductor",
+            color=WHITE,
+            back="black",
+            alpha=max(alpha, LEAST_ALPHA),
+            distribution="beckmann",
+            eta=BLACK,
+            k=WHITE,
+            specular_color=_scaled(specular, 1.0 / share),
+        )
+        matt = replace(base, color=_scaled(base.color, 1.0 / max(1.0 - share, 1e-9)))
+        return replace(matt, blend_with=self._added(lobe), blend_share=share)
 
     def _read_conductor(self, bsdf: Plugin) -> Material:
         specular, _ = self.textures.color(bsdf, "specular_reflectance", 1.0, plain=True)
@@ -273,6 +308,16 @@ class MaterialReader:
         if not isinstance(value, float) or not value > 0:
             raise InputError(f"{bsdf.place}: {name} is {value!r}, expected a positive number")
         return value
+
+
+def mean_reflectance(ior: float) -> float:
+    """Return the share of diffuse light that a smooth surface reflects, of that index over the one around it."""
+    x, w = np.polynomial.legendre.leggauss(64)
+    cos_i = 0.5 * (x + 1.0)
+    cos_t = np.sqrt(np.maximum(1.0 - (1.0 - cos_i**2) / ior**2, 0.0))
+    across = (cos_i - ior * cos_t) / (cos_i + ior * cos_t)
+    along = (ior * cos_i - cos_t) / (ior * cos_i + cos_t)
+    return float(np.sum(w * cos_i * 0.5 * (across**2 + along**2)))
 
 
 def _reflectance(color: Vec3) -> Vec3:

@@ -7,6 +7,7 @@ import pytest
 from clsim.errors import InputError
 from clsim.scene import load_world
 from clsim.scene.images import decode_srgb
+from clsim.scene.mitsuba_materials import mean_reflectance
 from tests.scene.mitsuba_files import SENSOR, load, material, scene
 
 
@@ -206,3 +207,34 @@ def test_numbers_of_a_checkerboard_stand_in_the_other_squares(tmp_path, version,
     assert perceptual**2 == pytest.approx(corner, abs=0.01)
     found, world = material(tmp_path, f'<bsdf type="diffuse">{squares.format("reflectance")}</bsdf>', version)
     assert world.textures[found.texture].pixels[0, 0, 0] == 0
+
+
+def test_phongs_lobe_and_base_keep_their_reflectances(tmp_path):
+    colors = (
+        '<rgb name="diffuseReflectance" value="0.5, 0.2, 0.1"/><rgb name="specularReflectance" value="0.1, 0.3, 0.2"/>'
+    )
+    bsdf = f'<bsdf type="phong">{colors}<float name="exponent" value="20"/></bsdf>'
+    found, world = material(tmp_path, bsdf, "0.6.0")
+    lobe, share = world.materials[found.blend_with], found.blend_share
+    np.testing.assert_allclose((1 - share) * np.array(found.color), (0.5, 0.2, 0.1))
+    np.testing.assert_allclose(share * np.array(lobe.specular_color), (0.1, 0.3, 0.2))
+    # Reflected by 10° from the mirror direction, the half vector is off by 5°: as much less as cosⁿ says.
+    away = np.radians(10.0)
+    slopes = np.exp(-((np.tan(away / 2) / lobe.alpha) ** 2))
+    assert slopes == pytest.approx(np.cos(away) ** 20, rel=0.02)
+    assert any("phong" in warning for warning in world.warnings)
+
+
+def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path):
+    """The mean of Fresnel's reflectance over diffuse light has a closed form (Walsh 1926)."""
+    n = 1.5
+    closed = 0.5 + (n - 1) * (3 * n + 1) / (6 * (n + 1) ** 2)
+    closed += n**2 * (n**2 - 1) ** 2 / (n**2 + 1) ** 3 * np.log((n - 1) / (n + 1))
+    closed -= 2 * n**3 * (n**2 + 2 * n - 1) / ((n**2 + 1) * (n**4 - 1))
+    closed += 8 * n**4 * (n**4 + 1) / ((n**2 + 1) * (n**4 - 1) ** 2) * np.log(n)
+    assert mean_reflectance(n) == pytest.approx(closed, abs=1e-5)
+    bsdf = '<bsdf type="pplastic"><rgb name="diffuse_reflectance" value="0.5"/><float name="int_ior" value="1.5"/>'
+    found, world = material(tmp_path, bsdf + '<float name="ext_ior" value="1"/></bsdf>')
+    assert (found.kind, found.distribution, found.alpha) == ("plastic", "beckmann", 0.1)
+    np.testing.assert_allclose(found.color, 0.5 * (1 - closed), atol=1e-4)
+    assert any("polarisation" in warning for warning in world.warnings)

@@ -198,6 +198,7 @@ FACETS = {
     "metal": ("roughconductor", '<string name="material" value="Cu"/>' + floats(alpha=0.3)),
     "brushed": ("roughconductor", '<string name="material" value="Al"/>' + floats(alpha_u=0.05, alpha_v=0.4)),
     "glass": ("roughdielectric", floats(alpha=0.3)),
+    "polarised coat": ("pplastic", '<rgb name="diffuse_reflectance" value="0.5, 0.2, 0.4"/>' + floats(alpha=0.1)),
     "coat": ("roughplastic", '<rgb name="diffuse_reflectance" value="0.1, 0.2, 0.4"/>' + floats(alpha=0.3)),
 }
 
