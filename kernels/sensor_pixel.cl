@@ -53,12 +53,11 @@ static inline double leak_under(const Pixel *p, double level) {
     return p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
 }
 
-// Of a piece that is broken off at t: the light of all of it was counted.
-static inline void correct_leak(Pixel *p, long t, double level) {
-    if (p->since >= t) return;
-    const double more = (leak_under(p, level) - p->leak) * SECONDS(t - MAX(p->since, p->in.at));
-    p->leaked += more;
-    p->ref -= more;
+// What leaks more in a piece that is broken off at t than was counted: that under its end's light, or, of a pixel that
+// was calm, under that of a line before.
+static inline double leak_to_correct(const Pixel *p, long t) {
+    const double level = 0.5 * (p->in.level + level_at(p->in, t)), seconds = SECONDS(t - MAX(p->since, p->in.at));
+    return (leak_under(p, level) - p->leak) * MAX(seconds, 0.0);
 }
 
 // Light adds to the leak.
@@ -162,11 +161,11 @@ static inline Knot knot_at(const Pixel *p, long t, double level) {
 // From t, where it is moved, over a piece or to the launch's end `to`; `light` is that at p->in.at.
 static inline void run_front_piece(Pixel *p, Outbox *out, const Piece *piece, Light *light, long *t, long to) {
     const long end = MIN(to, piece->end);
+#ifdef PARASITIC
+    change_leak(p, p->in.at, 0.5 * (p->in.level + level_at(p->in, piece->end)));
+#endif
     // Pieces that end before t were left out while the pixel was calm.
     if (end > *t) {
-#ifdef PARASITIC
-        change_leak(p, *t, 0.5 * (p->in.level + level_at(p->in, piece->end)));
-#endif
         RUN_PIECE(p, out, piece->seen, *t, end);
         *t = end;
     }

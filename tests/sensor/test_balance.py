@@ -36,19 +36,19 @@ PATHS = st.lists(
 )
 
 
-def points_of(path):
+def points_of(path, step_us=STEP_US):
     """Return the times [s] and levels of a path of (level at the step's end, knots in it), which begins at 0."""
     points = [(0.0, 0.0)]
     for k, (level, knots) in enumerate(path):
-        points += [((k * STEP_US + t * 1e-3) * 1e-6, knot) for t, knot in sorted(dict(knots).items())]
-        points.append((STEP_US * (k + 1) * 1e-6, level))
+        points += [((k * step_us + t * 1e-3) * 1e-6, knot) for t, knot in sorted(dict(knots).items())]
+        points.append((step_us * (k + 1) * 1e-6, level))
     return points
 
 
-def walk(bench, path):
+def walk(bench, path, step_us=STEP_US):
     """Return the events along a path that all pixels see."""
     rows = [[sorted(dict(knots).items())] * bench.grid.width for _, knots in path]
-    ends = [(STEP_US * (k + 1), level) for k, (level, _) in enumerate(path)]
+    ends = [(step_us * (k + 1), level) for k, (level, _) in enumerate(path)]
     return np.concatenate([bench.to(end, level, row) for (end, level), row in zip(ends, rows, strict=True)])
 
 
@@ -74,17 +74,16 @@ def compared(bench):
     return np.where(state["SINCE"] > now_ns, 0.0, seen(bench) - state["REFERENCE"] + leaked)
 
 
-@hypothesis_settings(max_examples=25)
-@given(PATHS)
-def test_thresholds_times_events_are_what_the_front_end_gave_and_what_leaked(path):
+def check_balance(path, step_us=STEP_US):
+    """Raise AssertionError unless what fires along a path accounts for what the front end gave and what leaked."""
     bench = Benchtop(ALL_BUT_NOISE, PIXELS, lux=LUX)
     bench.to(0, 0.0)
     own, before = planes(bench, "P"), compared(bench)
-    events = walk(bench, path)
+    events = walk(bench, path, step_us)
     alive = np.isfinite(own["ON"])
     assert not (~alive[events["x"]]).any()
     on, off = (np.bincount(events["x"][events["on"] == rises], minlength=PIXELS)[alive] for rises in (True, False))
-    points = points_of(path)
+    points = points_of(path, step_us)
     filtered = follow(points, **REFERENCE)
     light_s = sum(
         (t1 - t0) * math.exp(a) * (math.expm1(b - a) / (b - a) if abs(b - a) > 1e-9 else 1.0)
@@ -99,6 +98,18 @@ def test_thresholds_times_events_are_what_the_front_end_gave_and_what_leaked(pat
     assert fired + left == pytest.approx(given, abs=2e-3)
     end = compared(bench)[alive]
     assert (end < own["ON"][alive]).all() and (end > -own["OFF"][alive]).all()
+
+
+@hypothesis_settings(max_examples=25)
+@given(PATHS)
+def test_thresholds_times_events_are_what_the_front_end_gave_and_what_leaked(path):
+    check_balance(path)
+
+
+@pytest.mark.parametrize(("step_us", "drift", "noise"), [(200, 0.003, 0.001), (500, -0.004, 0.0003)])
+def test_pixels_that_mostly_stay_calm_account_for_all_of_it_too(step_us, drift, noise):
+    moves = drift + noise * np.random.default_rng(5).normal(size=40)
+    check_balance([(level, []) for level in moves.cumsum().tolist()], step_us)
 
 
 @hypothesis_settings(max_examples=25)
