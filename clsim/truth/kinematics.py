@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from clsim.scene import Motion
-from clsim.scene.rigid import quaternion_of, without_scale
+from clsim.scene.rigid import quaternions_of, rotation_vectors, without_scale
 from clsim.truth.record import F64, ImuChunk, ImuNoise, Times, TrackChunk
 
 _STEP_S = 1e-3
@@ -47,8 +47,6 @@ def derivatives(motion: Motion, times_s: F64, step_s: float = _STEP_S) -> tuple[
     body's own axes. Scale in the poses is left out. The five poses are ``step_s`` apart; each is found once where the
     times lie on that grid too.
     """
-    from scipy.spatial.transform import Rotation
-
     count = len(times_s)
     if motion.duration_s == 0 or count == 0:
         pose = without_scale(motion.pose(0.0))
@@ -69,7 +67,7 @@ def derivatives(motion: Motion, times_s: F64, step_s: float = _STEP_S) -> tuple[
     first, second = first / step_s, second / step_s**2
     from_now = positions - places[:, None]  # what is far from the origin must not cancel
     relative = np.swapaxes(turns, 1, 2)[:, None] @ rotations
-    angles = Rotation.from_matrix(relative.reshape(-1, 3, 3)).as_rotvec().reshape(count, -1, 3)
+    angles = rotation_vectors(relative.reshape(-1, 3, 3)).reshape(count, -1, 3)
     products = ((first, from_now), (second, from_now), (first, angles))
     speeds, forces, spins = (np.einsum("nk,nkc->nc", weights, values) for weights, values in products)
     return places, turns, speeds, forces, spins
@@ -79,8 +77,7 @@ def track(name: str, motion: Motion, times_us: Times, *, camera: bool = False) -
     """Return poses and velocities of a motion; those of a camera along OpenCV's axes."""
     axes = OPENCV if camera else np.eye(3)
     positions, rotations, speeds, _, turns = derivatives(motion, times_us.astype(np.float64) * 1e-6)
-    turned = [quaternion_of(rotation @ axes) for rotation in rotations]
-    poses = np.concatenate([positions, np.reshape(turned, (-1, 4))], axis=1)
+    poses = np.concatenate([positions, quaternions_of(rotations @ axes)], axis=1)
     return TrackChunk(name, times_us, poses, np.concatenate([speeds, turns @ axes], axis=1))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from clsim.scene.rigid import quaternions_of
 from clsim.truth.record import F64
 
 
@@ -20,10 +21,4 @@ def matrices(poses: F64) -> F64:
 
 def rows(matrices: F64) -> F64:
     """Return x y z qx qy qz qw ``[n, 7]`` of matrices ``[n, 4, 4]``."""
-    from scipy.spatial.transform import Rotation
-
-    found = np.zeros((len(matrices), 7))
-    if len(matrices):
-        found[:, :3] = matrices[:, :3, 3]
-        found[:, 3:] = Rotation.from_matrix(matrices[:, :3, :3]).as_quat()
-    return found
+    return np.concatenate([matrices[:, :3, 3], quaternions_of(matrices[:, :3, :3])], axis=1)
