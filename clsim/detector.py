@@ -34,6 +34,8 @@ def check_sensor(config: DetectorConfig, specimen: Specimen) -> None:
         if getattr(config, name) != wanted:
             given, sensor = getattr(config, name), specimen.settings.name
             raise InputError(f"`{name}` {given} is for the ideal sensor; `sensor` {sensor} needs {wanted}")
+    if config.confidence > 0:
+        raise InputError(f"`confidence` is for the ideal sensor, but `sensor` is {specimen.settings.name}")
 
 
 class Detector:

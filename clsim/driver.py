@@ -62,6 +62,7 @@ class Driver(ABC):
         event_rule: EventRule | None = None,
         window: int | None = None,
         history: int = 1,
+        confidence: float = 0.0,
         follow_specular: bool = True,
         max_depth: int = 8,
         threads: int | None = None,
@@ -81,7 +82,7 @@ class Driver(ABC):
                 each step, and evenly between where a step is longer than 1/fps.
             fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
                 sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
-                history, follow_specular, max_depth, threads, render_device, opencl, strict, time,
+                history, confidence, follow_specular, max_depth, threads, render_device, opencl, strict, time,
                 time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera.
             truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
 

@@ -38,7 +38,19 @@ from clsim.cli.detector_options import (
     TIMES,
     TRANSFER,
 )
-from clsim.cli.options import EVENT_RULE, FORMAT, HISTORY, JSON, LABELS, METHOD, OPENCL, ROS_EVENTS, TEXT_TIME, WINDOW
+from clsim.cli.options import (
+    CONFIDENCE,
+    EVENT_RULE,
+    FORMAT,
+    HISTORY,
+    JSON,
+    LABELS,
+    METHOD,
+    OPENCL,
+    ROS_EVENTS,
+    TEXT_TIME,
+    WINDOW,
+)
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
@@ -68,6 +80,7 @@ def detect(
     window: WINDOW = None,
     stride: STRIDE = None,
     history: HISTORY = None,
+    confidence: CONFIDENCE = None,
     kernel: KERNEL = None,
     bandwidth: BANDWIDTH = None,
     bandwidth_h: BANDWIDTH_H = None,

@@ -190,6 +190,10 @@ EVENT_RULE = Annotated[
 WINDOW = Annotated[
     int | None, advanced(help="Side of the window [pixels], odd, 3…21. [the quality's; 7 for irradiance, else 13]")
 ]
+CONFIDENCE = Annotated[
+    float | None,
+    advanced(help="Standard errors by which brightness must have changed before an event is fired; irradiance. [0]"),
+]
 HISTORY = Annotated[int | None, advanced(help="Frames whose windows form one regression, 1…5. [1]")]
 OPENCL = Annotated[str | None, advanced(help="Part of the name of the OpenCL device. [a GPU if there is one]")]
 

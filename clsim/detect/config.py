@@ -27,6 +27,7 @@ SMALLEST_THRESHOLD = 1e-36
 LARGEST_THRESHOLD = 1e30
 """So must be C itself, and sums with it."""
 LARGEST_SHRINK = 100.0
+LARGEST_CONFIDENCE = 100.0
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
 
@@ -47,6 +48,11 @@ class DetectorConfig:
     """Contrast threshold C of ON events, > 0."""
     threshold_off: float = 0.2
     """Contrast threshold C of OFF events, > 0 (its size: the sign is implied)."""
+    confidence: float = 0.0
+    """Standard errors by which brightness must have changed since the last event before the next one is fired.
+
+    With more, fewer events are noise, and more are missed or late. Only `irradiance` knows its error.
+    """
     window: int | None = None
     """Side K of the window [pixels], odd, 3…21; None takes 7 for irradiance, else 13 (see `side`)."""
     stride: int = 1
@@ -110,6 +116,8 @@ class DetectorConfig:
             raise InputError(f"`history` must be from 1 to 5 frames, got {self.history}")
         if not 1 <= self.box <= 21 or self.box % 2 == 0:
             raise InputError(f"`box` must be an odd number from 1 to 21, got {self.box}")
+        if not 0 <= self.confidence <= LARGEST_CONFIDENCE:
+            raise InputError(f"`confidence` must be from 0 to {LARGEST_CONFIDENCE:g}, got {self.confidence}")
         if not 0 <= self.ridge <= 1:
             raise InputError(f"`ridge` must be from 0 to 1, got {self.ridge}")
         if not 0 <= self.shrink <= LARGEST_SHRINK:
@@ -133,7 +141,8 @@ class DetectorConfig:
     def unused(self) -> tuple[str, ...]:
         """Return the fields that are not the default's but change nothing."""
         defaults = {field.name: field.default for field in fields(self)}
-        return tuple(name for name in self.strategy.unused(self) if getattr(self, name) != defaults[name])
+        unused = (*self.strategy.unused(self), *(() if self.strategy.knows_error else ("confidence",)))
+        return tuple(name for name in unused if getattr(self, name) != defaults[name])
 
     @property
     def linear(self) -> bool:

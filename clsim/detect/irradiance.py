@@ -94,9 +94,10 @@ class Smoothing:
         self._tests = -(-layout.height // _GATED)
         self._room = place.allocate((self._tests, _BOX_ROWS + 1, _ENERGY_PLANES, layout.pitch))
         self.error = place.allocate((layout.height, layout.span))
+        self._tested = (self.error,) if config.confidence > 0 else ()
 
     def run(self, packed: Buffer, *, with_error: bool) -> None:
-        """Smooth a packed frame."""
+        """Smooth a packed frame; `test` needs the error too where a change must be significant."""
         layout = self._place.layout
         kernel, out_error = (self._with_error, (self.error,)) if with_error else (self._plain, ())
         size = (layout.vectors[0], self._strips)
@@ -107,8 +108,8 @@ class Smoothing:
         layout, gate = self._place.layout, self.gate
         self._place.launch(
             self._test, (self._tests,), packed, self._details, layout.height, layout.pitch, layout.span, layout.width,
-            references, levels.threshold_on, levels.threshold_off, levels.start, self._room, levels.end, gate.flags,
-            gate.counts,
+            references, levels.threshold_on, levels.threshold_off, levels.start, *self._tested, self._room, levels.end,
+            gate.flags, gate.counts,
         )  # fmt: skip
 
 
@@ -141,6 +142,7 @@ def _macros(config: DetectorConfig, names: tuple[str, ...]) -> dict[str, object]
         "HAS_COVERAGE": int(COVERAGE[0] in names),
         "HAS_EMISSION": int(EMISSION[0] in names),
         "HAS_SAMPLES": int(SAMPLES[0] in names),
+        **({"CONFIDENCE": f"{config.confidence:.17e}"} if config.confidence > 0 else {}),
     }
 
 

@@ -94,6 +94,8 @@ class LiveOptions:
     """Side of the window that brightness is found from [pixels]."""
     history: int = 1
     """Frames whose windows form one regression."""
+    confidence: float = 0.0
+    """Standard errors by which brightness must have changed before an event is fired."""
     noise: Noise | None = None
     """Whether every frame has the same random numbers, or its own."""
     seed: int = 0
@@ -321,6 +323,8 @@ class LiveOptions:
             raise InputError(f"`time` {self.time} needs `method` esim or irradiance, got {point.method}")
         if point.noise != "common":
             raise InputError(f"`time` {self.time} needs `noise` common, got {point.noise}")
+        if self.confidence > 0:
+            raise InputError(f"`confidence` {self.confidence:g} needs `time` fixed, got {self.time}")
         if point.event_rule == "frame":
             raise InputError(f"`time` {self.time} needs `event_rule` interpolated or linear-light, got frame")
         if point.method == "irradiance":

@@ -258,6 +258,7 @@ def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
         threshold_off=off,
         window=point.window,
         history=options.history,
+        confidence=options.confidence,
         scale=sensor.scale,
         floor=sensor.floor,
         luminance="rec709" if sensor.spectral == "luminance" else spectral_weights(sensor.spectral),

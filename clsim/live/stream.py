@@ -147,6 +147,7 @@ def stream(
     event_rule: EventRule | None = None,
     window: int | None = None,
     history: int = 1,
+    confidence: float = 0.0,
     follow_specular: bool = True,
     max_depth: int = 8,
     pace: Pace = "max",
@@ -189,7 +190,7 @@ def stream(
         seed: of all random numbers.
         spp, sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window:
             in place of the quality's own.
-        history, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict:
+        history, confidence, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict:
             see `clsim.live.options.LiveOptions` for these and those above.
         truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
         frame_rate, pose_rate, imu_rate, imu_noise: of truth; see LiveOptions.

@@ -32,6 +32,7 @@ WRONG = {
     "window": 12,
     "stride": 4,
     "history": 9,
+    "confidence": -1.0,
     "box": 2,
     "ridge": 2.0,
     "shrink": 1.5,

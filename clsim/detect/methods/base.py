@@ -193,11 +193,13 @@ class Method(ABC):
         name: as options spell it.
         window: side of the window where none is asked for [pixels].
         regresses: whether brightness is regressed on features.
+        knows_error: whether the standard error of brightness is known.
     """
 
     name: ClassVar[str]
     window: ClassVar[int] = 13
     regresses: ClassVar[bool] = False
+    knows_error: ClassVar[bool] = False
 
     def unused(self, config: DetectorConfig) -> tuple[str, ...]:
         """Return the options that change nothing with this method."""

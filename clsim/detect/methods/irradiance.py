@@ -20,11 +20,12 @@ class IrradianceStages(Stages):
         self.smoothing = Smoothing(self.place, setting.config, setting.names)
         self.gate = self.smoothing.gate
         self._error_known = False
+        self._needs_error = setting.config.confidence > 0
 
     def observe(self, history: History, levels: Levels, references: Buffer, *, with_error: bool) -> Counts:
         """Smooth and test what comes out."""
-        self.smoothing.run(self.pack.packed, with_error=with_error)
-        self._error_known = with_error
+        self._error_known = with_error or self._needs_error
+        self.smoothing.run(self.pack.packed, with_error=self._error_known)
         self.smoothing.test(self.pack.packed, levels, references)
         return self.gate.collect()
 
@@ -42,6 +43,7 @@ class Irradiance(Method):
 
     name = "irradiance"
     window = 7
+    knows_error = True
 
     def check_planes(self, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Refuse frames that do not tell albedo, normal and depth."""

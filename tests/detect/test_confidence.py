@@ -1,0 +1,60 @@
+"""An event whose change is not significant waits: against the rule written out in numpy."""
+
+import numpy as np
+import pytest
+
+from clsim.detect.config import DetectorConfig
+from clsim.detector import Detector, check_sensor
+from clsim.errors import InputError
+from clsim.sensor import Specimen
+from clsim.sensor.presets import load_sensor
+from tests.detect.irradiance_scenes import textured_room
+
+ON, OFF = 0.15, 0.12
+
+
+def steps(confidence):
+    """Return the events, levels and standard errors of a few noisy frames, with their times."""
+    frames = [textured_room(seed) for seed in range(5)]
+    config = DetectorConfig("irradiance", threshold_on=ON, threshold_off=OFF, window=5, confidence=confidence)
+    detector = Detector(config, frames[0].width, frames[0].height, frames[0].names)
+    found = []
+    for k, frame in enumerate(frames):
+        frame.time_us = 1000 * k
+        events = detector.step(frame).copy()
+        found.append((events, detector.level(), np.array(detector.interest().stderr)))
+    detector.close()
+    return found
+
+
+@pytest.mark.parametrize("confidence", [0.0, 1.0, 4.0])
+def test_a_pixel_fires_once_its_change_is_so_many_standard_errors(confidence):
+    reference = None
+    for events, level, error in steps(confidence):
+        if reference is None:
+            reference = level.astype(float)
+            continue
+        change = level - reference
+        size = np.where(change > 0, ON, OFF)
+        count = np.where(np.abs(change) >= confidence * error, np.floor(np.abs(change) / size), 0)
+        fired = np.zeros(level.shape)
+        np.add.at(fired, (events["y"], events["x"]), 1)
+        # Where float32 and float64 may part, at a threshold, nothing is said.
+        clear = np.abs(np.abs(change) / size - np.round(np.abs(change) / size)) > 1e-4
+        clear &= np.abs(np.abs(change) - confidence * error) > 1e-4
+        assert clear.mean() > 0.9
+        np.testing.assert_array_equal(fired[clear], count[clear])
+        sign = np.where(np.where(clear, count, fired) > 0, np.sign(change), 0)
+        reference += sign * np.where(clear, count, fired) * size
+
+
+def test_more_confidence_fires_less():
+    counts = [sum(len(events) for events, _, _ in steps(confidence)) for confidence in (0.0, 2.0, 8.0)]
+    assert counts[0] > counts[1] > counts[2] > 0
+
+
+def test_it_is_refused_where_it_would_do_nothing():
+    assert DetectorConfig("esim", confidence=2.0).unused() == ("confidence",)
+    assert DetectorConfig("irradiance", confidence=2.0).unused() == ()
+    with pytest.raises(InputError, match="`confidence` is for the ideal sensor, but `sensor` is davis346"):
+        check_sensor(DetectorConfig("irradiance", confidence=2.0), Specimen(load_sensor("davis346")))
