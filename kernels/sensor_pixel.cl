@@ -264,18 +264,21 @@ __kernel void find_rows(__global const int *list, int count, __global int *out_r
 // Work-item: CHUNK pixels of the image [H][span], over a step from t0 to t1 [ns] at whose ends the levels are `start` and
 // `end`; KNOTS: rows is -1 for pixels without knots, else their row of knots, with times from t0. out_references:
 // [H][span], as a detector takes them. out_fired: events of each pixel, negative where the last is OFF.
-// out_time, out_x, out_y, out_on, out_cause: the first `capacity` events of each work-item, at capacity·(its number).
+// out_time, out_x, out_y, out_on, out_cause: events of each work-item, as many as have room from rooms[its number] up to
+// the next one's.
 // out_counts per work-item: its events, also those without room; pixels with many; events left out; most of a pixel.
 __kernel void run_pixels(
     __global const double *c, ulong seed, __global const double *own, __global const double *state, int pixels, int span,
-    int width, long t0, long t1, __global const real *start, __global const real *end, KNOT_ARGUMENTS int capacity,
-    __global double *out_state, __global real *out_references, __global int *out_fired, __global long *out_time,
+    int width, long t0, long t1, __global const real *start, __global const real *end, KNOT_ARGUMENTS
+    __global const long *rooms,    __global double *out_state, __global real *out_references, __global int *out_fired, __global long *out_time,
     __global ushort *out_x, __global ushort *out_y, __global uchar *out_on, __global uchar *out_cause,
     __global long *out_counts)
 {
     const int item = get_global_id(0), first = item * CHUNK, last = MIN(first + CHUNK, pixels);
-    const size_t room = (size_t)item * capacity;
-    Outbox out = {out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, capacity, 0};
+    const long room = rooms[item];
+    Outbox out = {
+        out_time + room, out_x + room, out_y + room, out_on + room, out_cause + room, (int)(rooms[item + 1] - room), 0
+    };
     Totals totals = {0, 0, 0};
     Chunk chunk;
     look_ahead(&chunk, c, seed, own, state, pixels, span, first, last - first, t0, t1, start, end);
@@ -346,12 +349,12 @@ __kernel void run_pixels(
 
 // Work-item: a work-item of run_pixels; its events go to out_* from place[work-item] on.
 __kernel void gather_events(
-    __global const long *counts, __global const int *place, int capacity, __global const long *time,
+    __global const long *counts, __global const int *place, __global const long *rooms, __global const long *time,
     __global const ushort *x, __global const ushort *y, __global const uchar *on, __global const uchar *cause,
     __global long *out_time, __global ushort *out_x, __global ushort *out_y, __global uchar *out_on,
     __global uchar *out_cause)
 {
-    const size_t from = (size_t)get_global_id(0) * capacity;
+    const long from = rooms[get_global_id(0)];
     const int count = counts[4 * get_global_id(0)], to = place[get_global_id(0)];
     for (int k = 0; k < count; k++) {
         out_time[to + k] = time[from + k];

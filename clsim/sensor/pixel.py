@@ -19,7 +19,9 @@ from clsim.sensor.stage import Context
 _CHUNK = 64
 """Pixels that one work-item runs."""
 _ROOM = 64
-"""Events of a work-item in one step for which there is room at first."""
+"""Events of a work-item in one step for which there is always room."""
+_SPARE = 4
+"""How many times the room of a mean work-item all may have, so that few steps are run again."""
 _KINDS = {"t": np.int64, "x": np.uint16, "y": np.uint16, "on": np.uint8, "cause": np.uint8}
 REQUEST = np.dtype(list(_KINDS.items()))
 """An event that a pixel asks for, t in ns."""
@@ -62,8 +64,8 @@ class RealPixels:
         self._counts = place.allocate((self._chunks, 4), np.int64)
         self._host_counts = np.zeros((self._chunks, 4), dtype=np.int64)
         self._starts = place.allocate((self._chunks,), np.int32)
-        self._capacity = _ROOM
-        self._room = self._allocate(self._chunks * _ROOM)
+        self._rooms = place.allocate((self._chunks + 1,), np.int64)
+        self._make_room(np.full(self._chunks, _ROOM))
         self._gathered = self._allocate(0)
         self._asked, self._stamped = Pool(REQUEST), Pool(REQUEST)
         self._bus = None if settings.readout.is_perfect else Bus(place, settings.readout)
@@ -81,10 +83,11 @@ class RealPixels:
         """Return the events of a time step, as far as their stamps lie in it, and move the pixels' state."""
         kernel, knots = self._for(path)
         counts = self._launch(kernel, path, knots)
-        while counts[:, 0].max() > self._capacity:
+        needed = np.maximum(counts[:, 0], _ROOM)
+        if (needed > self._room).any():
             # The state that went in is still there: run again, with room.
-            self._capacity = int(counts[:, 0].max())
-            self._room = self._allocate(self._chunks * self._capacity)
+            all_have = min(2 * int(needed.max()), int(_SPARE * needed.mean()))
+            self._make_room(np.maximum(needed, all_have))
             counts = self._launch(kernel, path, knots)
         self._state, self._next_state = self._next_state, self._state
         if path.count:
@@ -113,7 +116,7 @@ class RealPixels:
         place.launch(
             kernel, (self._chunks,), self._constants, self._seed, self._own, self._state, self._pixels, layout.span,
             layout.width, np.int64(path.start_us * 1000), np.int64(path.end_us * 1000), path.start, path.end, *knots,
-            self._capacity, self._next_state, self.references, self._fired, *self._room, self._counts,
+            self._rooms, self._next_state, self.references, self._fired, *self._events, self._counts,
         )  # fmt: skip
         return place.read(self._counts, self._host_counts)
 
@@ -129,7 +132,7 @@ class RealPixels:
         if total:
             place.write(self._starts, starts)
             place.launch(
-                self._gather, (self._chunks,), self._counts, self._starts, self._capacity, *self._room, *self._gathered
+                self._gather, (self._chunks,), self._counts, self._starts, self._rooms, *self._events, *self._gathered
             )
             for name, buffer in zip(_KINDS, self._gathered, strict=True):
                 requests[name] = place.read(buffer, np.empty(total, buffer.dtype))
@@ -146,6 +149,13 @@ class RealPixels:
         requests["t"] = -(-requests["t"] // stamp_ns) * stamp_ns
         events, causes = _sorted(self._stamped.pass_on(requests, end_us * 1000))
         return events, causes, lost
+
+    def _make_room(self, room: npt.NDArray[np.int64]) -> None:
+        """Let each work-item have room for so many events: one that is busy does not need all to have its room."""
+        self._room = room
+        ends = np.cumsum(room)
+        self._place.write(self._rooms, np.concatenate([[0], ends]))
+        self._events = self._allocate(int(ends[-1]))
 
     def _allocate(self, count: int) -> list[Buffer]:
         return [self._place.allocate((count,), kind) for kind in _KINDS.values()]

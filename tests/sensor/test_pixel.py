@@ -358,3 +358,14 @@ def test_without_stages_a_pixel_fires_as_the_ideal_one_does():
     assert len(real) == len(expected) > 5000
     np.testing.assert_array_equal(real[["x", "on"]], expected[["x", "on"]])
     assert abs(real["t"] - expected["t"]).max() <= 1
+
+
+def test_pixels_that_fire_very_often_take_memory_for_themselves_alone():
+    bench = Benchtop(with_stages(), 640, 100)
+    bench.to(0, 0.0)
+    level = np.zeros((100, 640))
+    level[50, 100:164] = 100.0
+    events = bench.to(1000, level)
+    assert set(np.bincount(events["x"], minlength=640)[100:164]) <= {499, 500} and (events["y"] == 50).all()
+    room = bench.pixels._room
+    assert room.max() >= 16_000 and room.sum() <= 5 * (len(events) + 64 * len(room))
