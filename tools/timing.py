@@ -128,7 +128,8 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="where the tables go")
     parser.add_argument("--picture", type=Path, help="where the picture goes")
     parser.add_argument("--spp", type=int, default=64)
-    parser.add_argument("--duration-ms", type=float, default=34.0)
+    # A frame's time at 30 a second: at each of the rates a frame is at its end.
+    parser.add_argument("--duration-ms", type=float, default=33.334)
     parser.add_argument("--only", help="part of a world's name")
     arguments = parser.parse_args()
     parts = []

@@ -67,7 +67,14 @@ class Stages:
 
     def _light_missed(self) -> list[str]:
         """Return sentences about light that changes and will not be seen as it is."""
+        from clsim.render import lamps_move
+
         found = [missed(self.world.modulations(), self.fps)]
+        if self.retracing is not None and self.detector.method == "irradiance" and lamps_move(self.world):
+            found.append(
+                f"lamps move in {self.world.name}, and `method` irradiance takes their light for a straight line from "
+                f"frame to frame, {self.fps:g} a second; `quality` exact follows it between frames"
+            )
         if self.world.light_changes() and self.detector.method == "esim-ad" and self.detector.gate == "delta-r":
             found.append("`gate` delta-r sees what moves, but no light that changes: expected radiance")
         return [sentence for sentence in found if sentence is not None]
@@ -141,11 +148,12 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
 
     Where ``lights_set`` says that lights change from outside, their light does not stand still.
     """
-    from clsim.render import RenderOptions, check_device, light_stands_still
+    from clsim.render import RenderOptions, check_device, lamps_move, light_stands_still
 
     if world is None:
         world = alone(load_options_world(options))
-    fps = options.fps or (world.fps if options.time == "fixed" else min(world.fps, BASE_FPS))
+    by_frames = options.time == "fixed" or (options.point.method == "irradiance" and lamps_move(world))
+    fps = options.fps or (world.fps if by_frames else min(world.fps, BASE_FPS))
     still = light_stands_still(world)
     options = options.settled(still and not lights_set)
     point = options.point

@@ -214,13 +214,23 @@ def may_be_mirror(material: Material) -> bool:
 
 def _still_lamps(world: World) -> bool:
     """Whether no triangle that emits moves or deforms, or has a texture that matters to its light."""
-    lamps = [max(material.emission) > 0 for material in world.materials]
     textured = any(
-        lamp and (material.emission_texture >= 0 or material.alpha_mode != "opaque")
-        for lamp, material in zip(lamps, world.materials, strict=True)
+        max(material.emission) > 0 and (material.emission_texture >= 0 or material.alpha_mode != "opaque")
+        for material in world.materials
     )
+    return not textured and not _triangles_that_emit_move(world)
+
+
+def _triangles_that_emit_move(world: World) -> bool:
+    lamps = [max(material.emission) > 0 for material in world.materials]
     moving = {i.mesh for i in world.instances if i.motion.duration_s > 0 or deforms(world.meshes[i.mesh])}
-    return not textured and not any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
+    return any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
+
+
+def lamps_move(world: World) -> bool:
+    """Whether something moves, or deforms, that shines."""
+    motions = [light.motion for light in world.sphere_lights] + [light.motion for light in world.punctual_lights]
+    return any(motion.duration_s > 0 for motion in motions) or _triangles_that_emit_move(world)
 
 
 def in_light_tree(light: SphereLight | PunctualLight) -> bool:

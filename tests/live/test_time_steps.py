@@ -17,6 +17,7 @@ from clsim.live.noting import NotingTracer
 from clsim.live.options import LiveOptions
 from clsim.live.schedule import Schedule
 from clsim.live.session import open_live
+from clsim.live.stages import plan_stages
 from clsim.live.time_steps import Looping
 from clsim.scene import load_world
 from clsim.score.matching import Sampling, one_to_one
@@ -120,6 +121,18 @@ def test_a_scene_that_stands_still_asks_for_nothing():
 def test_light_cannot_be_set_while_time_is_adaptive():
     with clsim.Simulator("two-boxes", **SMALL) as simulator, pytest.raises(InputError, match="`time` adaptive"):
         simulator.set_light("lamp", (1.0, 1.0, 1.0))
+
+
+def test_where_lamps_move_frames_are_as_many_as_without_and_it_is_told():
+    """First-hit rays between frames know nothing of a lamp's way; whole paths do."""
+    moving, whole, still = (
+        plan_stages(LiveOptions(scene, time="adaptive", quality=quality))
+        for scene, quality in (("moving-light", "balanced"), ("moving-light", "exact"), ("two-boxes", "balanced"))
+    )
+    assert (moving.fps, whole.fps, still.fps) == (120.0, 30.0, 30.0)
+    assert ["lamps move in moving-light" in told for told in moving.warnings] == [True]
+    assert whole.warnings == still.warnings == ()
+    assert plan_stages(LiveOptions("moving-light", time="adaptive", fps=60.0)).fps == 60.0
 
 
 def test_a_camera_that_exposes_has_no_instants():
