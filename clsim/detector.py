@@ -179,6 +179,10 @@ class Detector:
         """
         return self.estimator.level()
 
+    def error(self) -> FloatArray | None:
+        """Return the standard error of brightness at the last frame, ``[H, W]``; None where the method knows none."""
+        return self.estimator.error()
+
     def interest(self) -> InterestMap:
         """Return how close each pixel is to firing after the last frame; ask after every frame, from the first on.
 

@@ -62,8 +62,8 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
     noise = summary["noise_share"]
     if noise is not None and noise > _MUCH_NOISE:
         say(
-            f"clsim: about {percent_text(noise)} of the events are likely noise of the rendering: looked at again with "
-            "other random numbers, pixels do not fire them"
+            f"clsim: about {percent_text(noise)} of the events are likely noise of the rendering: with another "
+            "--seed they would be others"
         )
     motion = summary["motion"]
     if motion is not None and motion["fast_pairs"]:

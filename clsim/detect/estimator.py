@@ -119,6 +119,13 @@ class BrightnessEstimator:
         level = self.stages.place.read(self.levels.end)
         return np.ascontiguousarray(level[:, : grid.width], dtype=np.float32)
 
+    def error(self) -> FloatArray | None:
+        """Return the standard error of brightness at the last frame, ``[H, W]``; None where nobody knows it."""
+        found = None if self.stages is None else self.stages.error
+        if self.stages is None or found is None:
+            return None
+        return np.asarray(self.stages.place.read(found)[:, : self._setting.grid.width], dtype=np.float32)
+
     def interest(self, number: int, references: Buffer) -> InterestMap:
         """Return how close each pixel is to firing after the last frame, which is the ``number``-th.
 

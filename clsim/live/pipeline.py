@@ -38,6 +38,7 @@ from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
 from clsim.live.load import BusyMeter
 from clsim.live.schedule import Continuity, Schedule
 from clsim.live.second_look import SecondLook
+from clsim.live.significance import Significance, TellsError
 
 Pace = Literal["max", "real"]
 _CLOSING_S = HURRY_S + 0.1
@@ -158,7 +159,7 @@ class Progress:
     lost_events: int = 0
     """Events that the sensor's readout had no time for."""
     noise_share: float | None = None
-    """Share of the events that is likely noise of the rendering; known at the end, where pixels were seen twice."""
+    """Share of the events that is likely noise of the rendering; known at the end, where it is measured."""
     paths: int | None = None
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
@@ -183,6 +184,7 @@ class Pipeline:
         board: where the detector's maps of interest go, if the source wants them.
         governed: what sets the source's effort at the pace of the wall clock.
         share_cores: whether source and detector compute on the same cores.
+        significance: what judges events, if the detector knows errors.
         second_look: what is told of pixels that are seen twice, if the source sees any so.
         in_step: whether the source waits with each frame until the last one's events are found.
     """
@@ -203,6 +205,7 @@ class Pipeline:
         share_cores: bool = True,
         in_step: bool = False,
         second_look: SecondLook | None = None,
+        significance: Significance | None = None,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
         names, height, width = shape
@@ -215,7 +218,7 @@ class Pipeline:
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
         self._board, self._governed, self._in_step = board, governed, in_step
-        self._second_look = second_look
+        self._second_look, self._significance = second_look, significance
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
         self._detector: object = None
@@ -351,6 +354,8 @@ class Pipeline:
                         detector.tolerance_us = self._governed.tolerance_us
                 self._consumed.release()
         finally:
+            if self._significance is not None:
+                self.progress.noise_share = self._significance.noise_share
             detector.close()
 
     def _detect(self, detector: Detector, frame: Frame) -> EventBatch:
@@ -359,6 +364,8 @@ class Pipeline:
         events = detector.step(frame)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, detector).interest())
+        if self._significance is not None:
+            self._significance.watch(cast(TellsError, detector), events)
         for watcher in self.watchers:
             if watcher.wants_frame():
                 watcher.show_frame(frame, detector.level() if isinstance(detector, TellsLevel) else None)

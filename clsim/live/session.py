@@ -25,6 +25,7 @@ from clsim.live.schedule import Schedule, plan
 from clsim.live.second_look import SEEN_TWICE, SecondLook
 from clsim.live.sensors import cost_of
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
+from clsim.live.significance import Significance
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
 from clsim.scene import World
@@ -207,6 +208,7 @@ def open_live(
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     twice = seat is None and options.time == "fixed" and stages.render.light_cache
     render = replace(stages.render, look_again=SEEN_TWICE) if twice else stages.render
+    judged = config.strategy.knows_error and (options.sensor is None or options.sensor.is_ideal)
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
@@ -227,6 +229,7 @@ def open_live(
         governed=governed,
         share_cores=options.render_device == "cpu",
         second_look=SecondLook(config) if twice else None,
+        significance=Significance(config) if judged else None,
     )
     return Session(
         world.name,

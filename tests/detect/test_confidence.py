@@ -22,6 +22,7 @@ def steps(confidence):
     for k, frame in enumerate(frames):
         frame.time_us = 1000 * k
         events = detector.step(frame).copy()
+        np.testing.assert_array_equal(detector.error(), detector.interest().stderr)
         found.append((events, detector.level(), np.array(detector.interest().stderr)))
     detector.close()
     return found

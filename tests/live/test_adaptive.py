@@ -54,6 +54,7 @@ def test_paths_go_where_events_are_near() -> None:
     later = summary["paths"] - 8 * pixels
     assert 1.05 * 11 * pixels < later < 0.8 * 8 * 11 * pixels
     assert 12 * pixels < summary["first_hit_rays"] <= 12 * 16 * pixels
+    assert 0 < summary["noise_share"] < 0.5
     assert summary["governor"] is None
 
 
