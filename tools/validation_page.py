@@ -171,7 +171,8 @@ NOTES = """
 - `sponza`: its file is of version 0.4 and gives its lamp as one number for all wavelengths. Mitsuba of that time took
   it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
 - Rendering takes longer than Mitsuba's in rooms: 1.4 times in `living-room`, 1.3 times in `staircase`, and 3.7 times in
-  `spaceship`, whose cause is not known.
+  `spaceship`. There most of it goes into the choice among lamps of 5,602 triangles: with lamps drawn by power alone it
+  renders 2.6 times as fast, and 8 % noisier.
 - The kitchen of practical-path-guiding is left out: Mitsuba 3's picture of it is hundreds of times darker than
   clsim's. Its sky is one of Mitsuba 0.6 with a `scale`; whether that is the cause is not known.
 """
