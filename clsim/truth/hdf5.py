@@ -29,6 +29,7 @@ from clsim.events import CAUSES, EventBatch
 from clsim.events.filesink import FlushPolicy
 from clsim.events.filesource import CHUNK_EVENTS
 from clsim.events.hdf5 import Hdf5Sink, open_source
+from clsim.events.hdf5_growing import compressed
 from clsim.truth.labels import LABEL_DTYPE
 from clsim.truth.lines import held
 from clsim.truth.names import TRUTH_NAMES
@@ -58,7 +59,6 @@ _FLOWS = {
     "flow": ("from frames/t to frames/flow_end", "flow_end"),
     "backward_flow": ("from frames/t to frames/flow_start", "flow_start"),
 }
-_GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 class Hdf5Layout(Layout):
@@ -305,7 +305,7 @@ def _column(file: Any, name: str, width: tuple[int, ...], kind: str, rows: int) 
 
 
 def _image(file: Any, name: str, shape: tuple[int, ...], kind: str, unit: str, meaning: str) -> None:
-    dataset = file.create_dataset(name, (0, *shape), kind, maxshape=(None, *shape), chunks=(1, *shape), **_GZIP)
+    dataset = compressed(file, name, shape, kind)
     dataset.attrs["unit"], dataset.attrs["meaning"] = unit, meaning
 
 

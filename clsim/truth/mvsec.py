@@ -32,7 +32,7 @@ from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.filesink import naming_failures, unwritable
 from clsim.events.filesource import CHUNK_EVENTS
-from clsim.events.hdf5_growing import GrowingHdf5
+from clsim.events.hdf5_growing import GrowingHdf5, compressed
 from clsim.truth.images import Pictures, with_images
 from clsim.truth.intrinsics import camera_of, yaml_numbers
 from clsim.truth.lines import MAX_BYTES, held, microseconds, rate_of
@@ -43,7 +43,6 @@ from clsim.truth.record import About, ImuChunk, Layout, Shot, TrackChunk
 from clsim.truth.recording import Recording
 
 _STACKS = {"image": "image_raw", "depth": "depth_image_raw"}
-_GZIP: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 
 
 class MvsecLayout(Layout):
@@ -64,7 +63,7 @@ class MvsecLayout(Layout):
             file.attrs["camera"] = json.dumps(dict(about.camera))
             _column(file, f"{group}/events", (4,), "f8", 1 << 14)
             if "image" in names:
-                _images(file, f"{group}/image_raw", size, "u1")
+                compressed(file, f"{group}/image_raw", size, "u1")
                 _column(file, f"{group}/image_raw_ts", (), "f8")
                 _column(file, f"{group}/image_raw_event_inds", (), "i8")
             if "imu" in names:
@@ -77,12 +76,12 @@ class MvsecLayout(Layout):
                 _column(file, f"{group}/pose", (4, 4), "f8")
                 _column(file, f"{group}/pose_ts", (), "f8")
             if "depth" in names:
-                _images(file, f"{group}/depth_image_raw", size, "f4")
+                compressed(file, f"{group}/depth_image_raw", size, "f4")
                 _column(file, f"{group}/depth_image_raw_ts", (), "f8")
                 file[f"{group}/depth_image_rect"] = file[f"{group}/depth_image_raw"]
                 file[f"{group}/depth_image_rect_ts"] = file[f"{group}/depth_image_raw_ts"]
             if "flow" in names:
-                _images(file, f"{group}/flow_dist", (2, *size), "f4")
+                compressed(file, f"{group}/flow_dist", (2, *size), "f4")
                 _column(file, f"{group}/flow_dist_ts", (), "f8")
 
         self._data = GrowingHdf5(path / f"{self._name}_data.hdf5", data)
@@ -341,10 +340,6 @@ def _flow(stored: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
 
 def _column(file: Any, name: str, width: tuple[int, ...], kind: str, rows: int = 1 << 10) -> None:
     file.create_dataset(name, (0, *width), kind, maxshape=(None, *width), chunks=(rows, *width))
-
-
-def _images(file: Any, name: str, shape: tuple[int, ...], kind: str) -> None:
-    file.create_dataset(name, (0, *shape), kind, maxshape=(None, *shape), chunks=(1, *shape), **_GZIP)
 
 
 def open_layout(path: Path, about: About) -> MvsecLayout:
