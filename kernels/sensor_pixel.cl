@@ -199,6 +199,21 @@ static inline void run_segment(Pixel *p, Outbox *out, Knot from, Knot to) {
 #endif
 }
 
+#ifdef LEAK
+// How much of a threshold a pixel has leaked at a moment at random. Each noise event takes all of it back: with x of
+// them in the time that a threshold takes, a share s is as likely as exp(-x s).
+static inline double leaked_share(const Pixel *p, double level) {
+    const double u = uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE));
+#ifdef RATE_NOISE
+    double on, off;
+    rates_at(p, level, &on, &off);
+    const double x = (on + off) / p->c[C_RATE_MOST] / p->rate_wait * p->on / p->leak;
+    if (x > 1e-6) return -quick_log(1 + u * quick_expm1(-x)) / x;
+#endif
+    return u;
+}
+#endif
+
 // A pixel's first level, at t.
 static inline void begin(Pixel *p, long t, double level) {
     Line line = {t, level, 0};
@@ -223,7 +238,7 @@ static inline void begin(Pixel *p, long t, double level) {
 #ifdef LEAK
     // Leaks have no common beginning. A dead pixel's threshold is no number to take a share of.
     if (p->leak > 0 && p->on < INFINITY) {
-        const double leaked = p->on * uniform_of(drawn(p->key, 0, DRAW_LEAK_PHASE)), ago = MIN(leaked / p->leak, 1e9);
+        const double leaked = p->on * leaked_share(p, line.level), ago = MIN(leaked / p->leak, 1e9);
         p->since -= (long)(ago * 1e9);
         p->ref -= leaked - ago * p->leak;
     }

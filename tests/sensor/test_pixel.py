@@ -32,6 +32,17 @@ def test_leak_fires_on_events_at_its_rate_from_phases_that_differ():
     assert stats.kstest(first / 250_000, "uniform").pvalue > 1e-3
 
 
+def test_leaks_that_noise_takes_back_begin_as_they_go_on():
+    # Noise of 2 + 2 Hz beside a leak of 2 Hz: of exponential waits for noise, 4 / (e^2 - 1) times a second one is longer
+    # than a threshold takes; see renewal theory.
+    settings = with_stages(leak={"hz": 2.0}, noise={"on_hz": 2.0, "off_hz": 2.0})
+    bench = Benchtop(settings, 20_000)
+    bench.to(0, 0.0)
+    for _ in range(2):
+        on, off = rates(bench.to(bench.time_us + 100_000, 0.0), 20_000, 0.1)
+        assert on == pytest.approx(2 + 4 / math.expm1(2), rel=0.06) and off == pytest.approx(2, rel=0.07)
+
+
 def test_a_falling_ramp_slower_than_the_leak_still_fires_on():
     # 4 Hz of 0.2 is 0.8 ln/s; 0.5 of it is taken away.
     bench = Benchtop(with_stages(leak={"hz": 4.0}), 200)
