@@ -33,8 +33,7 @@ def test_leak_fires_on_events_at_its_rate_from_phases_that_differ():
 
 
 def test_leaks_that_noise_takes_back_begin_as_they_go_on():
-    # Noise of 2 + 2 Hz beside a leak of 2 Hz: of exponential waits for noise, 4 / (e^2 - 1) times a second one is longer
-    # than a threshold takes; see renewal theory.
+    # Of waits for noise of 2 + 2 Hz, each holds as many leaks of 2 Hz as whole half seconds: 4 / (e^2 - 1) a second.
     settings = with_stages(leak={"hz": 2.0}, noise={"on_hz": 2.0, "off_hz": 2.0})
     bench = Benchtop(settings, 20_000)
     bench.to(0, 0.0)
