@@ -64,20 +64,19 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, spared: int = 0) -> Any:
+def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
-        spared: rays left out inside a pixel whose corners look alike, but for one: what is thin must not vanish.
     """
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = max(next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer) - spared, 1)
+        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer)
         looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays

@@ -14,8 +14,6 @@ from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, add_to_ce
 
 KNOWN = 0.1
 """Where less is known of the light, a pixel traces all its paths."""
-_SPARED = 1
-"""Rays fewer than elsewhere inside a pixel whose corners look alike: they are most of the cost where light is kept."""
 _CELL_PX = 8.0
 """Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
 _ENOUGH_FOR_FINE = 4
@@ -137,7 +135,7 @@ class LightKeeper:
                 wp.copy(self._learnt_before, self._learnt)
         effort = self.effort
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp, _SPARED)
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
