@@ -285,9 +285,9 @@ __kernel void find_rows(__global const int *list, int count, __global int *out_r
 __kernel void run_pixels(
     __global const double *c, ulong seed, __global const double *own, __global const double *state, int pixels, int span,
     int width, long t0, long t1, __global const real *start, __global const real *end, KNOT_ARGUMENTS
-    __global const long *rooms,    __global double *out_state, __global real *out_references, __global int *out_fired, __global long *out_time,
-    __global ushort *out_x, __global ushort *out_y, __global uchar *out_on, __global uchar *out_cause,
-    __global long *out_counts)
+    __global const long *rooms, __global double *out_state, __global real *out_references, __global int *out_fired,
+    __global long *out_time, __global ushort *out_x, __global ushort *out_y, __global uchar *out_on,
+    __global uchar *out_cause, __global long *out_counts)
 {
     const int item = get_global_id(0), first = item * CHUNK, last = MIN(first + CHUNK, pixels);
     const long room = rooms[item];
