@@ -1,4 +1,7 @@
-"""How much of a run is noise, from the standard errors of the brightness that events come from."""
+"""How much of a run is noise, from the standard errors of the brightness that events come from.
+
+What `confidence` demands is left out: measured by two seeds, it takes noise away, but not from the share of what is left.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ class TellsError(Protocol):
 
 
 class Significance:
-    """Adds up how likely events are noise: the chance that noise alone moves brightness by as much as made them fire.
+    """Adds up how likely events are noise: the chance that noise alone moves brightness by the threshold.
 
     The error is that of one frame's brightness. Of a change it is more where noise is new in each frame, and less where
     both have the same: it is off by a half either way.
@@ -48,7 +51,7 @@ class Significance:
         config = self._config
         size = np.where(events["on"], config.threshold_on, config.threshold_off)
         smallest = size / _ERRORS[-1]
-        errors = np.maximum(size / np.fmax(error[events["y"], events["x"]], smallest), config.confidence)
+        errors = size / np.fmax(error[events["y"], events["x"]], smallest)
         self._noise += float(np.interp(errors, _ERRORS, _CHANCES).sum())
         self._events += len(events)
 
