@@ -1,6 +1,6 @@
 """How much of a run is noise, from the standard errors of the brightness that events come from.
 
-What `confidence` demands is left out: measured by two seeds, it takes noise away, but not from the share of what is left.
+What `confidence` demands is left out: two seeds say that fewer events are noise then, but no smaller share of them.
 """
 
 from __future__ import annotations
