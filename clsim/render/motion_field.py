@@ -19,8 +19,8 @@ from clsim.render.integrator import Scene, Settings
 from clsim.render.intersection import make_intersection
 
 _ITERATIONS = wp.constant(4)
-_NEAR_PX = wp.constant(0.05)
-"""After so small a step of Newton's method the next one would be below 10⁻³ pixels."""
+_NEAR_PX = wp.constant(0.002)
+"""After so small a step of Newton's method the next one would be below 10⁻⁴ pixels."""
 _SKY_M = wp.constant(1.0e6)
 FRACTIONS = 256
 """Into how many parts a pixel is divided where lengths of ways are compared."""

@@ -110,6 +110,22 @@ def test_whole_pictures_and_chosen_pixels_find_the_same_events():
 
 
 @pytest.mark.slow
+def test_runs_of_any_rate_have_the_same_events():
+    """What pixels show at a time is the same to the bit; which of their times are looked at is not."""
+
+    def run(fps):
+        with clsim.Simulator("two-boxes", fps=fps, time_tolerance_us=10.0, quality="accurate", **SMALL) as simulator:
+            events = simulator.step(100_000)
+            return events, simulator.frame().planes.copy()
+
+    (few, last), *others = (run(fps) for fps in (30.0, 60.0, 240.0))
+    for many, same in others:
+        np.testing.assert_array_equal(same, last)
+        apart = np.abs(one_to_one(many, few, Sampling(32, 24, 30.0), 1000))
+        assert len(few) > 300 and len(apart) >= 0.97 * max(len(few), len(many)) and np.median(apart) <= 2
+
+
+@pytest.mark.slow
 def test_a_scene_that_stands_still_asks_for_nothing():
     assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
     with clsim.Simulator("still", **SMALL) as simulator:
