@@ -22,6 +22,10 @@ WITHIN_US = 25_000
 """Two looks' events are fellows if they are alike, at one pixel, and at most so far apart [µs]."""
 _STRETCH_US = 1_000_000
 """Events of so much time are compared at once and forgotten [µs]."""
+_MOST_EVENTS = 1 << 20
+"""Events that are kept: of more, less time is compared at once."""
+_MOST_OF_A_PIXEL = 1000
+"""Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor_ideal.cl)."""
 
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
@@ -32,8 +36,8 @@ class _Look:
     """Ideal pixels, and what they fired since it was last asked.
 
     Attributes:
-        level: of each pixel at the last frame [natural-log units].
-        reference: of its last event.
+        level: of each pixel at the last frame where it was finite, NaN before the first [natural-log units].
+        reference: of its last event; NaN before the first level.
         fired: of each frame, pixels and stamps [µs]; ON events have the pixel's number, OFF ones its complement ~pixel.
     """
 
@@ -43,11 +47,14 @@ class _Look:
 
     def step(self, level: F64, on: float, off: float, start_us: int, end_us: int) -> None:
         """Fire an event for each threshold crossed, as the ideal sensor does, brightness being linear in time."""
+        level = np.where(np.isfinite(level), level, self.level)
+        self.reference = np.where(np.isnan(self.reference), level, self.reference)
         change = level - self.reference
         step = np.where(change > 0, on, -off)
-        crossed = np.floor(change / step).astype(np.int64)
-        pixel = np.repeat(np.arange(len(level)), crossed)
-        nth = np.arange(len(pixel)) - np.repeat(np.cumsum(crossed) - crossed, crossed) + 1
+        crossed = np.nan_to_num(np.floor(change / step))
+        written = np.minimum(crossed, _MOST_OF_A_PIXEL).astype(np.int64)
+        pixel = np.repeat(np.arange(len(level)), written)
+        nth = np.arange(len(pixel)) - np.repeat(np.cumsum(written) - written, written) + 1
         rise = level[pixel] - self.level[pixel]
         way = self.reference[pixel] + nth * step[pixel] - self.level[pixel]
         share = np.clip(way / np.where(rise == 0, 1.0, rise), 0.0, 1.0)
@@ -82,13 +89,15 @@ class SecondLook:
         level = np.log(np.maximum(config.scale * luminance.astype(np.float64), config.floor))
         if not self._looks or time_us <= self._time_us:
             self._compare()
-            self._looks = [_Look(each, each.copy(), []) for each in level]
+            known = np.where(np.isfinite(level), level, np.nan)
+            self._looks = [_Look(each, each.copy(), []) for each in known]
             self._since_us = time_us
         else:
             for look, each in zip(self._looks, level, strict=True):
                 look.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
         self._time_us = time_us
-        if time_us - self._since_us >= _STRETCH_US:
+        kept = sum(len(stamps) for look in self._looks for _, stamps in look.fired)
+        if time_us - self._since_us >= _STRETCH_US or kept > _MOST_EVENTS:
             self._compare()
 
     @property

@@ -206,9 +206,10 @@ def open_live(
     tolerance_us = None if retracing is None else retracing.tolerance_us
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
-    twice = seat is None and options.time == "fixed" and stages.render.light_cache
+    ideal = options.sensor is None or options.sensor.is_ideal
+    judged = ideal and config.strategy.knows_error
+    twice = ideal and not judged and seat is None and options.time == "fixed" and stages.render.light_cache
     render = replace(stages.render, look_again=SEEN_TWICE) if twice else stages.render
-    judged = config.strategy.knows_error and (options.sensor is None or options.sensor.is_ideal)
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)

@@ -66,3 +66,26 @@ def test_events_are_forgotten_once_they_are_compared():
         second_look.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * STEP_US)
     assert max(len(look.fired) for look in second_look._looks) <= 1_000_000 // STEP_US + 1
     assert second_look.noise_share == 0.0
+
+
+def test_a_tiny_threshold_takes_no_more_memory_than_the_pixels_have_events():
+    """A pixel has 1000 events in a step at most, as the ideal sensor's have."""
+    second_look = SecondLook(DetectorConfig(threshold_on=1e-30, threshold_off=1e-6))
+    for k in range(200):
+        second_look.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * 1_000)
+        assert sum(len(stamps) for look in second_look._looks for _, stamps in look.fired) <= 1 << 20
+    assert second_look.noise_share == 0.0
+    assert second_look._events == 2 * PIXELS * 1000 * 199
+
+
+def test_light_that_is_no_number_is_no_event():
+    luminance = np.exp(np.cumsum(np.full((12, PIXELS), 1.01 * ON), axis=0)).astype(np.float32)
+    clear, spoilt = SecondLook(CONFIG), SecondLook(CONFIG)
+    for k, seen in enumerate(luminance):
+        bad = seen.copy()
+        bad[3:5] = np.nan if k == 0 else seen[3:5]
+        bad[7:9] = np.inf if k == 5 else seen[7:9]
+        clear.take(np.tile(seen, (2, 1)), k * STEP_US)
+        spoilt.take(np.tile(bad, (2, 1)), k * STEP_US)
+    assert clear.noise_share == spoilt.noise_share == 0.0
+    assert clear._events - spoilt._events == 2 * 2  # of the first step of two pixels
