@@ -96,7 +96,11 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
         repeated = LiveOptions.from_dict(_with_scene(base))
     except InputError as error:
         raise InputError(f"--config {config}: {error}") from None
-    return replace(repeated, **chosen, files=FileOptions(**(how | written)))
+    run = replace(repeated, **chosen, files=FileOptions(**(how | written)))
+    filtered = run.sensor is not None and not run.sensor.is_ideal
+    if filtered and "sensor" in chosen and "event_rule" not in chosen and run.event_rule == "linear-light":
+        return replace(run, event_rule=None)  # that was the quality's, which has another one for such a sensor
+    return run
 
 
 def _with_scene(options: dict[str, Any]) -> dict[str, Any]:

@@ -169,6 +169,9 @@ def detector_config(
         chosen = seen_by.detector(chosen, chosen.get("method", base.method))
     if chosen.get("method", base.method) != base.method:
         base = replace(base, window=None)
+    filtered = seen_by is not None and seen_by.sensor is not None and not seen_by.sensor.is_ideal
+    if base.event_rule == "linear-light" and (filtered or chosen.get("response", base.response) != "ln"):
+        base = replace(base, event_rule="interpolated")
     return replace(base, **chosen)
 
 

@@ -8,9 +8,12 @@ import pytest
 
 from clsim import scenes
 from clsim.cli.config import live_options
+from clsim.cli.detect import detector_config
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions
+from clsim.live.sensors import RecordedSensor
+from clsim.sensor import load_sensor
 
 SMALL = ("two-boxes", "--resolution", "32x24", "--fps", "60", "--frame-count", "7", "--threshold", "0.15,0.25")
 
@@ -128,6 +131,24 @@ def test_options_given_win_over_the_file(tmp_path: Path) -> None:
     assert live_options({"config": file, "quality": "draft"}).point == LiveOptions("cornell", quality="draft").point
     assert live_options({"config": file, "frame_count": 3}).duration_s is None
     assert live_options({"config": file, "duration": "2s"}).duration_s == 2.0
+
+
+def test_a_sensor_with_faults_takes_the_event_rule_that_it_can_have(tmp_path: Path) -> None:
+    """What `clsim live` told of a run with the ideal sensor, and `clsim render` of its frames."""
+    run = LiveOptions("cornell", quality="draft")
+    file = config(tmp_path, options=run.as_dict())
+    assert run.as_dict()["event_rule"] == "linear-light"
+    assert live_options({"config": file, "sensor": "davis346"}).point.event_rule == "interpolated"
+    assert live_options({"config": file, "sensor": "ideal"}).point.event_rule == "linear-light"
+    asked = live_options({"config": file, "sensor": "davis346", "event_rule": "linear-light"})
+    assert asked.point.event_rule == "linear-light"  # and is refused, since it was asked for
+
+    told = {"detector": {"method": "irradiance", "event_rule": "linear-light"}}
+    faulty, ideal = RecordedSensor(load_sensor("davis346")), RecordedSensor(load_sensor("ideal"))
+    assert detector_config("frames", told, {}, faulty).event_rule == "interpolated"
+    assert detector_config("frames", told, {"response": "lin-log"}).event_rule == "interpolated"
+    assert detector_config("frames", told, {}, ideal).event_rule == "linear-light"
+    assert detector_config("frames", told, {"event_rule": "linear-light"}, faulty).event_rule == "linear-light"
 
 
 def test_how_files_are_written_is_repeated_where_it_suits(tmp_path: Path) -> None:
