@@ -184,6 +184,9 @@ def make_cached(
     ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
     ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
 
+    ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
+    for only where the light is shown as it was ``earlier``.
+
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
     It writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
     """
@@ -201,6 +204,8 @@ def make_cached(
         own: wp.array(dtype=wp.vec3),
         traced: wp.array(dtype=int),
         learnt: wp.array(dtype=float),
+        own_before: wp.array(dtype=wp.vec3),
+        learnt_before: wp.array(dtype=float),
         again: int,
         out_planes: wp.array2d(dtype=float),
         out_again: wp.array(dtype=float),
@@ -223,8 +228,11 @@ def make_cached(
             return
         lit = _light(cells, things, seen.things, steering, settings.spectral)
         if again > 0:
-            lit = _finished(lit, own[pixel], own[pixel], settings.spectral)
-            seen_again = _shown(lit, steering.earlier, learnt[pixel])
+            lit = _finished(lit, own[pixel], own_before[pixel], settings.spectral)
+            learnt_then = learnt[pixel]
+            if steering.earlier:
+                learnt_then = learnt_before[pixel]
+            seen_again = _shown(lit, steering.earlier, learnt_then)
             out_again[first_pixel + wp.tid()] = brightness(seen_again, settings.spectral)
             return
         wanted = int(settings.samples)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,8 @@ class LightKeeper:
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
+            "own_before": self._own_before,
+            "learnt_before": self._learnt_before,
             "again": 0,
             "out_again": self.seen_again,
             **self._found,
@@ -120,20 +123,20 @@ class LightKeeper:
 
         What the paths of the last frame found is kept from now on. At a pace, a frame that comes too soon traces none.
         """
+        effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_before = -1, self._finest, self._finest
         if self._learns:
             self._learn()
-            asked.finest = self._finest = _finest_of(self.effort)
+            asked.finest = self._finest = _finest_of(effort)
             # The first frame is rendered twice, and what it learns is no gain over a frame before.
             asked.last_update = self._update if self._frames >= _PASSES_OF_FIRST else -1
-            if self.effort.spp != self._found["out_lights"].shape[0]:
-                self._make_room(self.effort.spp)
+            if effort.spp != self._found["out_lights"].shape[0]:
+                self._make_room(effort.spp)
             if self._pace_hz is not None:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
-        effort = self.effort
         self._gathering: Any = Gathering()
         self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
@@ -183,7 +186,7 @@ class LightKeeper:
         if self._pace_hz is None:
             return True
         # Times of frames are rounded to whole µs.
-        before, self._tick = self._tick, int((time_us + 1) * self._pace_hz / 1e6)
+        before, self._tick = self._tick, math.floor((time_us + 1) * self._pace_hz / 1e6)
         return self._frames < _PASSES_OF_FIRST or self._tick != before
 
     def _learn(self) -> None:

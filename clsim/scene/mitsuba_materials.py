@@ -130,7 +130,7 @@ class MaterialReader:
         return self._roughened(self._read_plastic(bsdf), bsdf)
 
     def _read_pplastic(self, bsdf: Plugin) -> Material:
-        """As rough plastic, whose base gets back what its coat reflects inwards; here that is lost."""
+        """As rough plastic, but light that the coat reflects back onto the base is lost, as it is in Mitsuba."""
         self._warn("the bsdf pplastic is rendered without polarisation")
         material = self._read_roughplastic(bsdf)
         passing = 1.0 - mean_reflectance(material.ior)
@@ -141,6 +141,8 @@ class MaterialReader:
         base = self._diffuse(bsdf, "diffuse_reflectance")
         specular = _reflectance(self.textures.color(bsdf, "specular_reflectance", 0.2, plain=True)[0])
         exponent = max(bsdf.get("exponent", 30.0), 0.0)
+        if bsdf.child("exponent") is not None:
+            self._warn("the texture of the exponent of the bsdf phong is left out; 30 stands in")
         whole = max(base.color) + max(specular)
         if base.texture >= 0 or not any(specular) or whole > 1.0:
             self._warn("the bsdf phong is rendered as diffuse")
@@ -314,7 +316,8 @@ def mean_reflectance(ior: float) -> float:
     """Return the share of diffuse light that a smooth surface reflects, of that index over the one around it."""
     x, w = np.polynomial.legendre.leggauss(64)
     cos_i = 0.5 * (x + 1.0)
-    cos_t = np.sqrt(np.maximum(1.0 - (1.0 - cos_i**2) / ior**2, 0.0))
+    # No square of the index, which may be as large as numbers go.
+    cos_t = np.sqrt(1.0 - np.minimum(np.sqrt(1.0 - cos_i**2) / ior, 1.0) ** 2)
     across = (cos_i - ior * cos_t) / (cos_i + ior * cos_t)
     along = (ior * cos_i - cos_t) / (ior * cos_i + cos_t)
     return float(np.sum(w * cos_i * 0.5 * (across**2 + along**2)))

@@ -46,9 +46,11 @@ def test_learning_fires_no_event():
     np.testing.assert_allclose(last, first, atol=1e-5)
 
 
-def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing():
+@pytest.mark.parametrize("light_hz", [None, 1e6])
+def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing(light_hz):
+    """Also where each frame is shown in the light as it was known before."""
     world = panning(textured_world())
-    once, twice = Run(world, **CACHED), Run(world, look_again=3, **CACHED)
+    once, twice = (Run(world, look_again=every, light_hz=light_hz, **CACHED) for every in (0, 3))
     for index in range(3):
         np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
         first, again = twice.tracer.seen_twice(twice.frame)
@@ -57,6 +59,7 @@ def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing
     # What shows one thing is seen alike.
     same = np.isclose(first, again, rtol=1e-4)
     assert 0.2 < same.mean() < 1.0
+    assert np.median(np.abs(np.log(again / first))) < 0.003
     with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`"):
         RenderOptions(look_again=3)
 
@@ -109,6 +112,25 @@ def test_at_a_pace_light_becomes_better_at_the_same_times_whatever_the_frames(fp
         if index % times == 0:
             np.testing.assert_array_equal(found.planes, few.fill(index // times).planes)
     assert (found.planes != first.planes).any()
+
+
+def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
+    """Else a frame would have more paths than there is room for."""
+
+    class Hurried(light_keeper.LightKeeper):
+        @property
+        def effort(self):
+            now, self._now = self._now, Effort(2 * self._now.spp, 1, 8)
+            return now
+
+        @effort.setter
+        def effort(self, value):
+            self._now = value
+
+    keeper = Hurried(4, 3, Effort(2, 1, 8), 0.01, True, None, 0, "cpu")
+    for index in range(3):
+        changed, paths = keeper.prepare(index, 1_000 * index)
+        assert changed["out_lights"].shape == (paths, 12)
 
 
 def test_a_table_that_grows_loses_nothing(monkeypatch):

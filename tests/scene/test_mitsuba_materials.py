@@ -238,3 +238,12 @@ def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path)
     assert (found.kind, found.distribution, found.alpha) == ("plastic", "beckmann", 0.1)
     np.testing.assert_allclose(found.color, 0.5 * (1 - closed), atol=1e-4)
     assert any("polarisation" in warning for warning in world.warnings)
+    # Of an index beyond all sense nothing passes, and nothing overflows.
+    assert material(tmp_path, bsdf.replace("1.5", "1e300") + "</bsdf>")[0].color == pytest.approx((0.0, 0.0, 0.0))
+
+
+def test_phong_tells_that_the_texture_of_its_exponent_is_left_out(tmp_path):
+    texture = '<texture type="checkerboard" name="exponent"/>'
+    found, world = material(tmp_path, f'<bsdf type="phong">{texture}</bsdf>', "0.6.0")
+    assert world.materials[found.blend_with].alpha == pytest.approx(np.sqrt(2 / 122))
+    assert any("exponent" in warning and "30 stands in" in warning for warning in world.warnings)
