@@ -161,7 +161,7 @@ class MaterialReader:
             k=WHITE,
             specular_color=_scaled(specular, 1.0 / share),
         )
-        matt = replace(base, color=_scaled(base.color, 1.0 / max(1.0 - share, 1e-9)))
+        matt = replace(base, color=_reflectance(_scaled(base.color, 1.0 / max(1.0 - share, 1e-9))))
         return replace(matt, blend_with=self._added(lobe), blend_share=share)
 
     def _read_conductor(self, bsdf: Plugin) -> Material:

@@ -12,5 +12,7 @@ def plainly(error: ErrorDetails) -> str:
     if error["type"] == "missing":
         return "is missing, expected a value"
     message = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
+    message = re.sub(r"a valid dictionary or instance of \w+$", "a table of keys", message)
+    message = message.replace("a valid boolean", "true or false").replace("a valid tuple", "a list")
     message = re.sub(r"^(Tuple|List|Dictionary) should have (.*) after validation, not \d+$", r"expected \2", message)
     return f"{message[0].lower()}{message[1:]}"

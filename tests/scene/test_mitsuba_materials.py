@@ -223,6 +223,11 @@ def test_phongs_lobe_and_base_keep_their_reflectances(tmp_path):
     slopes = np.exp(-((np.tan(away / 2) / lobe.alpha) ** 2))
     assert slopes == pytest.approx(np.cos(away) ** 20, rel=0.02)
     assert any("phong" in warning for warning in world.warnings)
+    # Where both reflect all light that comes, roundings must not make it more.
+    grey = '<spectrum name="{}" value="{}"/>'
+    both = grey.format("diffuseReflectance", 0.1) + grey.format("specularReflectance", 0.9)
+    found, _ = material(tmp_path, f'<bsdf type="phong">{both}</bsdf>', "0.6.0")
+    assert 0.999 < max(found.color) <= 1.0
 
 
 def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path):

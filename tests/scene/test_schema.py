@@ -57,7 +57,12 @@ def complaint(tmp_path, text):
             "[camera]\nkeyframes = [{time_s = 0.0, position = []}, {time_s = 1.0, position = [0, 0, 0, 1]}]\n",
             [f"camera.keyframes[{i}].position: expected three numbers such as [" for i in (0, 1)],
         ),
-        (CAMERA + "[camera.lens]\ndistortion = 1.0\n", ["camera.lens.distortion: expected a valid tuple, got 1.0"]),
+        (CAMERA + "[camera.lens]\ndistortion = 1.0\n", ["camera.lens.distortion: expected a list, got 1.0"]),
+        (CAMERA + "[materials.m]\nnonlinear = 1\n", ["materials.m.nonlinear: expected true or false, got 1"]),
+        (
+            CAMERA + "[materials.m]\nbump_texture = 'h.png'\n",
+            ["materials.m.bump_texture: expected a table of keys, got 'h.png'"],
+        ),
         ("[camera]\nposition = [0.0, inf, 0.0]\n", ["camera.position[1]", "finite", "inf"]),
         ("[camera]\nresolution = [8, 8]\n", ["camera: expected one of position, keyframes, orbit and trajectory"]),
         (CAMERA + "look_at = [0.0, 0.0, 3.0]\n", ["camera: position and look_at meet"]),
