@@ -1,6 +1,7 @@
 // Which pixels may fire, and the level of those that cannot.
 //
-// Work-item: a row, unless stated. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how many of each.
+// Work-item: a row, unless stated. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how
+// many of each.
 
 #include "model.clh"
 #include "brightness.clh"

@@ -184,7 +184,7 @@ EVENT_RULE = Annotated[
     EventRule | None,
     advanced(
         help="interpolated: each crossing gets its own time, the logarithm of light being linear between frames; "
-        "linear-light: light itself is; frame: at most one event a frame. [the quality's]"
+        "linear-light: light itself is; frame: at most one event a frame. [the quality's, else interpolated]"
     ),
 ]
 WINDOW = Annotated[
@@ -192,7 +192,10 @@ WINDOW = Annotated[
 ]
 CONFIDENCE = Annotated[
     float | None,
-    advanced(help="Standard errors by which brightness must have changed before an event is fired; irradiance. [0]"),
+    advanced(
+        help="Standard errors by which brightness must have changed before an event is fired; with method irradiance "
+        "alone. [0]"
+    ),
 ]
 HISTORY = Annotated[int | None, advanced(help="Frames whose windows form one regression, 1…5. [1]")]
 OPENCL = Annotated[str | None, advanced(help="Part of the name of the OpenCL device. [a GPU if there is one]")]
