@@ -22,6 +22,8 @@ _ROOM = 64
 """Events of a work-item in one step for which there is always room."""
 _SPARE = 4
 """How many times the room of a mean work-item all may have, so that few steps are run again."""
+_KEPT = 1 << 20
+"""Events for all of which room may be kept that other steps took; of large sensors it is what all may have."""
 _KINDS = {"t": np.int64, "x": np.uint16, "y": np.uint16, "on": np.uint8, "cause": np.uint8}
 REQUEST = np.dtype(list(_KINDS.items()))
 """An event that a pixel asks for, t in ns."""
@@ -87,7 +89,10 @@ class RealPixels:
         if (needed > self._room).any():
             # The state that went in is still there: run again, with room.
             all_have = min(2 * int(needed.max()), int(_SPARE * needed.mean()))
-            self._make_room(np.maximum(needed, all_have))
+            room = np.maximum(needed, all_have)
+            # What is busy in turn would make each step run twice.
+            kept = np.maximum(room, self._room)
+            self._make_room(kept if kept.sum() <= max(_KEPT, _SPARE * _ROOM * self._chunks) else room)
             counts = self._launch(kernel, path, knots)
         self._state, self._next_state = self._next_state, self._state
         if path.count:

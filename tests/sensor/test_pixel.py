@@ -379,3 +379,17 @@ def test_pixels_that_fire_very_often_take_memory_for_themselves_alone():
     assert set(np.bincount(events["x"], minlength=640)[100:164]) <= {499, 500} and (events["y"] == 50).all()
     room = bench.pixels._room
     assert room.max() >= 16_000 and room.sum() <= 5 * (len(events) + 64 * len(room))
+
+
+def test_what_is_busy_in_turn_runs_once_a_step_when_each_has_had_its_room(monkeypatch):
+    bench = Benchtop(with_stages(), 640, 100)
+    launches = []
+    launch = bench.pixels._launch
+    monkeypatch.setattr(bench.pixels, "_launch", lambda *given: launches.append(given) or launch(*given))
+    bench.to(0, 0.0)
+    level = np.zeros((100, 640))
+    for k in range(1, 9):
+        level[10 + 40 * (k % 2), 100:164] = 4.0 * (k % 4 < 2)
+        bench.to(1000 * k, level)
+    assert len(launches) == 9 + 2
+    assert bench.pixels._room.sum() <= 1 << 20
