@@ -237,8 +237,8 @@ class ImageTable(Table):
 class MaterialTable(Table):
     """A surface; colours are linear Rec. 709."""
 
-    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled", "disney"] = (
-        "diffuse"
+    kind: Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic", "principled", "disney"] = Field(
+        "diffuse", description="principled is glTF's, disney is Mitsuba's principled"
     )
     color: Reflectance | None = Field(None, description="reflectance or base colour 0…1, default 0.5; metal, glass 1")
     texture: ImageTable | None = Field(None, description="times the colour, whose default is then 1")
@@ -262,7 +262,7 @@ class MaterialTable(Table):
     specular_color: Reflectance = (1.0, 1.0, 1.0)
     distribution: Literal["ggx", "beckmann"] = Field("ggx", description="of a conductor, dielectric or plastic")
     stretch: Positive = Field(
-        1.0, description="of a conductor, dielectric or disney: alpha times this along u, over this along v"
+        1.0, description="of a conductor, dielectric or disney: squared roughness times this along u, over this along v"
     )
     absorption: Radiance = Field((0.0, 0.0, 0.0), description="within a dielectric or disney glass, per metre")
     nonlinear: Flag = Field(False, description="whether inner reflections shift the colour of plastic")
@@ -275,7 +275,7 @@ class MaterialTable(Table):
     clearcoat_roughness: Share = 0.0
     normal_texture: ImageTable | None = None
     normal_scale: Number = 1.0
-    bump_texture: ImageTable | None = Field(None, description="its luminance, of numbers as they are, is height")
+    bump_texture: ImageTable | None = Field(None, description="its luminance is height, without sRGB's curve")
     bump_scale: Number = Field(1.0, description="metres of height for a luminance of 1")
     alpha_mode: Literal["opaque", "mask", "blend"] = "opaque"
     alpha_cutoff: Share = 0.5
