@@ -64,7 +64,8 @@ class LightData:
         cumulative = steps(np.cumsum(_shares(power, far, in_tree, lights.first_sphere, environment)))
         probability = np.diff(cumulative, prepend=np.float32(0.0))
         lights.cumulative = array(cumulative, wp.float32, device)
-        lights.probability = array(probability, wp.float32, device)
+        # One more: where all is dark, what is drawn lies beyond the last entry.
+        lights.probability = array(np.append(probability, np.float32(0.0)), wp.float32, device)
         lights.instance = array(triangles.instance, wp.int32, device)
         lights.triangle = array(triangles.triangle, wp.int32, device)
         lights.instance_first = array(triangles.instance_first[:-1], wp.int32, device)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render import environment
+from clsim.render import SceneData, environment
 from clsim.render.devices import start_warp
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 
@@ -211,7 +211,12 @@ def test_neighbouring_pixels_have_unrelated_errors():
 
 def test_a_black_map_is_dark():
     dark = EnvironmentMap(np.zeros((4, 8, 3), np.float32), np.eye(3))
-    assert np.all(hw.radiance(hw.render(floor(environment_map=dark), spp=4)) == 0)
+    scene = floor(environment_map=dark)
+    assert np.all(hw.radiance(hw.render(scene, spp=4)) == 0)
+    lights = SceneData(scene).scene.lights
+    # What is drawn then lies beyond the last entry of one table, and has an entry of none in the other.
+    drawn = int(np.searchsorted(lights.cumulative.numpy(), environment.STEP))
+    assert drawn == len(lights.cumulative) and lights.probability.numpy()[drawn] == 0
 
 
 def test_motion_of_the_camera_does_not_move_the_sky():
