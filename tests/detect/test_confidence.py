@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.reference import ReferenceDetector
 from clsim.detector import Detector, check_sensor
 from clsim.errors import InputError
 from clsim.sensor import Specimen
@@ -59,3 +60,11 @@ def test_it_is_refused_where_it_would_do_nothing():
     assert DetectorConfig("irradiance", confidence=2.0).unused() == ()
     with pytest.raises(InputError, match="`confidence` is for the ideal sensor, but `sensor` is davis346"):
         check_sensor(DetectorConfig("irradiance", confidence=2.0), Specimen(load_sensor("davis346")))
+    with pytest.raises(InputError, match="the float64 reference has no `confidence`: expected 0, got 2"):
+        ReferenceDetector(DetectorConfig("irradiance", confidence=2.0), 4, 3, ())
+
+
+@pytest.mark.parametrize("value", [-1.0, 100.5, float("nan"), float("inf")])
+def test_confidence_is_a_number_of_standard_errors(value):
+    with pytest.raises(InputError, match="`confidence` must be (from 0 to 100|a finite number), got"):
+        DetectorConfig("irradiance", confidence=value)

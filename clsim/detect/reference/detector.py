@@ -51,7 +51,11 @@ class ReferenceDetector:
         The gate `published` always has the authors' Epanechnikov kernel. The bandwidths `tsvd` and `optimised` are
         chosen per pixel (see `clsim.detect.reference.bandwidth`) and need the variance planes.
 
+        Raises:
+            InputError: ``config`` demands ``confidence``, of which the reference knows nothing.
         """
+        if config.strategy.knows_error and config.confidence > 0:
+            raise InputError(f"the float64 reference has no `confidence`: expected 0, got {config.confidence:g}")
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
         self.config = config
