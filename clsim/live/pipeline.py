@@ -309,6 +309,8 @@ class Pipeline:
                 frame = self._ring.acquire()
                 if self._governed is not None and self._governed.apply(cast(Steerable, source)):
                     self._continuity.restart_at(index)
+                    if self._second_look is not None:
+                        self._second_look.begin_anew()
                 shown = schedule.source_index(index)
                 if renoising is not None:
                     renoising.noise_offset = index - shown

@@ -87,8 +87,9 @@ class SecondLook:
         """Go on to a frame, in which both looks saw ``luminance`` ``[2, n]``; an earlier time begins anew."""
         config = self._config
         level = np.log(np.maximum(config.scale * luminance.astype(np.float64), config.floor))
-        if not self._looks or time_us <= self._time_us:
-            self._compare()
+        if time_us <= self._time_us:
+            self.begin_anew()
+        if not self._looks:
             known = np.where(np.isfinite(level), level, np.nan)
             self._looks = [_Look(each, each.copy(), []) for each in known]
             self._since_us = time_us
@@ -99,6 +100,11 @@ class SecondLook:
         kept = sum(len(stamps) for look in self._looks for _, stamps in look.fired)
         if time_us - self._since_us >= _STRETCH_US or kept > _MOST_EVENTS:
             self._compare()
+
+    def begin_anew(self) -> None:
+        """Take the next frame for a first one, as the detector does where the samples of a pixel become others."""
+        self._compare()
+        self._looks = []
 
     @property
     def noise_share(self) -> float | None:

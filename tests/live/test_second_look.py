@@ -52,11 +52,14 @@ def test_few_events_tell_nothing():
     assert noise_share(np.where(np.arange(PIXELS) < 2, rising, -1.0).repeat(2, axis=0)) == 0.0
 
 
-def test_a_new_pass_begins_anew():
-    """A jump at the seam of a loop is no event of either look."""
+@pytest.mark.parametrize("seam_us", [0, 2 * STEP_US])
+def test_a_new_pass_begins_anew(seam_us):
+    """A jump at the seam of a loop is no event of either look, nor is one where the governor changes the samples."""
     second_look = SecondLook(CONFIG)
-    for time_us, luminance in ((0, [1.0, 1.0]), (STEP_US, [1.0, 1.0]), (0, [9.0, 1.0]), (STEP_US, [9.0, 1.0])):
-        second_look.take(np.tile(np.float32(luminance)[:, None], PIXELS), time_us)
+    for time_us, first in ((0, 1.0), (STEP_US, 1.0), (seam_us, 9.0), (seam_us + STEP_US, 9.0)):
+        if first == 9.0 and time_us == 2 * STEP_US:
+            second_look.begin_anew()
+        second_look.take(np.tile(np.float32([first, 1.0])[:, None], PIXELS), time_us)
     assert second_look.noise_share is None
 
 
