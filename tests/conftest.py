@@ -38,10 +38,21 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
         config.option.dist = "worksteal"
 
 
-def pytest_configure() -> None:
-    """Undo what a shell does to its background jobs: programs that tests start would ignore interrupts too."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Let interrupts work, and compile kernels in half the time: they render little here.
+
+    What a kernel computes does not hang on how much it is optimised. With ``--own-kernels``, and in programs that tests
+    start, kernels are compiled as for users.
+    """
+    # A shell's background jobs ignore interrupts, and so would programs that tests start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+    if not (config.option.own_kernels or config.option.collectonly):
+        import warp as wp
+
+        wp.config.optimization_level = 1
+        # Warp's flags beside these would inline all that is called.
+        wp.config.cpu_compiler_flags = "-march=native -fno-vectorize -fno-slp-vectorize"
 
 
 @pytest.fixture(autouse=True)
