@@ -41,8 +41,8 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Let interrupts work, and compile kernels in half the time: they render little here.
 
-    What a kernel computes does not hang on how much it is optimised. With ``--own-kernels``, and in programs that tests
-    start, kernels are compiled as for users.
+    What a kernel computes does not hang on how much it is optimised. With ``--own-kernels`` all are compiled as for
+    users, and rendering always is in programs that tests start.
     """
     # A shell's background jobs ignore interrupts, and so would programs that tests start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -50,6 +50,7 @@ def pytest_configure(config: pytest.Config) -> None:
     if not (config.option.own_kernels or config.option.collectonly):
         import warp as wp
 
+        os.environ.setdefault("PYOPENCL_BUILD_OPTIONS", "-cl-opt-disable")
         wp.config.optimization_level = 1
         # Warp's flags beside these would inline all that is called.
         wp.config.cpu_compiler_flags = "-march=native -fno-vectorize -fno-slp-vectorize"
