@@ -215,7 +215,7 @@ def test_a_recording_plays_in_a_terminal(recording: Path) -> None:
 
 
 def test_a_live_run_shows_itself_in_a_terminal() -> None:
-    run = ("live", "two-boxes", "--resolution", "64x48", "--spp", "2", "--duration", "60ms")
+    run = ("live", "cornell", "--resolution", "32x24", "--duration", "60ms")
     status, printed = in_terminal(*run)
     assert status == 0 and "\x1b[?2026h" in printed and "of real time" in printed and "\x1b[?25h" in printed
 

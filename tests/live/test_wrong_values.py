@@ -33,7 +33,7 @@ WRONG: dict[str, list[Any]] = {
     "files": [3, 0, "text", {"frame": True}, {"frames": 3}],
     "seed": ["1", 1.0, -1, True, None],
     "spp": ["8", 8.5, 0, NO_REPR, 10**5000],
-    "confidence": ["2", -1, math.nan, math.inf, 1e300],
+    "confidence": ["2", None, True, math.nan, math.inf],
     "method": ["v2e", 1],
     "gate": ["published", 1],
     "window": ["7", 7.0],
