@@ -144,7 +144,9 @@ class MaterialReader:
         if bsdf.child("exponent") is not None:
             self._warn("the texture of the exponent of the bsdf phong is left out; 30 stands in")
         whole = max(base.color) + max(specular)
-        if base.texture >= 0 or not any(specular) or whole > 1.0:
+        if max(specular) < 1e-9:
+            return base
+        if base.texture >= 0 or whole > 1.0:
             self._warn("the bsdf phong is rendered as diffuse")
             return base
         self._warn("the bsdf phong is rendered as diffuse with a lobe of Beckmann's microfacets")

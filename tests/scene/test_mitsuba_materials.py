@@ -228,6 +228,11 @@ def test_phongs_lobe_and_base_keep_their_reflectances(tmp_path):
     both = grey.format("diffuseReflectance", 0.1) + grey.format("specularReflectance", 0.9)
     found, _ = material(tmp_path, f'<bsdf type="phong">{both}</bsdf>', "0.6.0")
     assert 0.999 < max(found.color) <= 1.0
+    # Without a lobe it is diffuse, of which there is nothing to tell.
+    for none in ("0", "1e-320"):
+        bsdf = f'<bsdf type="phong">{grey.format("specularReflectance", none)}</bsdf>'
+        found, world = material(tmp_path, bsdf, "0.6.0")
+        assert found.blend_with == -1 and found.color == (0.5, 0.5, 0.5) and not world.warnings
 
 
 def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path):
