@@ -12,7 +12,7 @@ import warp as wp
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Steerer
+from clsim.render.effort import Effort, Steerer
 from clsim.render.features import light_stands_still
 from clsim.render.film import Sample
 from clsim.render.integrator import Settings, build_kernel
@@ -103,7 +103,7 @@ class View:
         self._device = data.device
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
-        self._sharp = features.sharp
+        sharp = features.sharp
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         if features.motion_blur:
@@ -121,10 +121,10 @@ class View:
                 from clsim.render.light_keeper import LightKeeper
 
                 self._steerer = LightKeeper(
-                    *size, effort, pixel_angle, self._sharp, options.light_hz, options.look_again, self._device
+                    *size, effort, pixel_angle, sharp, options.light_hz, options.look_again, self._device
                 )
             else:
-                self._steerer = Steerer(*size, effort, pixel_angle, self._sharp, board, self._device)
+                self._steerer = Steerer(*size, effort, pixel_angle, sharp, board, self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass
@@ -178,7 +178,7 @@ class View:
             while unfinished:
                 steering, self._settings.samples = self._steerer.prepare(index, time_us)
                 changed |= steering
-                if self._looks_at_corners:
+                if steering["steering"].looks.steps:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
                 unfinished = self._steerer.finish()
@@ -287,10 +287,6 @@ class View:
         else:
             arguments |= {"corner_pass": False, "corners": self._corners} | self._steerer.arguments
         return record(self._kernel, tile, self._device, **arguments)
-
-    @property
-    def _looks_at_corners(self) -> bool:
-        return self._sharp and self.effort.first_hit_rays >= ENOUGH_FOR_EDGES
 
     def _render(self, changed: dict[str, Any], count: int) -> None:
         """Render so many pixels, or corners of pixels, with those arguments of the kernel that have changed."""

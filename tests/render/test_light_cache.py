@@ -133,6 +133,23 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         assert changed["out_lights"].shape == (paths, 12)
 
 
+def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
+    """Corners of pixels are seen for as many rays as the frame has."""
+    calm, hurried = (Run(textured_world(), **CACHED) for _ in range(2))
+    keeper = hurried.tracer.light_keeper
+    prepare = keeper.prepare
+
+    def prepare_and_change(*arguments):
+        keeper.effort = Effort(4, 1, 8)
+        found = prepare(*arguments)
+        keeper.effort = Effort(4, 1, 4)
+        return found
+
+    keeper.prepare = prepare_and_change
+    for index in range(2):
+        np.testing.assert_array_equal(hurried.fill(index).planes, calm.fill(index).planes)
+
+
 def test_a_table_that_grows_loses_nothing(monkeypatch):
     world = panning(textured_world())
     large = Run(world, **CACHED)
