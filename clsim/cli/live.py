@@ -133,9 +133,8 @@ def live(
         view = default_view(outputs, as_json=as_json)
     _check_standard_output(outputs, view, as_json)
     about_the_command = ("out", "view", "port", "as_json")
-    options = live_options(
-        {name: value for name, value in given.items() if name not in about_the_command} | {"outputs": outputs or None}
-    )
+    settings = {name: value for name, value in given.items() if name not in about_the_command}
+    options = live_options(settings | {"outputs": outputs or None})
     if governor and options.pace != "real":
         raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
     check(view, as_json=as_json)

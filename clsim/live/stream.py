@@ -190,13 +190,11 @@ def stream(
         seed: of all random numbers.
         spp, sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window:
             in place of the quality's own.
-        history, confidence, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict:
-            see `clsim.live.options.LiveOptions` for these and those above.
         truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
-        frame_rate, pose_rate, imu_rate, imu_noise: of truth; see LiveOptions.
+        history, confidence, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict,
+            frame_rate, pose_rate, imu_rate, imu_noise: see `clsim.live.options.LiveOptions`.
 
     Raises:
         InputError: a scene or option cannot be used.
     """
-    given: dict[str, Any] = locals() | {"files": FileOptions() if files is None else files}
-    return Stream(LiveOptions(**given))
+    return Stream(LiveOptions(**locals() | {"files": FileOptions() if files is None else files}))
