@@ -106,9 +106,14 @@ def _distance_ahead(world: World, origin: F64, direction: F64) -> float:
     nearest, middles = math.inf, []
     for instance in world.instances:
         mesh, matrix = world.meshes[instance.mesh], instance.motion.pose(0.0)
-        inverse = np.linalg.inv(matrix)
-        start, ray = inverse[:3, :3] @ origin + inverse[:3, 3], inverse[:3, :3] @ direction
-        nearest = min(nearest, _first_hit(mesh.vertices, mesh.triangles, start, ray))
+        vertices, start, ray = mesh.vertices, origin, direction
+        if np.linalg.det(matrix) == 0:
+            # Squeezed flat: the way back into the mesh's own space does not exist.
+            vertices = (vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
+        else:
+            inverse = np.linalg.inv(matrix)
+            start, ray = inverse[:3, :3] @ origin + inverse[:3, 3], inverse[:3, :3] @ direction
+        nearest = min(nearest, _first_hit(vertices, mesh.triangles, start, ray))
         middles.append(matrix[:3, :3] @ mesh.vertices.mean(axis=0, dtype=np.float64) + matrix[:3, 3])
     if math.isfinite(nearest):
         return nearest

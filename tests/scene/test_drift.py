@@ -1,6 +1,7 @@
 """The motion of a camera in a scene that stands still: it needs room, and must not leave the room it is in."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,14 @@ def test_between_walls_the_widest_circle_is_taken(sides_m, away):
 def test_without_anything_to_meet_the_circle_is_the_full_one():
     world = drifting(World("void", Camera(32, 24, 60.0, IDENTITY)))
     assert world.camera.motion.radius_m == 0.03 * world.camera.motion.distance_m == 0.03
+
+
+def test_what_is_squeezed_flat_is_met_where_it_is():
+    world = still()
+    flat = compose(EYE, TURN) @ np.diag((1.0, 1.0, 0.0, 1.0))
+    flat[:3, 3] -= 2.0 * TURN[:, 2]
+    squeezed = replace(world, meshes=(wall(2, -AHEAD_M),), instances=(Instance(0, Static(flat)),))
+    np.testing.assert_allclose(drifting(squeezed).camera.motion.distance_m, 2.0, rtol=1e-6)
 
 
 @pytest.mark.skipif(not LIVING_ROOM.is_dir(), reason="the real scenes are not beside this checkout")
