@@ -97,10 +97,14 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
     except InputError as error:
         raise InputError(f"--config {config}: {error}") from None
     run = replace(repeated, **chosen, files=FileOptions(**(how | written)))
-    filtered = run.sensor is not None and not run.sensor.is_ideal
-    if filtered and "sensor" in chosen and "event_rule" not in chosen and run.event_rule == "linear-light":
+    other = "sensor" in chosen and _filtered(run) != _filtered(repeated)
+    if other and "event_rule" not in chosen and run.event_rule != "frame":
         return replace(run, event_rule=None)  # that was the quality's, which has another one for such a sensor
     return run
+
+
+def _filtered(run: LiveOptions) -> bool:
+    return run.sensor is not None and not run.sensor.is_ideal
 
 
 def _with_scene(options: dict[str, Any]) -> dict[str, Any]:

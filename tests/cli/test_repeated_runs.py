@@ -142,6 +142,9 @@ def test_a_sensor_with_faults_takes_the_event_rule_that_it_can_have(tmp_path: Pa
     assert live_options({"config": file, "sensor": "ideal"}).point.event_rule == "linear-light"
     asked = live_options({"config": file, "sensor": "davis346", "event_rule": "linear-light"})
     assert asked.point.event_rule == "linear-light"  # and is refused, since it was asked for
+    seen = config(tmp_path, options=live_options({"config": file, "sensor": "davis346"}).as_dict())
+    assert live_options({"config": seen, "sensor": "dvs128"}).point.event_rule == "interpolated"
+    assert live_options({"config": seen, "sensor": "ideal"}).point.event_rule == "linear-light"
 
     told = {"detector": {"method": "irradiance", "event_rule": "linear-light"}}
     faulty, ideal = RecordedSensor(load_sensor("davis346")), RecordedSensor(load_sensor("ideal"))
