@@ -83,8 +83,9 @@ class _Edge:
     """What the corners tell, and how far the edge is placed.
 
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
-    seen, with an edge in between that looks straight as far as one knows. ``marks`` has a bit for each corner that sees
-    ``second`` and not ``first``. ``area`` is the share of the first; the edge goes through ``place``, ``along`` there.
+    seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
+    and the row ``second`` of the corners has the other. ``marks`` has a bit for each corner that sees the second.
+    ``area`` is the share of the first; the edge goes through ``place``, ``along`` there.
 
     The edge crosses the pixel's border in some of its four sides, which are taken in turn: ``side`` is the one where
     rays look for it now, 4 where none is left. It lies behind ``low`` and within twice ``step``, as shares of the side
@@ -97,8 +98,7 @@ class _Edge:
     flat: bool
     marks: int
     rays: int
-    first: Sample
-    second: Sample
+    second: int
     area: float
     place: wp.vec2
     along: wp.vec2
@@ -156,13 +156,13 @@ def _next_side(edge: _Edge, side: int, steps: int) -> _Edge:
 
 
 @wp.func
-def _narrow(edge: _Edge, sample: Sample, looks: Looks) -> _Edge:
+def _narrow(edge: _Edge, sample: Sample, corners: wp.array(dtype=Sample), nearest: int, looks: Looks) -> _Edge:
     """Halve what is left of a side by a ray to its middle; after the last one, the edge crosses it there."""
     e = edge
     e.rays = e.rays + 1
-    if _alike(sample, e.first, e.by_colour, looks.pixel_angle):
+    if _alike(sample, corners[nearest], e.by_colour, looks.pixel_angle):
         e.low = e.low + e.step
-    elif not _alike(sample, e.second, e.by_colour, looks.pixel_angle):
+    elif not _alike(sample, corners[e.second], e.by_colour, looks.pixel_angle):
         e.straight = False
     e.steps = e.steps - 1
     if e.steps > 0:
@@ -251,35 +251,36 @@ def make_look(
         edge.side = 4
         edge.rays = 1
         edge.by_colour = True
-        edge.first = corners[nearest]
-        sound = _sound(edge.first)
+        first = corners[nearest]
+        sound = _sound(first)
         colours = int(0)
         third = bool(False)
         one_material = bool(True)
         for i in range(1, 4):
             place = _corner(i)
-            sample = corners[nearest + int(place[0]) + int(place[1]) * row]
+            other = nearest + int(place[0]) + int(place[1]) * row
+            sample = corners[other]
             sound = sound and _sound(sample)
-            one_material = one_material and sample.material == edge.first.material
-            if not same_surface(sample, edge.first, looks.pixel_angle):
+            one_material = one_material and sample.material == first.material
+            if not same_surface(sample, first, looks.pixel_angle):
                 if edge.by_colour:
                     # Colours matter on one surface only.
                     edge.by_colour = False
-                    edge.second = sample
+                    edge.second = other
                     third = False
-                elif not same_surface(sample, edge.second, looks.pixel_angle):
+                elif not same_surface(sample, corners[edge.second], looks.pixel_angle):
                     third = True
                 edge.marks = edge.marks | (1 << i)
-            elif edge.by_colour and not same_colour(sample, edge.first):
+            elif edge.by_colour and not same_colour(sample, first):
                 if colours == 0:
-                    edge.second = sample
-                elif not same_colour(sample, edge.second):
+                    edge.second = other
+                elif not same_colour(sample, corners[edge.second]):
                     third = True
                 colours = colours | (1 << i)
         if edge.by_colour:
             edge.marks = colours
         edge.plain = sound and edge.marks == 0
-        edge.flat = sound and edge.by_colour and one_material and flat(scene, edge.first)
+        edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
         return edge
@@ -312,7 +313,7 @@ def make_look(
                 if edge.flat:
                     footprint = _footprint(corners, nearest, row)
                 if edge.plain or edge.flat:
-                    number = begin_thing(things, number, edge.first)
+                    number = begin_thing(things, number, corners[nearest])
                 if edge.straight:
                     edge = _next_side(edge, 0, looks.steps)
         inside = int(0)
@@ -353,16 +354,16 @@ def make_look(
                     corners[nearest] = sample
                     break
             if places:
-                edge = _narrow(edge, sample, looks)
+                edge = _narrow(edge, sample, corners, nearest, looks)
                 if edge.side >= 4 and edge.straight:
-                    number = begin_thing(things, number, edge.first)
-                    number = begin_thing(things, number, edge.second)
+                    number = begin_thing(things, number, corners[nearest])
+                    number = begin_thing(things, number, corners[edge.second])
             else:
                 inside = inside + 1
                 if _sound(sample):
                     k = int(0)
                     if edge.flat:
-                        edge.flat = _on_surface(footprint, edge.first, sample, place, looks.pixel_angle)
+                        edge.flat = _on_surface(footprint, corners[nearest], sample, place, looks.pixel_angle)
                         edge.plain = edge.plain and edge.flat
                     if not edge.flat:
                         k = find_thing(things, number, sample, edge.by_colour, looks.pixel_angle)
@@ -382,7 +383,7 @@ def make_look(
         finish_things(things, number, edge.straight, edge.area)
         if wp.static(edges):
             if edge.flat:
-                albedo = mean_albedo(scene, edge.first, footprint, looks.texels)
+                albedo = mean_albedo(scene, corners[nearest], footprint, looks.texels)
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
         seen = Seen()
         seen.things = number
