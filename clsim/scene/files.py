@@ -7,6 +7,7 @@ what lies in its own folder, and in the folders that its user lists in the varia
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 from pathlib import Path, PureWindowsPath
@@ -14,8 +15,15 @@ from urllib.parse import unquote
 
 from clsim.errors import InputError
 
+USD_ENDINGS = (".usd", ".usda", ".usdc", ".usdz")
 FOLDERS = "CLSIM_ASSET_FOLDERS"
 """The environment variable with further folders for assets, separated as in ``PATH``."""
+
+
+def need_usd(path: Path) -> None:
+    """Raise InputError where the library that reads USD files is missing."""
+    if importlib.util.find_spec("pxr") is None:
+        raise InputError(f"{path}: USD files need usd-core; install it with: pip install 'clsim[usd]'")
 
 
 def named_file(reference: str, folder: Path) -> Path:

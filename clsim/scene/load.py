@@ -12,6 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.drift import drifting
+from clsim.scene.files import USD_ENDINGS, need_usd
 from clsim.scene.motion import Motion
 from clsim.scene.paths import on_path, read_path
 from clsim.scene.trajectory import Axes, Interpolation
@@ -19,7 +20,7 @@ from clsim.scene.validate import validate
 from clsim.scene.world import Material, World
 from clsim.values import read_value
 
-SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt")
+SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt", *USD_ENDINGS)
 
 
 def load_world(
@@ -31,7 +32,7 @@ def load_world(
     camera_axes: Axes = "opencv",
     camera_interpolation: Interpolation = "linear",
 ) -> World:
-    """Load a bundled scene by name, or a file: TOML, glTF, OBJ, PLY, Mitsuba's XML or pbrt-v4's.
+    """Load a bundled scene by name, or a file: TOML, glTF, USD, OBJ, PLY, Mitsuba's XML or pbrt-v4's.
 
     ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
     set in motion; a TOML's stays where it is.
@@ -150,6 +151,11 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
         from clsim.scene.pbrt_scene import load_pbrt
 
         return load_pbrt(path)
+    if suffix in USD_ENDINGS:
+        need_usd(path)
+        from clsim.scene.usd_scene import load_usd
+
+        return load_usd(path)
     from clsim.scene.trimesh_scene import load_bare
 
     return load_bare(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from clsim.scene.world import TEXTURES, Camera, Instance, Material, Mesh, PunctualLight, Texture
+from clsim.scene.world import TEXTURES, Camera, Instance, Material, Mesh, PunctualLight, SphereLight, Texture
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Parts:
     duration_s: float = 0.0
     warnings: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    spheres: list[SphereLight] = field(default_factory=list)
 
 
 def with_textures_from(material: Material, first: int) -> Material:

@@ -14,12 +14,13 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.driven import place_of
+from clsim.scene.files import USD_ENDINGS, need_usd
 from clsim.scene.motion import Motion
 from clsim.scene.trajectory import MAX_BYTES, Axes, Interpolation, Timed, joined, read_tum
 from clsim.scene.world import World
 from clsim.values import read_text
 
-ENDINGS = (".txt", ".tum", ".csv", ".npz", ".glb", ".gltf")
+ENDINGS = (".txt", ".tum", ".csv", ".npz", ".glb", ".gltf", *USD_ENDINGS)
 _UNITS_S = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _PLACE = ("x", "y", "z", "qx", "qy", "qz", "qw")
 _ALIKE = {f"{prefix}{axis}": axis for prefix in ("p", "t", "p_", "t_") for axis in "xyz"} | {
@@ -34,7 +35,7 @@ def read_path(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation
     ``.txt`` and ``.tum`` are TUM's format. ``.csv`` has a header that names the columns x, y, z, qx, qy, qz, qw and a
     time with its unit, such as ``time_s``, ``timestamp_us`` or ``t_ns``; ESIM's, without a header, has t [ns] first.
     ``.npz`` has a time likewise, ``[n]``, and ``poses`` ``[n, 4, 4]``, or ``positions`` ``[n, 3]`` with ``quaternions``
-    x, y, z, w ``[n, 4]``. ``.glb`` and ``.gltf`` lend their first camera, with its own axes and interpolation.
+    x, y, z, w ``[n, 4]``. ``.glb``, ``.gltf`` and USD lend their first camera, with its own axes and interpolation.
 
     Args:
         path: the file.
@@ -51,6 +52,11 @@ def read_path(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation
         from clsim.scene.gltf_scene import read_camera
 
         return read_camera(path).motion
+    if suffix in USD_ENDINGS:
+        need_usd(path)
+        from clsim.scene.usd_scene import read_usd_camera
+
+        return read_usd_camera(path).motion
     if suffix == ".csv":
         return joined(path, _read_csv(path), axes, interpolation)
     if suffix == ".npz":

@@ -192,7 +192,7 @@ class SphereTable(ObjectTable):
 class FileTable(ObjectTable):
     """A mesh file."""
 
-    file: str = Field(description=".obj, .ply, .gltf or .glb, relative to the TOML's folder")
+    file: str = Field(description=".obj, .ply, .gltf, .glb or USD, relative to the TOML's folder")
 
 
 OBJECTS: dict[str, type[ObjectTable]] = {"box": BoxTable, "quad": QuadTable, "sphere": SphereTable, "file": FileTable}

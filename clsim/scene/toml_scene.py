@@ -15,7 +15,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene import shapes
-from clsim.scene.files import named_file
+from clsim.scene.files import USD_ENDINGS, named_file, need_usd
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.images import PixelBudget, read_linear, read_texture
 from clsim.scene.motion import (
@@ -90,7 +90,7 @@ def load_toml(path: Path) -> World:
     for i, table in enumerate(scene.objects):
         with _collecting(problems, f"{path}: objects[{i}]"):
             builder.add_object(i, table)
-    lights: list[SphereLight] = []
+    lights = builder.sphere_lights
     for i, light in enumerate(scene.sphere_lights):
         with _collecting(problems, f"{path}: sphere_lights[{i}]"):
             motion, modulation = _motion(light), read_modulation(light.modulation)
@@ -143,6 +143,7 @@ class _Builder:
         self.materials: list[Material] = [Material()]
         self.textures: list[Texture] = []
         self.punctual_lights: list[PunctualLight] = []
+        self.sphere_lights: list[SphereLight] = []
         self.warnings: list[str] = []
         self.notes: list[str] = []
         self.budget = PixelBudget()
@@ -277,6 +278,11 @@ class _Builder:
         for light in parts.lights:
             placed = Nested(Attached(motion, stretch), light.motion)
             self.punctual_lights.append(replace(light, motion=placed, name=f"{name}/{light.name}"))
+        for sphere in parts.spheres:
+            placed = Nested(Attached(motion, stretch), sphere.motion)
+            size = float(np.cbrt(np.linalg.det(stretch[:3, :3])))
+            radius_m = sphere.radius_m * size
+            self.sphere_lights.append(replace(sphere, motion=placed, radius_m=radius_m, name=f"{name}/{sphere.name}"))
 
 
 def _read_parts(path: Path) -> Parts:
@@ -284,6 +290,11 @@ def _read_parts(path: Path) -> Parts:
         from clsim.scene.gltf_scene import read_gltf
 
         return read_gltf(path)
+    if path.suffix.lower() in USD_ENDINGS:
+        need_usd(path)
+        from clsim.scene.usd_scene import read_usd
+
+        return read_usd(path)
     from clsim.scene.trimesh_scene import load_parts
 
     return load_parts(path)

@@ -1,0 +1,84 @@
+"""Copies of prims at points (``UsdGeomPointInstancer``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pxr import Usd, UsdGeom
+
+from clsim.scene.motion import Matrix
+from clsim.scene.usd_motion import moving_codes
+from clsim.scene.usd_stage import Stage
+
+I64 = npt.NDArray[np.int64]
+MAX_KEPT = 1 << 21
+"""Matrices that are remembered."""
+_PLACES = ("positions", "orientations", "orientationsf", "scales", "velocities", "accelerations", "angularVelocities")
+
+
+class Copies:
+    """What an instancer copies, and where to.
+
+    Attributes:
+        prototypes: the prims.
+        which: of each copy the number of its prototype ``[n]``, −1 where it is not shown.
+        codes: time codes at which the copies or their instancer move; [] where they stand still.
+    """
+
+    def __init__(self, stage: Stage, prim: Any, prototypes: list[Any], which: I64) -> None:
+        """Take what `copies` found."""
+        self.prototypes, self.which = prototypes, which
+        self._stage, self._prim, self._source = stage, prim, UsdGeom.PointInstancer(prim)
+        own = {code for name in _PLACES for code in stage.times(prim.GetAttribute(name))}
+        self.codes = sorted({*own, *moving_codes(stage, prim)})
+        self._found: dict[float, Matrix] = {}
+
+    def at(self, code: float) -> Matrix:
+        """Return the matrices from the prototypes' own spaces to our world ``[n, 4, 4]``."""
+        if code not in self._found:
+            if len(self._found) * len(self.which) > MAX_KEPT:
+                self._found.clear()
+            time = Usd.TimeCode(code)
+            exclude = UsdGeom.PointInstancer.ExcludeProtoXform
+            found = self._source.ComputeInstanceTransformsAtTime(time, time, exclude, UsdGeom.PointInstancer.IgnoreMask)
+            rows = np.array(found, np.float64).reshape(-1, 4, 4)
+            self._found[code] = self._stage.to_world(self._prim, code) @ rows.transpose(0, 2, 1)
+        return self._found[code]
+
+    def place(self, number: int, inside: Matrix) -> Callable[[float], Matrix]:
+        """Return where a part of a copy is at time codes; ``inside`` leads from the part to its prototype's place."""
+        return lambda code: self.at(code)[number] @ inside
+
+    def inside(self, part: Any, root: Any) -> Matrix:
+        """Return the matrix from a part of a prototype to the space in which the prototype stands."""
+        return self._stage.to_ancestor(part, root.GetParent())
+
+
+def copies(stage: Stage, prim: Any, warn: Callable[[str], None], most: int) -> Copies | None:
+    """Return the copies of an instancer, whose prototypes keep still within them; None where there are none.
+
+    Args:
+        stage: the file.
+        prim: a ``UsdGeomPointInstancer``.
+        warn: takes what is left out.
+        most: how many copies there may be.
+    """
+    source, name = UsdGeom.PointInstancer(prim), prim.GetName()
+    which = np.array(stage.value(source.GetProtoIndicesAttr()) or [], np.int64).ravel()
+    prototypes = [stage.usd.GetPrimAtPath(path) for path in source.GetPrototypesRel().GetForwardedTargets()]
+    placed = stage.value(source.GetPositionsAttr()) or []
+    if not len(which) or len(placed) != len(which) or len(which) > most or not all(prototypes):
+        warn(f"the copies of {name} are left out: it has {len(which)} of them, {len(placed)} places, at most {most}")
+        return None
+    if which.min() < 0 or which.max() >= len(prototypes):
+        warn(f"the copies of {name} are left out: one is of prototype {which.max()}, of {len(prototypes)}")
+        return None
+    if stage.times(source.GetProtoIndicesAttr()):
+        warn(f"copies that appear or vanish are as at the start (first {name})")
+    shown = source.ComputeMaskAtTime(Usd.TimeCode(stage.start))
+    if shown:
+        which = np.where(np.array(shown, bool), which, -1)
+    return Copies(stage, prim, prototypes, which)

@@ -1,0 +1,190 @@
+"""Materials of USD: UsdPreviewSurface (its specification, version 2.6), and plain colours of meshes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from pxr import UsdShade
+
+from clsim.scene.usd_light_tracks import brightest
+from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_textures import TextureReader, Told, same_size
+from clsim.scene.world import ImageTexture, Material, Texture, Vec3
+
+Color = tuple[float, float, float]
+BLACK: Vec3 = (0.0, 0.0, 0.0)
+UNTOLD: Vec3 = (0.18, 0.18, 0.18)
+"""A surface's colour where its file tells none: the specification's."""
+
+
+class MaterialReader:
+    """Reads materials and the textures that they use, each once.
+
+    Attributes:
+        materials: what was read so far, in order of first use.
+    """
+
+    def __init__(self, stage: Stage, warn: Callable[[str], None], *, repeat: bool) -> None:
+        """Read from a stage; ``warn`` takes what is left out; with ``repeat`` light that changes starts anew."""
+        self.materials: list[Material] = []
+        self._stage, self._warn, self._repeat = stage, warn, repeat
+        self._reader = TextureReader(stage, warn)
+        self._indices: dict[Any, int] = {}
+
+    @property
+    def textures(self) -> list[Texture]:
+        """What the materials use."""
+        return self._reader.textures
+
+    def index(self, prim: Any, color: Color | None) -> int:
+        """Return the index of the material of a prim; of one without a material that of a colour, None for grey."""
+        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        key: Any = self.path(prim) or color
+        if key not in self._indices:
+            plain = Material(color=color or (0.5, 0.5, 0.5), name="" if color is None else prim.GetName())
+            self._indices[key] = self.add(self._read(bound) if bound else plain)
+        return self._indices[key]
+
+    def path(self, prim: Any) -> str:
+        """Return the path of the material that a prim has; nothing where it has none."""
+        bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+        return str(bound.GetPath()) if bound else ""
+
+    def add(self, material: Material) -> int:
+        """Add a material, and return its index."""
+        self.materials.append(material)
+        return len(self.materials) - 1
+
+    def uv_name(self, prim: Any) -> str:
+        """Return which primvar the material of a mesh, or that of its first subset, takes for coordinates."""
+        subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
+        for each in (prim, *(subset.GetPrim() for subset in subsets)):
+            bound, _ = UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()
+            surface = _surface(bound) if bound else None
+            if surface and (name := self._reader.uv_name(surface)):
+                return name
+        return "st"
+
+    def _read(self, bound: Any) -> Material:
+        name, surface = bound.GetPrim().GetName(), _surface(bound)
+        if surface is None:
+            self._warn(f"materials that are no UsdPreviewSurface are grey (first {name})")
+            return Material(name=name)
+        told = {
+            key: self._reader.told(surface, key)
+            for key in ("diffuseColor", "emissiveColor", "specularColor", "metallic", "roughness", "opacity", "normal")
+        }
+        numbers = {
+            key: self._reader.told(surface, key).number(default)
+            for key, default in (
+                ("useSpecularWorkflow", 0.0),
+                ("ior", 1.5),
+                ("clearcoat", 0.0),
+                ("clearcoatRoughness", 0.01),
+                ("opacityThreshold", 0.0),
+            )
+        }
+        texture, factor = self._reader.colors(told["diffuseColor"])
+        color = _shares(told["diffuseColor"].color(UNTOLD) if texture < 0 else factor)
+        material = Material(
+            kind="principled",
+            color=color,
+            texture=texture,
+            ior=min(max(numbers["ior"], 1.0), 10.0),
+            clearcoat=_share(numbers["clearcoat"]),
+            clearcoat_alpha=_share(numbers["clearcoatRoughness"]) ** 2,
+            normal_texture=self._normals(told["normal"]),
+            name=name,
+        )
+        if numbers["useSpecularWorkflow"]:
+            material = self._specular(material, told["specularColor"])
+            told["metallic"] = Told(0.0)
+        return self._opaque(self._rough(self._glowing(material, told["emissiveColor"]), told), told, numbers)
+
+    def _normals(self, told: Told) -> int:
+        """Return the index of a normal map: bytes from 0 to 255 stand for −1 to 1, as its scale and bias say."""
+        if told.image is None:
+            return -1
+        plain = replace(told.image, srgb=False)
+        return self._reader.add((*told.key, "normal"), lambda: plain)
+
+    def _specular(self, material: Material, told: Told) -> Material:
+        """Return it with that reflectance at right angles, and white at grazing ones."""
+        if told.image is not None:
+            self._warn(f"textures of specularColor are left out (first that of {material.name})")
+        color = _shares(told.color(BLACK))
+        highest = min(max(color), 0.9)
+        if highest <= 0:
+            return replace(material, specular_color=BLACK)
+        root = math.sqrt(highest)
+        r, g, b = (channel / highest for channel in color)
+        return replace(material, ior=(1 + root) / (1 - root), specular_color=(min(r, 1.0), min(g, 1.0), min(b, 1.0)))
+
+    def _glowing(self, material: Material, told: Told) -> Material:
+        if told.image is not None:
+            index, factor = self._reader.colors(told)
+            return replace(material, emission=factor, emission_texture=index)
+        colors = [(told.attribute, lambda value: replace(told, value=value).color(BLACK))]
+        emission, change = brightest(self._stage, colors, repeat=self._repeat)
+        return replace(material, emission=emission, modulation=change)
+
+    def _rough(self, material: Material, told: dict[str, Told]) -> Material:
+        """Return it with roughness and metalness, of which either may be a picture: both share one of ours."""
+        rough, metal = told["roughness"], told["metallic"]
+        roughness, metallic = _share(rough.number(0.5)), _share(metal.number(0.0))
+        source = rough if rough.image is not None else metal
+        if source.image is None:
+            return replace(material, alpha=roughness**2, metallic=metallic)
+        image = source.image
+
+        def both() -> ImageTexture:
+            green = rough.plain(rough.channel) if rough.image is not None else np.ones((1, 1))
+            blue = metal.plain(metal.channel) if metal.image is not None else np.ones((1, 1))
+            green, blue = same_size(green, blue)
+            pixels = np.stack([green, green, blue, np.ones_like(green)], axis=-1) * 255.0 + 0.5
+            return replace(image, pixels=pixels.astype(np.uint8), srgb=False)
+
+        key = ("roughness", *((each.key, each.channel, each.scale, each.bias) for each in (rough, metal)))
+        return replace(
+            material,
+            alpha=1.0 if rough.image is not None else roughness**2,
+            metallic=1.0 if metal.image is not None else metallic,
+            roughness_texture=self._reader.add(key, both),
+        )
+
+    def _opaque(self, material: Material, told: dict[str, Told], numbers: dict[str, float]) -> Material:
+        opacity, threshold = told["opacity"], numbers["opacityThreshold"]
+        share, texture = _share(opacity.number(1.0)), -1
+        if opacity.image is not None:
+            image = opacity.image
+
+            def cut() -> ImageTexture:
+                alpha = (opacity.plain(opacity.channel) * 255.0 + 0.5).astype(np.uint8)
+                pixels = np.concatenate([image.pixels[..., :3], alpha[..., None]], axis=2)
+                return replace(image, pixels=np.ascontiguousarray(pixels))
+
+            texture = self._reader.add((*opacity.key, "opacity", opacity.channel, opacity.scale, opacity.bias), cut)
+            share = 1.0
+        elif share == 1.0:
+            return material
+        mode: dict[str, Any] = {"alpha_mode": "mask" if threshold > 0 else "blend"}
+        return replace(material, opacity=share, opacity_texture=texture, alpha_cutoff=max(threshold, 0.0), **mode)
+
+
+def _surface(bound: Any) -> Any:
+    """Return the UsdPreviewSurface of a material; None where its surface is another, or it has none."""
+    source = bound.ComputeSurfaceSource()
+    shader = source[0] if isinstance(source, tuple) else source
+    return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None
+
+
+def _share(value: float) -> float:
+    return min(max(value, 0.0), 1.0)
+
+
+def _shares(color: Vec3) -> Vec3:
+    return _share(color[0]), _share(color[1]), _share(color[2])
