@@ -16,7 +16,7 @@ I64 = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 TICKS_PER_S = 30 * 2**15
-CAUTION = 2.0
+CAUTION = 1.25
 """Brightness may bend so many times as sharply as a parabola through what is known: it has corners."""
 _NEAREST = 0.125
 """Share of a piece that a new time keeps from both its ends."""

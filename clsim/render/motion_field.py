@@ -30,10 +30,12 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @cache
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, first, start, at, out_ways)``; a thread is a pixel.
+    """Return the kernel ``follow(scene, camera, settings, first, apart, start, at, out_ways)``; a thread is a block.
 
-    It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each. ``out_ways``, vec2
-    ``[H·W]``, tells how far what it sees has gone on the image by the other instant [pixels].
+    A block is ``apart`` pixels wide and high, and one pixel of it is followed: the first, or in every other block, as
+    on a chessboard, the last, so that no line slips through. It sees at instant ``start``, 0 or 1, at the place ``at``
+    of the pixel's square, 0 to 1 each. ``out_ways``, vec2 of each block, row by row, tells how far what it sees has
+    gone on the image by the other instant [pixels].
     """
     closest, *_ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -63,13 +65,18 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         camera: CameraState,
         settings: Settings,
         first: int,
+        apart: int,
         start: int,
         at: wp.vec2,
         out_ways: wp.array(dtype=wp.vec2),
     ):
-        pixel = first + wp.tid()
-        x = float(pixel % settings.width) + at[0]
-        y = float(pixel // settings.width) + at[1]
+        block = first + wp.tid()
+        columns = (settings.width + apart - 1) // apart
+        column = block % columns
+        row = block // columns
+        within = ((column + row) & 1) * (apart - 1)
+        x = float(column * apart + within) + at[0]
+        y = float(row * apart + within) + at[1]
         ray = camera_ray(camera, x, y, wp.vec2(), float(start))
         moved = wp.vec2()
         if ray.exists:
@@ -95,7 +102,7 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
                     moved += step * wp.min(1.0, float(settings.width) / wp.max(wp.length(step), 1.0))
                     if wp.length(step) < _NEAR_PX:
                         left = 0
-        out_ways[pixel] = moved
+        out_ways[block] = moved
 
     return follow
 
@@ -103,23 +110,24 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
 @wp.kernel(enable_backward=False)
 def pass_over(
     ways: wp.array2d(dtype=wp.vec2),
-    width: int,
-    height: int,
+    columns: int,
+    rows: int,
+    apart: float,
     out_longest: wp.array(dtype=wp.int64),
 ):
-    """Tell each pixel of the longest way over it: its length in `FRACTIONS`, then the row and the pixel it is of.
+    """Tell each block of the longest way over it: its length in `FRACTIONS`, then the row and the block it is of.
 
-    A thread is a row of ``ways`` ``[R, H·W]`` and a pixel; bits of ``out_longest`` ``[H·W]`` from 32 on hold the
-    length, the others row · H·W + pixel.
+    A thread is a row of ``ways`` ``[R, rows·columns]`` and a block, which is ``apart`` pixels wide; bits of
+    ``out_longest`` ``[rows·columns]`` from 32 on hold the length, the others row · blocks + block.
     """
-    row, pixel = wp.tid()
-    way = ways[row, pixel]
+    row, block = wp.tid()
+    way = ways[row, block]
     length = wp.min(wp.length(way), _LONGEST_PX)
-    steps = int(wp.ceil(length))
-    key = (wp.int64(int(length * _FRACTIONS)) << wp.int64(32)) | wp.int64(row * width * height + pixel)
+    steps = int(wp.ceil(length / apart))
+    key = (wp.int64(int(length * _FRACTIONS)) << wp.int64(32)) | wp.int64(row * columns * rows + block)
     for i in range(steps + 1):
-        share = float(i) / float(wp.max(steps, 1))
-        x = int(wp.floor(float(pixel % width) + 0.5 + way[0] * share))
-        y = int(wp.floor(float(pixel // width) + 0.5 + way[1] * share))
-        if x >= 0 and x < width and y >= 0 and y < height:
-            wp.atomic_max(out_longest, y * width + x, key)
+        share = float(i) / float(wp.max(steps, 1)) / apart
+        x = int(wp.floor(float(block % columns) + 0.5 + way[0] * share))
+        y = int(wp.floor(float(block // columns) + 0.5 + way[1] * share))
+        if x >= 0 and x < columns and y >= 0 and y < rows:
+            wp.atomic_max(out_longest, y * columns + x, key)

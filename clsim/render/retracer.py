@@ -29,6 +29,8 @@ _MOST_INSTANTS = 64
 """Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
 _MIDDLE = ((0.5, 0.5),)
 _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
+_RAYS_OF_A_PATH = 16
+"""First-hit rays at most that a pixel may get for what a path costs."""
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
 
@@ -82,7 +84,9 @@ class Retracer:
         self._looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp
         if self._first_hits:
             self._settings.samples = self._first_hits
-        size = options.tile_pixels or tile_size(self._settings.samples, self._device)
+        # Most pixels need few of their first-hit rays.
+        paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
+        size = options.tile_pixels or tile_size(paths, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
 
     def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
@@ -133,14 +137,15 @@ class Retracer:
                 launch.launch()
         longest.zero_()
         spread.launch()
-        height, width = self._shape
+        (height, width), (rows, columns) = self._shape, self._blocks
         found = ways.numpy()
         found[1::2] *= -1.0
-        keys = _largest_around(longest.numpy().reshape(height, width)).ravel()
+        keys = _largest_around(longest.numpy().reshape(rows, columns)).ravel()
         over = found.reshape(-1, 2)[keys & 0xFFFFFFFF]
         over[keys < 1 << 32] = 0.0
-        result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1)
-        return np.ascontiguousarray(result).reshape(3, 2, height, width)
+        result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1).reshape(3, 2, rows, columns)
+        alike = result.repeat(self._apart, axis=2).repeat(self._apart, axis=3)
+        return np.ascontiguousarray(alike[:, :, :height, :width])
 
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
@@ -210,6 +215,17 @@ class Retracer:
         """Where rays pass through a pixel: its middle, and where objects move, so that no thin one is missed."""
         return _MIDDLE + _FINE if self._data.features.instants else _MIDDLE
 
+    @property
+    def _apart(self) -> int:
+        """Pixels from one that is followed to the next: where the camera alone moves, neighbours go alike."""
+        return 2 if self._data.still else 1
+
+    @property
+    def _blocks(self) -> tuple[int, int]:
+        """Rows and columns of pixels that are followed."""
+        height, width = self._shape
+        return -(-height // self._apart), -(-width // self._apart)
+
     def _rests(self, start_s: float, end_s: float) -> bool:
         """Whether all is where it was, at the middle and the end of a step."""
         world = self._data.world
@@ -220,18 +236,19 @@ class Retracer:
         return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
 
     def _record_motion(self) -> tuple[Any, Any, Any, Any]:
-        height, width = self._shape
+        rows, columns = self._blocks
+        blocks = rows * columns
         kernel = build_motion_field(self._features, self._data.tree)
-        ways: Any = wp.zeros((2 * len(self._places), height * width), dtype=wp.vec2, device=self._device)
-        longest: Any = wp.zeros(height * width, dtype=wp.int64, device=self._device)
+        ways: Any = wp.zeros((2 * len(self._places), blocks), dtype=wp.vec2, device=self._device)
+        longest: Any = wp.zeros(blocks, dtype=wp.int64, device=self._device)
         launch = record(
-            kernel, height * width, self._device, scene=self._data.scene,
+            kernel, blocks, self._device, scene=self._data.scene,
             camera=self._camera.at_instants(np.zeros(2), self._data.poses), settings=self._settings, first=0,
-            start=0, at=wp.vec2(), out_ways=ways[0],
+            apart=self._apart, start=0, at=wp.vec2(), out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
-            pass_over, dim=ways.shape, inputs=[ways, width, height, longest], device=self._device,
-            record_cmd=True,
+            pass_over, dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],
+            device=self._device, record_cmd=True,
         )  # fmt: skip
         return launch, spread, ways, longest
 

@@ -156,6 +156,21 @@ def test_ways_on_the_image_are_those_of_the_pinhole():
 
 
 @pytest.mark.slow
+def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
+    """A wall before a camera that goes back: the first pixel of a block of four, or the last, as on a chessboard."""
+    wall = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
+    view = replace(hw.camera(width=13, height=11, fov_deg=90.0), motion=Glide((0.0, 0.0, 0.0), (0.0, 0.0, 3.0)))
+    retracer = Retracer(SceneData(hw.world(wall, view=view, fps=FPS), instants=True), RenderOptions(spp=1, max_depth=1))
+    ways = retracer.motion(0.0, 0.1)
+    retracer.close()
+    x, y = np.meshgrid(np.arange(13), np.arange(11))
+    last = (x // 2 + y // 2) % 2
+    x, y = 2 * (x // 2) + last + 0.5 - 6.5, 2 * (y // 2) + last + 0.5 - 5.5
+    np.testing.assert_allclose(ways[0], np.stack([x, y]) * (2 / 2.3 - 1), atol=2e-4)
+    np.testing.assert_allclose(ways[1], np.stack([x, y]) * (1 - 2.3 / 2), atol=2e-4)
+
+
+@pytest.mark.slow
 def test_what_deforms_is_traced_in_the_shape_of_its_time():
     """An instant at a time, each with trees of its own: exactly what a frame shows."""
     scene = replace(swelling(moving=True), fps=FPS)
