@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from clsim.render.environment import LUMINANCE
+from clsim.render.environment_build import LUMINANCE
 from clsim.render.upload_materials import decoding
 from clsim.scene import CheckerTexture, ImageTexture, Mesh, World
 from clsim.scene.world import Wrap

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from clsim.render import lights_punctual
 from clsim.render.deform import deforms
 from clsim.render.emission_textures import mean_emission
-from clsim.render.environment import LUMINANCE
+from clsim.render.environment_build import LUMINANCE
 from clsim.render.features import in_light_tree
 from clsim.render.light_choice import arriving
 from clsim.render.light_tree_build import around, of_spot, of_triangles

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render import lights_punctual
-from clsim.render.environment import LUMINANCE, EnvironmentImage, EnvironmentTables, steps, tabulate
+from clsim.render.environment_build import LUMINANCE, steps, tabulate, upload_environment
 from clsim.render.features import SceneFeatures
 from clsim.render.light_choice import fair
 from clsim.render.light_list import small_lights, triangle_lights
@@ -58,7 +58,7 @@ class LightData:
         sky = float(np.dot(world.environment, LUMINANCE))
         if world.environment_map is not None:
             tables = tabulate(world.environment_map, world.environment)
-            lights.environment_image = self._environment_image(tables, world.environment_map.to_world)
+            lights.environment_image = upload_environment(tables, world.environment_map.to_world, device)
             sky = tables.mean
         environment = sky * (2 * math.pi * max(radius_m, 1e-3)) ** 2
         cumulative = steps(np.cumsum(_shares(power, far, in_tree, lights.first_sphere, environment)))
@@ -121,15 +121,6 @@ class LightData:
         table.axes = array(axes, wp.vec3, self._device)
         self._punctual = table
         return table
-
-    def _environment_image(self, tables: EnvironmentTables, to_world: _F64) -> Any:
-        image = EnvironmentImage()
-        image.radiance = wp.array(tables.radiance, dtype=wp.vec3, device=self._device)
-        image.rows = array(tables.rows, wp.float32, self._device)
-        image.columns = array(tables.columns.ravel(), wp.float32, self._device)
-        image.shares = array(tables.shares.ravel(), wp.float32, self._device)
-        image.to_world = wp.mat33(*np.asarray(to_world, np.float64).ravel())
-        return image
 
 
 def _shares(power: _F64, far: npt.NDArray[np.bool_], in_tree: npt.NDArray[np.bool_], small: int, sky: float) -> _F64:

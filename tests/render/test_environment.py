@@ -9,6 +9,7 @@ import warp as wp
 
 from clsim.render import SceneData, environment
 from clsim.render.devices import start_warp
+from clsim.render.environment_build import LUMINANCE, guide, steps, tabulate, upload_environment
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 
 pytestmark = pytest.mark.usefixtures("any_lights")
@@ -76,13 +77,8 @@ def probe(
 def run_probe(image, count=1 << 18, seed=0):
     """Evaluate at evenly spread directions, draw as many, and evaluate where they were drawn."""
     start_warp()
-    tables = environment.tabulate(image, (0.0, 0.0, 0.0))
-    device = environment.EnvironmentImage()
-    device.radiance = wp.array(tables.radiance, dtype=wp.vec3, device="cpu")
-    device.rows = wp.array(tables.rows, dtype=wp.float32, device="cpu")
-    device.columns = wp.array(tables.columns.ravel(), dtype=wp.float32, device="cpu")
-    device.shares = wp.array(tables.shares.ravel(), dtype=wp.float32, device="cpu")
-    device.to_world = wp.mat33(*image.to_world.ravel())
+    tables = tabulate(image, (0.0, 0.0, 0.0))
+    device = upload_environment(tables, image.to_world, "cpu")
     directions = sphere_points(count)
     pairs = np.random.default_rng(seed).integers(0, 1 << 24, (count, 2)) / (1 << 24)
     out = [wp.zeros(count, dtype=kind, device="cpu") for kind in (wp.vec4, wp.vec3, wp.vec4)]
@@ -128,16 +124,29 @@ def test_directions_are_drawn_with_their_density(shape):
         error = values.std(axis=0) / np.sqrt(len(values))
         assert np.all(np.abs(values.mean(axis=0) - expected) < 4.5 * error + 3e-3), shape
     # The estimator of the map's integral is unbiased, and its weights are bounded.
-    weights = drawn_values[:, :3] @ environment.LUMINANCE / drawn_values[:, 3]
-    expected = (towards[:, :3] @ environment.LUMINANCE).mean() * 4 * np.pi
+    weights = drawn_values[:, :3] @ LUMINANCE / drawn_values[:, 3]
+    expected = (towards[:, :3] @ LUMINANCE).mean() * 4 * np.pi
     assert abs(weights.mean() - expected) < 4.5 * weights.std() / np.sqrt(len(weights)) + 3e-3 * expected
     assert weights.max() < 4.2 * np.pi / 2 * expected
+
+
+@pytest.mark.parametrize("entries", [1, 2, 7, 8, 300])
+def test_the_search_begins_at_the_first_entry_that_its_numbers_may_find(entries):
+    rng = np.random.default_rng(entries)
+    weights = rng.exponential(1.0, (3, entries)) ** 4
+    weights[:, rng.random(entries) < 0.3] = 0
+    weights[0, 0] = weights[1] = 1
+    tables = steps(np.cumsum(weights, axis=1))
+    for table, guesses in zip(tables, guide(tables), strict=True):
+        if table[-1] > 0:
+            first = np.arange(len(guesses)) / len(guesses)
+            np.testing.assert_array_equal(guesses, np.searchsorted(table, first, side="right"))
 
 
 def test_the_mean_is_the_spherical_mean():
     image = random_map(6, 9, seed=1)
     tables, _, towards, *_ = run_probe(image)
-    np.testing.assert_allclose(tables.mean, (towards[:, :3] @ environment.LUMINANCE).mean(), rtol=0.02)
+    np.testing.assert_allclose(tables.mean, (towards[:, :3] @ LUMINANCE).mean(), rtol=0.02)
 
 
 def test_a_constant_map_is_a_constant_environment():
