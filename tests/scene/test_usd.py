@@ -52,6 +52,15 @@ def test_things_move_as_usd_moves_them_at_all_times(tmp_path, scale):
         assert np.abs(points_at(world, instance, (code - 10) / 24) - expected).max() < 2e-3
 
 
+def test_whole_turns_between_two_samples_are_turns(tmp_path):
+    turning = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 720 }")
+    path = usda(tmp_path, mesh(turning) + CAMERA, f"{METRES}\n    {SECONDS}")
+    world = load_world(path)
+    for code in (10, 13, 16, 22, 28):
+        expected = points_of_usd(path, "/square", code)
+        assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-3
+
+
 def test_what_shears_in_time_is_a_deformation(tmp_path):
     shearing = placed("float3 xformOp:scale.timeSamples = { 10: (1, 1, 1), 34: (1, 4, 0.5) }")
     path = usda(tmp_path, moving(mesh(shearing)) + CAMERA, f"{METRES}\n    {SECONDS}")

@@ -88,7 +88,10 @@ def test_preview_surfaces_are_principled(tmp_path):
 
 
 def test_specular_colours_are_reflected_at_right_angles(tmp_path):
-    _, found = surface(tmp_path, "int inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (.16, .08, .04)")
+    _, found = surface(
+        tmp_path,
+        "float inputs:metallic = 1\nint inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (.16, .08, .04)",
+    )
     least = ((found.ior - 1) / (found.ior + 1)) ** 2
     assert np.array(found.specular_color) * least == pytest.approx((0.16, 0.08, 0.04))
     assert found.metallic == 0
