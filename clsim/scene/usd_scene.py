@@ -299,7 +299,7 @@ class _Reader:
             self.warn(f"orthographic cameras are left out (first {prim.GetName()})")
             return
         across, up, focal = source.horizontalAperture, source.verticalAperture, source.focalLength
-        if not (across > 0 and up > 0 and focal > 0):
+        if not all(0 < size < 1e9 for size in (across, up, focal)):
             raise InputError(
                 f"{self.stage.path}: {prim.GetPath()} has an aperture or a focal length that is not positive"
             )

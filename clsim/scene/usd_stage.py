@@ -78,6 +78,8 @@ class Stage:
             self._cache.SetTime(Usd.TimeCode(code))
         # USD's vectors are rows, ours are columns.
         matrix: Matrix = self.root @ np.array(self._cache.GetLocalToWorldTransform(prim)).T
+        if not np.isfinite(matrix.astype(np.float32)).all():
+            raise InputError(f"{self.path}: {prim.GetPath()} stands at a place that is not finite")
         return matrix
 
     def to_ancestor(self, prim: Any, ancestor: Any) -> Matrix:
@@ -101,10 +103,15 @@ class Stage:
 
         What is sampled outside of that time counts as far as it reaches into it.
         """
-        if not attribute or not attribute.ValueMightBeTimeVarying() or self.end <= self.start:
+        if not attribute or self.end <= self.start:
             return []
-        inside = [code for code in attribute.GetTimeSamples() if self.start < code < self.end]
-        return [self.start, *inside, self.end]
+        try:
+            sampled = attribute.GetTimeSamples() if attribute.ValueMightBeTimeVarying() else None
+        except Tf.ErrorException as error:
+            raise InputError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
+        if sampled is None:
+            return []
+        return [self.start, *(code for code in sampled if self.start < code < self.end), self.end]
 
     def claim(self, size: int) -> bool:
         """Take memory for shapes that change; False where there would be too much in all."""

@@ -272,6 +272,20 @@ def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
     assert any(said in warning and "bad" in warning for warning in world.warnings)
 
 
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (mesh(placed("double3 xformOp:translate = (inf, 0, 0)")), "/square stands at a place that is not finite"),
+        (mesh() + 'def Camera "eye" { float focalLength = 0 }', "/eye has an aperture or a focal length"),
+        (mesh() + 'def Camera "eye" { float verticalAperture = inf }', "/eye has an aperture or a focal length"),
+    ],
+)
+def test_numbers_that_cannot_be_are_told_in_one_sentence(tmp_path, text, said):
+    with pytest.raises(InputError) as caught:
+        load_world(usda(tmp_path, text))
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     text = mesh() + mesh('uniform token purpose = "guide"', "guide") + mesh('token visibility = "invisible"', "gone")
     world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
