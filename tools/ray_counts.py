@@ -116,7 +116,7 @@ def count_searches(functions: tuple[Any, Any, Any, Any], address: int) -> tuple[
         return closest(geometry, origin, direction, time)
 
     @wp.func
-    def counted_occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
+    def counted_occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> int:
         count(1)
         return occluded(geometry, origin, direction, far, time)
 

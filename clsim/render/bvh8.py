@@ -32,10 +32,11 @@ class Bvh8:
         nbytes: memory of nodes and triangles.
     """
 
-    def __init__(self, vertices: Any, indices: Any) -> None:
+    def __init__(self, vertices: Any, indices: Any, may_pass: npt.NDArray[np.bool_] | None = None) -> None:
         """Build the tree of triangles ``indices`` (int32, [3n]) over ``vertices`` (vec3), both on the CPU.
 
-        The arrays are read, and ``indices`` is kept for ``refit``.
+        The arrays are read, and ``indices`` is kept for ``refit``. ``may_pass`` ``[n]`` says which triangles may let
+        rays pass, for ``any_opaque_in_tree``; without it, none.
         """
         triangles = len(indices) // 3
         self._indices = indices
@@ -61,9 +62,13 @@ class Bvh8:
             self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
             self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
-        # Nodes, corners, extent, blocks, and three floats: from where the coordinates of a list's edges count.
-        self._header = np.zeros(6, np.uint64)
+        # Nodes, corners, extent, blocks, three floats: from where the coordinates of a list's edges count, and what may
+        # let rays pass.
+        self._header = np.zeros(7, np.uint64)
         self._header[[0, 1, 3]] = self._nodes.ctypes.data, self._corners.ctypes.data, blocks
+        if may_pass is not None and may_pass.any():
+            self._may_pass = may_pass.copy()
+            self._header[6] = self._may_pass.ctypes.data
         self._blocks = blocks
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)

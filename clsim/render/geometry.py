@@ -16,6 +16,10 @@ mat34 = wp.types.matrix(shape=(3, 4), dtype=wp.float32)
 """An affine map: the upper three rows of a 4×4 matrix."""
 
 FAR = wp.constant(1.0e30)
+CLEAR = wp.constant(0)
+BLOCKED = wp.constant(1)
+PERHAPS = wp.constant(2)
+"""What a ray to a light meets: nothing, something opaque, or nothing but what may let light through."""
 _OFFSET = wp.constant(4.0e-6)
 
 

@@ -22,7 +22,7 @@ from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.gather import make_gather
-from clsim.render.geometry import Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
+from clsim.render.geometry import CLEAR, PERHAPS, Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import Lights, make_lights, make_side
@@ -108,9 +108,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     @wp.func
     def visibility(scene: Scene, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> float:
+        found = occluded(scene.geometry, origin, direction, far, time)
+        left = wp.where(found == CLEAR, 1.0, 0.0)
         if wp.static(features.alpha):
-            return transmittance(scene.geometry, scene.materials, origin, direction, far, time)
-        return wp.where(occluded(scene.geometry, origin, direction, far, time), 0.0, 1.0)
+            if found == PERHAPS:
+                left = transmittance(scene.geometry, scene.materials, origin, direction, far, time)
+        return left
 
     @wp.func
     def agree(point: Surface, toward: wp.vec3) -> bool:

@@ -9,10 +9,13 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.bvh8_traverse import TreeHit, any_in_tree, closest_in_tree
+from clsim.render.bvh8_traverse import TreeHit, any_in_tree, any_opaque_in_tree, closest_in_tree
 from clsim.render.features import Features
 from clsim.render.geometry import (
+    BLOCKED,
+    CLEAR,
     FAR,
+    PERHAPS,
     Geometry,
     Hit,
     Surface,
@@ -53,8 +56,11 @@ def _unit_normal(a: wp.vec3, b: wp.vec3, c: wp.vec3) -> wp.vec3:
     return wp.normalize(wp.cross(b - a, c - a))
 
 
-def make_search(tree: Tree) -> tuple[Any, Any]:
-    """Return the Warp functions ``closest_in_mesh`` and ``any_in_mesh``, for rays in the space of that mesh."""
+def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
+    """Return the Warp functions ``closest_in_mesh`` and ``any_in_mesh``, for rays in the space of that mesh.
+
+    The latter tells `CLEAR`, `BLOCKED` or, where there are cut-outs (``alpha``), `PERHAPS`.
+    """
 
     @wp.func
     def closest_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
@@ -72,8 +78,12 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
         )
 
     @wp.func
-    def any_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
-        return any_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
+    def any_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> int:
+        if wp.static(alpha):
+            found = any_opaque_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
+        else:
+            found = wp.where(any_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far), BLOCKED, CLEAR)
+        return found
 
     @wp.func
     def closest_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
@@ -95,18 +105,20 @@ def make_search(tree: Tree) -> tuple[Any, Any]:
         return found
 
     @wp.func
-    def any_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> bool:
-        return wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
+    def any_by_warp(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> int:
+        met = wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
+        return wp.where(met, wp.static(PERHAPS if alpha else BLOCKED), CLEAR)
 
     return (closest_by_bvh8, any_by_bvh8) if tree == "bvh8" else (closest_by_warp, any_by_warp)
 
 
 def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, Any]:
-    """Return the Warp functions ``closest``, ``occluded`` (anything nearer than ``far``?), ``surface``, ``surface_of``.
+    """Return the Warp functions ``closest``, ``occluded``, ``surface`` and ``surface_of``.
 
-    The last two give the front of a triangle (``face`` turns it to the ray), of any one and of the one that was hit.
+    The second tells of what is nearer than ``far`` whether it is `CLEAR`, `BLOCKED` or, with cut-outs, `PERHAPS`. The
+    last two give the front of a triangle (``face`` turns it to the ray), of any one and of the one that was hit.
     """
-    closest_in_mesh, any_in_mesh = make_search(tree)
+    closest_in_mesh, any_in_mesh = make_search(tree, features.alpha)
     sphere_at = make_sphere_at(features)
     to_world_at, to_object_at, mesh_at = make_placement(features)
 
@@ -159,22 +171,26 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         return hit
 
     @wp.func
-    def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> bool:
+    def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> int:
         if wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
                 if t > 0.0 and t < far:
-                    return True
+                    return BLOCKED
         if wp.static(features.two_level):
+            perhaps = int(CLEAR)
             candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
             instance = int(0)
             while wp.bvh_query_next(candidates, instance, far):
                 to_object = to_object_at(geometry, instance, time)
                 local_origin = transform_point(to_object, origin)
                 local_direction = transform_vector(to_object, direction)
-                if any_in_mesh(geometry, mesh_at(geometry, instance, time), local_origin, local_direction, far):
-                    return True
-            return False
+                found = any_in_mesh(geometry, mesh_at(geometry, instance, time), local_origin, local_direction, far)
+                if found == BLOCKED:
+                    return BLOCKED
+                if wp.static(features.alpha):
+                    perhaps = wp.max(perhaps, found)
+            return perhaps
         return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func

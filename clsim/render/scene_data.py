@@ -89,8 +89,9 @@ class SceneData:
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
         self.instance_objects, self.triangle_objects = placement.instance_objects, placement.triangle_objects
+        may_pass = np.array([material.alpha_mode != "opaque" for material in world.materials] or [False])
         self._geometry = GeometryData(
-            placement, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose
+            placement, may_pass, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose
         )
         box = self._geometry.middle_m, self._geometry.radius_m
         self._lights = LightData(world, placement, *box, self.features, times_s, self.device)

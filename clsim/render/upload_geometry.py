@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ class GeometryData:
     def __init__(
         self,
         placement: Placement,
+        may_pass: npt.NDArray[np.bool_],
         sphere_lights: tuple[SphereLight, ...],
         features: SceneFeatures,
         tree: Tree,
@@ -41,10 +43,12 @@ class GeometryData:
         device: Any,
         pose: Callable[[Motion, float], _F64],
     ) -> None:
-        """Copy the shapes, as they are at time 0, and build the trees for what stands somewhere at those times."""
+        """Copy the shapes, as they are at time 0, and build the trees for what stands somewhere at those times.
+
+        ``may_pass`` says of each material whether rays may pass it.
+        """
         self._device, self._pose = device, pose
         self._features = features
-        self._search = Bvh8 if tree == "bvh8" else wp.Mesh
         self._instances = placement.instances
         self._sphere_lights = sphere_lights
         meshes = placement.meshes
@@ -73,13 +77,14 @@ class GeometryData:
             own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
             vertices = geometry.vertices[own]
             indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
+            search = partial(Bvh8, may_pass=may_pass[mesh.material_ids]) if tree == "bvh8" else wp.Mesh
             if deforms(mesh):
                 normals = geometry.normals[own] if features.smooth_normals else None
-                deforming = DeformingMesh(mesh, self._search, vertices, indices, normals)
+                deforming = DeformingMesh(mesh, search, vertices, indices, normals)
                 self._deforming[entry] = entry - int(first_entry[i]), deforming
                 self._trees.append(deforming.tree)
             else:
-                self._trees.append(self._search(vertices, indices))
+                self._trees.append(search(vertices, indices))
         self._handles = array([each.id for each in self._trees], wp.uint64, device)
         geometry.mesh_handles = self._handles
         self._boxes = np.array([box(mesh) for mesh in shapes])

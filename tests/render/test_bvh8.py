@@ -11,7 +11,7 @@ import pytest
 import warp as wp
 
 from clsim.render.bvh8 import Bvh8
-from clsim.render.bvh8_traverse import MAX_DEPTH, any_in_tree, closest_in_tree
+from clsim.render.bvh8_traverse import MAX_DEPTH, any_in_tree, any_opaque_in_tree, closest_in_tree
 from clsim.render.devices import start_warp
 
 FAR = 1e30
@@ -36,6 +36,18 @@ def search(
     out_any[i] = int(any_in_tree(tree, origins[i], directions[i], near[i], far[i]))
     for k in range(12):
         out_corners[i, k] = wp.cast(hit[4 + k], float)
+
+
+@wp.kernel(enable_backward=False, module="test_bvh8")
+def search_opaque(
+    tree: wp.uint64,
+    origins: wp.array(dtype=wp.vec3),
+    directions: wp.array(dtype=wp.vec3),
+    far: float,
+    out_found: wp.array(dtype=int),
+):
+    i = wp.tid()
+    out_found[i] = any_opaque_in_tree(tree, origins[i], directions[i], 0.0, far)
 
 
 @wp.kernel(enable_backward=False, module="test_bvh8")
@@ -133,6 +145,26 @@ def test_nearest_hits_are_those_of_brute_force(triangles):
     np.testing.assert_allclose(t[hit], true_t.min(axis=1)[hit], rtol=1e-3, atol=1e-5)
     expected = true_weights[np.flatnonzero(hit), triangle[hit]]
     assert np.median(np.abs(weights[hit] - expected[:, :2]).max(axis=1)) < 1e-5
+
+
+@pytest.mark.parametrize("triangles", [1, 9, 64, 65, 700])
+def test_what_may_let_a_ray_pass_does_not_hide_what_stops_it(triangles):
+    rng = np.random.default_rng(triangles)
+    vertices, indices = soup(rng, triangles)
+    may_pass = rng.random(triangles) < 0.7
+    tree = Bvh8(*arrays(vertices, indices), may_pass=may_pass)
+    origins = rng.uniform(-1.5, 1.5, (1000, 3)).astype(np.float32)
+    aims = vertices[indices[rng.integers(triangles, size=1000)]].mean(axis=1)
+    toward = (aims - origins).astype(np.float32)
+    rays = [wp.array(a, dtype=wp.vec3, device="cpu") for a in (origins, toward)]
+    found = wp.zeros(len(origins), dtype=int, device="cpu")
+    wp.launch(search_opaque, len(origins), inputs=[wp.uint64(tree.id), *rays, 1.5], outputs=[found], device="cpu")
+    true_t, _, margin = brute_force(vertices, indices, origins, toward)
+    met = true_t <= 1.5
+    expected = np.where(met[:, ~may_pass].any(axis=1), 1, np.where(met.any(axis=1), 2, 0))
+    clear = ((np.abs(margin) > 1e-4) & (np.abs(true_t - 1.5) > 1e-4)).all(axis=1)
+    assert triangles == 1 or min(np.count_nonzero(expected[clear] == each) for each in (1, 2)) > 3
+    np.testing.assert_array_equal(found.numpy()[clear], expected[clear])
 
 
 def test_warps_tree_finds_the_same():

@@ -4,7 +4,9 @@ if (blocks) {
     lanes8 any = lanes8(0);
     for (int block = 0; block < blocks; ++block) {
         v8 t, u, v;
-        any |= list(block, v8(far), t, u, v);
+        const lanes8 met = list(block, v8(far), t, u, v);
+        if (MAY_PASS && stops(mask(met), (const int*)(corners + BLOCK_FLOATS * block + 8 * 9))) return 1;
+        any |= met;
     }
-    return mask(any) != 0;
+    return MAY_PASS ? found : mask(any) != 0;
 }

@@ -1,5 +1,16 @@
-// Whether a ray hits anything in a tree of triangles.
+// Whether a ray hits anything in a tree of triangles. With MAY_PASS, triangles that may let it pass do not end the search:
+// 2 says that there were no others.
 #include "tree_memory.h"
+int found = 0;
+const unsigned char* may_pass = (const unsigned char*)tree[6];
+const auto stops = [&](unsigned met, const int* numbers) __attribute__((always_inline)) {
+    if (!MAY_PASS || !may_pass) return met != 0;
+    for (; met; met &= met - 1) {
+        if (!may_pass[numbers[__builtin_ctz(met)] - FIRST_NUMBER]) return true;
+        found = 2;
+    }
+    return false;
+};
 #include "list_any.h"
 #include "tree_search.h"
 int stack[STACK];
@@ -12,8 +23,10 @@ for (;;) {
         for (unsigned met = boxes(node, enter); met; met &= met - 1) stack[top++] = children[__builtin_ctz(met)];
     } else {
         v8 t, u, v;
-        if (leaf(~child >> 3, (~child & 7) + 1, t, u, v)) return true;
+        const int first = ~child >> 3, count = (~child & 7) + 1;
+        const unsigned met = leaf(first, count, t, u, v);
+        if (stops(met, (const int*)(corners + CORNER_FLOATS * (long long)first) + 9 * count)) return 1;
     }
-    if (top == 0) return false;
+    if (top == 0) return found;
     child = stack[--top];
 }
