@@ -8,6 +8,8 @@
 #define MOMENTS 64    // into how many parts a step is divided
 #define SHORT 0.25f   // pixels that a way must be long at least
 #define ALIKE 0.7f    // pixels within which two ways are one
+#define BLOCK 8       // side of the squares of which the least and the largest level are known [pixels]
+#define OVERSHOOT ((real)0.2813)   // a cubic's values leave those of its neighbours by so much of their range
 #define SHARE ((real)0.5)   // of a threshold: what comes so near may reach it
 
 // Weights of four neighbours for a place between the two in the middle: a cubic through these with the slopes of chords
@@ -72,11 +74,50 @@ static inline ulong bends(const real *levels, int parts, real tolerance) {
     return marks;
 }
 
+// The least and the largest level of squares of BLOCK pixels, [2][rows of blocks][columns of blocks], NaN where a level
+// is. Work-item: a row of blocks.
+__kernel void extremes(__global const real *image, int width, int height, int span, __global real *out_extremes)
+{
+    const int row = get_global_id(0), rows = (height + BLOCK - 1) / BLOCK, columns = (width + BLOCK - 1) / BLOCK;
+    for (int column = 0; column < columns; column++) {
+        real least = INFINITY, most = -INFINITY;
+        for (int y = row * BLOCK; y < MIN((row + 1) * BLOCK, height); y++)
+            for (int x = column * BLOCK; x < MIN((column + 1) * BLOCK, width); x++) {
+                const real level = image[(size_t)y * span + x];
+                least = level < least || level != level ? level : least;
+                most = level > most || level != level ? level : most;
+            }
+        out_extremes[row * columns + column] = least;
+        out_extremes[(rows + row) * columns + column] = most;
+    }
+}
+
+// Whether no level sampled on a line from x, y can be so far from the reference that a pixel is forecast.
+static inline bool calm(
+    __global const real *extremes, real x, real y, real dx, real dy, int width, int height, real low, real high)
+{
+    const int rows = (height + BLOCK - 1) / BLOCK, columns = (width + BLOCK - 1) / BLOCK;
+    const int left = clamp((int)floor(MIN(x, x + dx)) - 1, 0, width - 1) / BLOCK;
+    const int right = clamp((int)floor(MAX(x, x + dx)) + 2, 0, width - 1) / BLOCK;
+    const int top = clamp((int)floor(MIN(y, y + dy)) - 1, 0, height - 1) / BLOCK;
+    const int bottom = clamp((int)floor(MAX(y, y + dy)) + 2, 0, height - 1) / BLOCK;
+    real least = INFINITY, most = -INFINITY;
+    for (int row = top; row <= bottom; row++)
+        for (int column = left; column <= right; column++) {
+            const real lower = extremes[row * columns + column], upper = extremes[(rows + row) * columns + column];
+            least = lower < least || lower != lower ? lower : least;
+            most = upper > most || upper != upper ? upper : most;
+        }
+    const real beyond = OVERSHOOT * (most - least);
+    return most + beyond < high && least - beyond > low;
+}
+
 // Work-item: a row. start and end: levels at both ends of the step, [H][span]; ways: [WAYS][2][H][width], how far things
-// go on the image in the step. out_marks, [H][width]: bit m is set where brightness should be known at m / MOMENTS.
+// go on the image in the step; of_start and of_end: their extremes. out_marks, [H][width]: bit m is set where brightness should be known at m / MOMENTS.
 __kernel void forecast(
-    __global const real *start, __global const real *end, __global const real *references, __global const float *ways,
-    int width, int height, int span, real on, real off, real tolerance, __global ulong *out_marks)
+    __global const real *start, __global const real *end, __global const real *of_start, __global const real *of_end,
+    __global const real *references, __global const float *ways, int width, int height, int span, real on, real off,
+    real tolerance, __global ulong *out_marks)
 {
     const int y = get_global_id(0);
     const size_t area = (size_t)width * height;
@@ -94,6 +135,9 @@ __kernel void forecast(
             }
             const real length = sqrt(dx * dx + dy * dy);
             if (known || length < SHORT) continue;
+            const real low = ref - SHARE * off, high = ref + SHARE * on;
+            if (calm(of_start, x, y, -dx, -dy, width, height, low, high)
+                && calm(of_end, x, y, dx, dy, width, height, low, high)) continue;
             const int parts = length > MOMENTS / 4 ? MOMENTS : (int)ceil(4 * length);
             real values[MOMENTS + 1], least = INFINITY, most = -INFINITY;
             for (int i = 0; i <= parts; i++) {
@@ -103,7 +147,7 @@ __kernel void forecast(
                 least = MIN(least, values[i]);
                 most = MAX(most, values[i]);
             }
-            if (most - ref >= SHARE * on || ref - least >= SHARE * off) marks |= bends(values, parts, tolerance);
+            if (most >= high || least <= low) marks |= bends(values, parts, tolerance);
         }
         out_marks[(size_t)y * width + x] = marks;
     }

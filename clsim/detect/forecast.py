@@ -9,6 +9,8 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 MOMENTS = 64
 """Parts of a step (forecast.cl)."""
+_BLOCK = 8
+"""Side of the squares whose extremes are known (forecast.cl) [pixels]."""
 BEND = 0.14
 """Share of a threshold by which brightness may leave a straight line unseen."""
 
@@ -20,8 +22,11 @@ class Forecast:
         """Build the kernel for contrast thresholds [natural-log units], and light or its logarithm linear in time."""
         self._place = place
         self._thresholds = on, off
-        (self._kernel,) = place.kernels("forecast", ("forecast",), {"LINEAR_LIGHT": 1} if linear_light else {})
+        macros = {"LINEAR_LIGHT": 1} if linear_light else {}
+        self._extremes, self._forecast = place.kernels("forecast", ("extremes", "forecast"), macros)
         height, width = place.layout.height, place.layout.width
+        blocks = -(-height // _BLOCK), -(-width // _BLOCK)
+        self._of_ends = [place.allocate((2, *blocks)) for _ in range(2)]
         self._ways = place.allocate((3, 2, height, width), np.float32)
         self._marks = place.allocate((height, width), np.uint64)
 
@@ -41,8 +46,10 @@ class Forecast:
         height, width, span = layout.height, layout.width, layout.span
         place.write(self._ways, ways)
         on, off = self._thresholds
+        for image, extremes in zip((start, end), self._of_ends, strict=True):
+            place.launch(self._extremes, (-(-height // _BLOCK),), image, width, height, span, extremes)
         place.launch(
-            self._kernel, (height,), start, end, references, self._ways, width, height, span, on, off,
+            self._forecast, (height,), start, end, *self._of_ends, references, self._ways, width, height, span, on, off,
             BEND * min(on, off), self._marks,
         )  # fmt: skip
         marks = place.read(self._marks).ravel()

@@ -152,22 +152,26 @@ def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float
         least: pieces that are no longer are left alone [ticks].
     """
     before, crossings = knots.walk(references, on, off)
-    pieces = np.flatnonzero(~knots.firsts)
-    last, first = knots.levels[pieces], knots.levels[pieces - 1]
-    span = knots.times[pieces] - knots.times[pieces - 1]
-    bulge, fired = knots.bulges[pieces], crossings[pieces]
-    threshold = before[pieces] + np.where(fired > 0, on, -off)
-    share, rise = knots.crossed(pieces, threshold)
+    spans = np.diff(knots.times, prepend=0)
+    long_enough = ~knots.firsts & (spans > least)
+    crossed = np.flatnonzero(long_enough & (crossings != 0))
+    bulge, span = knots.bulges[crossed], spans[crossed]
+    share, rise = knots.crossed(crossed, before[crossed] + np.where(crossings[crossed] > 0, on, -off))
     with np.errstate(divide="ignore", invalid="ignore"):
         # Near a piece's ends the parabola is near the line.
-        way = np.where(np.abs(fired) == 1, 4.0 * share * (1.0 - share) * bulge, bulge)
+        way = np.where(np.abs(crossings[crossed]) == 1, 4.0 * share * (1.0 - share) * bulge, bulge)
         error = np.where(np.isinf(bulge), span, way * span / np.abs(rise))
+    vaguely = error > tolerance
+    quiet = np.flatnonzero(long_enough & (crossings == 0) & np.isfinite(knots.bulges))
+    first, last, bulge = knots.levels[quiet - 1], knots.levels[quiet], knots.bulges[quiet]
     highest, lowest = np.maximum(first, last) + bulge, np.minimum(first, last) - bulge
-    after = before[pieces] + np.where(fired > 0, fired * on, fired * off)
-    may = np.isfinite(bulge) & ((highest - after >= on) | (after - lowest >= off))
-    chosen = (span > least) & (((fired != 0) & (error > tolerance)) | ((fired == 0) & may))
-    pieces, span, share, error = pieces[chosen], span[chosen], share[chosen], error[chosen]
-    single = np.abs(fired[chosen]) == 1
+    quiet = quiet[(highest - before[quiet] >= on) | (before[quiet] - lowest >= off)]
+    # Those without a crossing are parted in the middle, so that neither their share nor their error matters.
+    pieces = np.concatenate([crossed[vaguely], quiet])
+    order = np.argsort(pieces, kind="stable")
+    share, error = (np.concatenate([part[vaguely], np.zeros(len(quiet))])[order] for part in (share, error))
+    pieces = pieces[order]
+    span, single = spans[pieces], np.abs(crossings[pieces]) == 1
     share = np.where(single, np.clip(share, _NEAREST, 1.0 - _NEAREST), 0.5)
     # As coarse a grid as says something: the fewer different times there are, the cheaper they are traced.
     grid = _power_of_two(np.maximum(np.where(single, np.minimum(error, span), span) / 8.0, 2.0 * tolerance))
