@@ -11,11 +11,13 @@ from typing import Any
 import warp as wp
 
 from clsim.render.features import Features
+from clsim.render.native import native_code
 
 REPEAT = wp.constant(0)
 CLAMP = wp.constant(1)
 MIRROR = wp.constant(2)
-_GOLDEN = wp.constant(0.6180339887)
+_GOLDEN = 0.6180339887
+_AT_ONCE = 32
 _MOST_SQUARES = wp.constant(64)
 """Squares on a line through a pixel; where there are more, they are so small that both colours cover half."""
 
@@ -227,6 +229,30 @@ def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
     return wp.vec4(color[0], color[1], color[2], 1.0)
 
 
+@wp.func_native(
+    native_code("image_mean.h", {"REPEAT": REPEAT, "MIRROR": MIRROR, "GOLDEN": _GOLDEN, "AT_ONCE": _AT_ONCE})
+)
+def smooth_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int) -> wp.vec4:
+    """Return the mean of an image, interpolated between its texels, at so many places of a pixel."""
+    ...
+
+
+@wp.func
+def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int) -> wp.vec4:
+    """Return the mean of an image at so many places of a pixel, on a Fibonacci lattice."""
+    total = wp.vec4()
+    if row.nearest == 0:
+        total = smooth_mean(textures, row, footprint, places)
+    else:
+        y = float(0.5)
+        for i in range(places):
+            uv = uv_in(footprint, (float(i) + 0.5) / float(places), y)
+            total += image(textures, row, uv) / float(places)
+            y = y + wp.static(_GOLDEN)
+            y = y - wp.floor(y)
+    return total
+
+
 def make_textures(features: Features) -> tuple[Any, Any]:
     """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places)``.
 
@@ -255,12 +281,7 @@ def make_textures(features: Features) -> tuple[Any, Any]:
                 total = checker_mean(row, footprint, int(wp.sqrt(float(places))))
         if wp.static(features.images):
             if row.first >= 0:
-                y = float(0.5)
-                for i in range(places):
-                    uv = uv_in(footprint, (float(i) + 0.5) / float(places), y)
-                    total += image(textures, row, uv) / float(places)
-                    y = y + _GOLDEN
-                    y = y - wp.floor(y)
+                total = image_mean(textures, row, footprint, places)
         return total
 
     return lookup, mean
