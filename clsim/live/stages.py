@@ -69,7 +69,7 @@ class Stages:
         """Return sentences about light that changes and will not be seen as it is."""
         from clsim.render import lamps_move
 
-        found = [missed(self.world.modulations(), self.fps)]
+        found = [missed([*self.world.modulations(), *self.world.films()], self.fps)]
         if self.retracing is not None and self.detector.method == "irradiance" and lamps_move(self.world):
             found.append(
                 f"lamps move in {self.world.name}, and `method` irradiance takes their light for a straight line from "

@@ -28,6 +28,8 @@ def mean_emission(world: World, mesh: Mesh) -> _F64:
     for index, material in enumerate(world.materials):
         if material.emission_texture < 0 or mesh.uvs is None or max(material.emission) == 0:
             continue
+        if getattr(world.textures[material.emission_texture], "film", None) is not None:
+            continue  # any place may be bright at some time
         triangles = np.flatnonzero(mesh.material_ids == index)
         if len(triangles):
             colors = _mean(world.textures[material.emission_texture], mesh.uvs[mesh.triangles[triangles]])

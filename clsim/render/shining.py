@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.scene import World
+from clsim.scene import ImageTexture, World
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import euler_quaternion, rotation_matrix
 from clsim.scene.world import Vec3
@@ -38,6 +38,7 @@ class Shining:
             _Group([(each.name, each.emission, each.modulation) for each in world.materials], self._light_surfaces),
             _Group([("", world.environment, world.environment_modulation)], self._light_sky),
         ]
+        self._films = _Films(world, materials)
         self._map = world.environment_map
         self._constant = np.array(world.environment, np.float32)
         self.state: _F64 = np.zeros(0)
@@ -55,12 +56,13 @@ class Shining:
             return
         factors = [group.factors(start_s, end_s) for group in self._groups]
         turned = 0.0 if self._map is None else self._map.turn_deg_per_s * 0.5 * (start_s + end_s) % 360.0
-        state = np.concatenate([*(each.ravel() for each in factors), [turned]])
+        state = np.concatenate([*(each.ravel() for each in factors), [turned], self._films.find(start_s, end_s)])
         if np.array_equal(state, self.state):
             return
         self.state = state
         for group, each in zip(self._groups, factors, strict=True):
             group.shine(each)
+        self._films.show()
         if self._map is not None and self._map.turn_deg_per_s:
             turn = rotation_matrix(euler_quaternion((0.0, turned, 0.0))) @ np.asarray(self._map.to_world, np.float64)
             self._lights.environment_image.to_world = wp.mat33(*turn.ravel())
@@ -81,6 +83,34 @@ class Shining:
         if self._map is not None:
             factors = self._groups[-1].now[0].astype(np.float32)
             self._lights.environment_image.radiance.assign((self._map.radiance + self._constant) * factors)
+
+
+class _Films:
+    """Textures whose pictures change with time."""
+
+    def __init__(self, world: World, materials: Any) -> None:
+        """Find them among a world's textures; their texels are written in place."""
+        self._texels = materials.textures.texels
+        firsts = materials.textures.rows.numpy()["first"]
+        found = [(texture, int(first)) for texture, first in zip(world.textures, firsts, strict=False) if first >= 0]
+        self._films = [
+            (texture.film, first) for texture, first in found if isinstance(texture, ImageTexture) and texture.film
+        ]
+        self._shown: list[list[tuple[int, float]]] = [[(0, 1.0)]] * len(self._films)
+        self._next = self._shown
+
+    def find(self, start_s: float, end_s: float) -> _F64:
+        """Return which pictures are shown in a time, and for how much of it: another array where they are others."""
+        self._next = [film.shown(start_s, end_s) for film, _ in self._films]
+        return np.array([part for shown in self._next for pair in shown for part in pair], np.float64)
+
+    def show(self) -> None:
+        """Write the pictures that were found last, where others are shown."""
+        for (film, first), before, now in zip(self._films, self._shown, self._next, strict=True):
+            if now != before:
+                texels = np.ascontiguousarray(film.picture(now)).view("<u4").ravel()
+                self._texels[first : first + len(texels)].assign(texels)
+        self._shown = self._next
 
 
 class _Group:

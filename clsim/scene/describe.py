@@ -48,7 +48,7 @@ def describe(world: World) -> dict[str, Any]:
         "moving_lights": sum(light.motion.duration_s > 0 for light in world.sphere_lights)
         + sum(light.motion.duration_s > 0 for light in world.punctual_lights)
         + sum(count > 0 and i.motion.duration_s > 0 for i, count in zip(world.instances, area_lights, strict=True)),
-        "changing_lights": sorted({name for name, _ in world.modulations()}),
+        "changing_lights": sorted({name for name, _ in [*world.modulations(), *world.films()]}),
         "environment": list(world.environment),
         "thresholds": {"on": world.sensor.threshold_on, "off": world.sensor.threshold_off},
         "spectral": world.sensor.spectral,

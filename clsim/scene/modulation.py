@@ -208,7 +208,16 @@ class Keyframed:
         return np.asarray(held + 0.5 * gone_s**2 * slope, np.float64)
 
 
-def missed(changes: Sequence[tuple[str, Modulation]], fps: float) -> str | None:
+class Paced(Protocol):
+    """What changes so fast that it takes frames enough to see it."""
+
+    @property
+    def least_fps(self) -> float:
+        """Frames per second below which frames miss what it does."""
+        ...
+
+
+def missed(changes: Sequence[tuple[str, Paced]], fps: float) -> str | None:
     """Return a sentence about light that changes too fast for so many frames per second; None where none does.
 
     Args:

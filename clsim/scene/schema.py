@@ -224,9 +224,16 @@ class CheckerTable(Table):
 
 
 class ImageTable(Table):
-    """An image as a texture."""
+    """An image as a texture; of ``texture`` and ``emission_texture`` it may be a film."""
 
-    file: str = Field(description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder")
+    file: str | None = Field(
+        None, description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder; or a video such as .mp4"
+    )
+    frames: str | None = Field(None, description="instead, files such as screen/*.png, in the order of their numbers")
+    fps: Positive | None = Field(
+        None, description="pictures per second: of frames needed, a video's own is the default"
+    )
+    loop: Flag = Field(True, description="whether a film starts anew at its end; else its last picture stays")
     wrap: Literal["repeat", "clamp", "mirror"] = "repeat"
     nearest: Flag = Field(False, description="no smoothing between pixels")
     repeats: tuple[Number, Number] = Field(

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
+from clsim.scene.film import is_video
 from clsim.scene.schema import OBJECTS, ObjectTable, SceneTable
 from clsim.scene.schema_base import Table
 from clsim.scene.schema_light import MODULATIONS
@@ -51,6 +52,7 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
             yield f"materials.{name}: has one of eta and k, expected both or none"
     for name in names:
         yield from _modulation_conflicts(f"materials.{name}", materials[name])
+        yield from _film_conflicts(f"materials.{name}", materials[name])
     environment = data.get("environment")
     yield from _modulation_conflicts("environment", environment)
     if _has(environment, "map", "daylight"):
@@ -120,6 +122,23 @@ def _modulation_conflicts(path: str, table: Any) -> Iterator[str]:
     if isinstance(keyframes, list):
         keys = [key for key in keyframes if isinstance(key, dict)]
         yield from _times_that_do_not_increase(f"{path}.modulation", keys)
+
+
+def _film_conflicts(path: str, material: Any) -> Iterator[str]:
+    """Yield what is wrong with the files of a material's textures."""
+    for key, table in material.items() if isinstance(material, dict) else ():
+        if not (key.endswith("texture") and isinstance(table, dict)):
+            continue
+        file, frames = table.get("file"), "frames" in table
+        video = isinstance(file, str) and is_video(file)
+        if (file is None) != frames:
+            yield f"{path}.{key}: expected either file or frames"
+        if frames and "fps" not in table:
+            yield f"{path}.{key}: has frames, expected fps with it"
+        if not (frames or video) and ("fps" in table or "loop" in table):
+            yield f"{path}.{key}: has fps or loop, which belong to frames and to videos"
+        if (frames or video) and key not in ("texture", "emission_texture"):
+            yield f"{path}.{key}: is a film, expected one in texture or emission_texture only"
 
 
 def _has(table: Any, *keys: str) -> bool:

@@ -9,11 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from clsim.scene.files import named_file
+from clsim.scene.film import Files, Film, Video, is_video
+from clsim.scene.images import PixelBudget
 from clsim.scene.modulation import Keyframed, Modulation, Pwm, Sine
 from clsim.scene.world import EnvironmentMap, Instance, Mesh, SphereLight, Vec3
 
 if TYPE_CHECKING:
     from clsim.scene import schema_light as schema
+    from clsim.scene.schema import ImageTable
 
 
 def read_modulation(table: schema.SineTable | schema.PwmTable | schema.LightKeyframesTable | None) -> Modulation | None:
@@ -29,6 +33,20 @@ def read_modulation(table: schema.SineTable | schema.PwmTable | schema.LightKeyf
     )
     times_s = tuple(key.time_s for key in table.keyframes)
     return Keyframed(times_s, factors, table.interpolation == "step", table.repeat)
+
+
+def read_film(table: ImageTable, folder: Path, budget: PixelBudget) -> Film | None:
+    """Return the film that a texture is; None where it is a picture.
+
+    Raises:
+        InputError: its files cannot be used.
+    """
+    if table.frames is not None:
+        return Film(Files(table.frames, folder, budget), table.fps or 1.0, loop=table.loop)
+    if table.file is None or not is_video(table.file):
+        return None
+    video = Video(named_file(table.file, folder), budget)
+    return Film(video, table.fps or video.fps, loop=table.loop)
 
 
 def read_daylight(

@@ -33,7 +33,7 @@ from clsim.scene.motion import (
 from clsim.scene.parts import Parts, with_textures_from
 from clsim.scene.paths import read_path
 from clsim.scene.spectra import METALS
-from clsim.scene.toml_light import read_daylight, read_modulation
+from clsim.scene.toml_light import read_daylight, read_film, read_modulation
 from clsim.scene.trajectory import CubicKeyframes, Interpolation, through
 from clsim.scene.wandering import Shake, Wander
 from clsim.scene.world import (
@@ -209,10 +209,12 @@ class _Builder:
     def _image(self, table: schema.ImageTable | None, *, srgb: bool) -> int:
         if table is None:
             return -1
-        pixels = read_texture(named_file(table.file, self.folder), self.budget)
+        film = read_film(table, self.folder, self.budget)
+        # A table that is no film has a file: the check of the whole TOML says so.
+        pixels = film.first if film else read_texture(named_file(str(table.file), self.folder), self.budget)
         (u, v), wrap = table.repeats, table.wrap
         matrix = ((u, 0.0, 0.0), (0.0, v, 0.0))
-        image = ImageTexture(pixels, srgb=srgb, wrap_u=wrap, wrap_v=wrap, nearest=table.nearest, uv_matrix=matrix)
+        image = ImageTexture(pixels, srgb, wrap, wrap, table.nearest, matrix, film)
         self.textures.append(image)
         return len(self.textures) - 1
 

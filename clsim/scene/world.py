@@ -11,6 +11,7 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from clsim.scene.film import Film
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Attached, Matrix, Motion, Static
 
@@ -88,6 +89,7 @@ class ImageTexture:
         srgb: whether R, G, B are sRGB-encoded (colours) or plain numbers (roughness, normals).
         wrap_u, wrap_v: what lies outside 0…1.
         uv_matrix: 2×3 matrix applied to (u, v, 1) first.
+        film: what takes the place of ``pixels`` as time goes on, of colours and of what emits.
     """
 
     pixels: npt.NDArray[np.uint8]
@@ -96,6 +98,7 @@ class ImageTexture:
     wrap_v: Wrap = "repeat"
     nearest: bool = False
     uv_matrix: tuple[Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    film: Film | None = None
 
 
 Texture = CheckerTexture | ImageTexture
@@ -362,22 +365,34 @@ class World:
             found.append(("the environment", self.environment_modulation))
         return found
 
+    def films(self) -> list[tuple[str, Film]]:
+        """Return the films on surfaces, by the names of their materials."""
+        found = []
+        for material in self.materials:
+            for index in {material.texture, material.emission_texture} - {-1}:
+                texture = self.textures[index]
+                if isinstance(texture, ImageTexture) and texture.film is not None:
+                    found.append((material.name or "a film", texture.film))
+        return found
+
     def light_changes(self) -> bool:
         """Tell whether light changes by itself, whether or not something moves."""
         turns = self.environment_map is not None and self.environment_map.turn_deg_per_s != 0
-        return turns or bool(self.modulations())
+        return turns or bool(self.modulations() or self.films())
 
     def light_repeats(self, period_s: float) -> bool:
         """Tell whether light is the same again after that time, as it is at the start."""
         environment = self.environment_map
         turned = 0.0 if environment is None else environment.turn_deg_per_s * period_s / 360.0
         ends = [(change.mean(0.0, 0.0), change.mean(period_s, period_s)) for _, change in self.modulations()]
-        return abs(turned - round(turned)) < 1e-6 and all(np.allclose(*both, atol=1e-6) for both in ends)
+        films = all(film.shown(0.0, 0.0) == film.shown(period_s, period_s) for _, film in self.films())
+        return films and abs(turned - round(turned)) < 1e-6 and all(np.allclose(*both, atol=1e-6) for both in ends)
 
     def moving_s(self) -> float:
         """Return the length of the longest motion, deformation or change of light [s]; 0 where there is none."""
         lengths_s = [mesh.deformation.duration_s for mesh in self.meshes if mesh.deformation is not None]
         lengths_s += [modulation.duration_s for _, modulation in self.modulations()]
+        lengths_s += [film.duration_s for _, film in self.films()]
         return max(*(motion.duration_s for motion in self.motions()), *lengths_s, 0.0)
 
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import PIL.Image
 import pytest
 
 import clsim
@@ -12,9 +13,10 @@ from clsim.render import RenderOptions, SceneData, light_stands_still
 from clsim.render.effort import GRADES, Effort, Steerer
 from clsim.render.light_list import small_lights
 from clsim.render.view import View
-from clsim.scene import EnvironmentMap, World
+from clsim.scene import EnvironmentMap, ImageTexture, Material, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
 from clsim.scene.motion import euler_quaternion, rotation_matrix
+from tests.scene.test_film import film_of, write_pictures
 from tests.scene.test_modulation import SCENE
 
 pytestmark = pytest.mark.usefixtures("ordinary")
@@ -115,3 +117,18 @@ def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left()
     assert wanted(2) == {GRADES + 1}
     assert (steerer.arguments["known"].numpy() == 0).all() and (steerer.arguments["correction"].numpy() == 0).all()
     assert wanted(3) == {0}
+
+
+def test_films_are_written_where_their_first_picture_was(tmp_path: Path) -> None:
+    write_pictures(tmp_path / "shots", 10, 20, 40)
+    PIL.Image.new("RGB", (3, 3), (7, 7, 7)).save(tmp_path / "still.png")
+    world, _ = film_of(tmp_path, 'frames = "shots/*.png", fps = 10')
+    still = ImageTexture(np.full((3, 3, 4), 7, np.uint8))
+    materials = (Material(texture=1), replace(world.materials[1], texture=1))
+    world = replace(world, materials=materials, textures=(*world.textures, still))
+    data = SceneData(world)
+    states = [data.shine(time_s, time_s).copy() for time_s in (0.0, 0.05, 0.1, 0.3)]
+    assert [np.array_equal(states[0], state) for state in states] == [True, True, False, True]
+    data.shine(0.1, 0.1)
+    texels = data.scene.materials.textures.texels.numpy().view(np.uint8).reshape(-1, 4)
+    assert texels[:8, 0].tolist() == [20] * 8 and texels[8:, 0].tolist() == [7] * 9
