@@ -13,7 +13,7 @@ from clsim.scene.schema import key_table
 INTRODUCTION = """# Scenes
 
 `clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of
-another program: `.gltf`, `.glb`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has no
+another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has no
 light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
 camera that stands still in a still scene is set in gentle motion, for without motion there are no events. A `.toml`
 needs a camera and light of its own; one without any light is dark, which a warning says. What a file asks for and clsim
@@ -168,6 +168,20 @@ modulation = { kind = "keyframes", keyframes = [{ time_s = 0.0, factor = 0.0 }, 
 - `keyframes`: factors at times, joined by lines or, with `interpolation = "step"`, held. A factor may be one number, or
   three for red, green and blue. With `repeat = true` all starts anew at the last time.
 
+A screen is a texture that is a film: numbered pictures, or a video (`pip install 'clsim[video]'`).
+
+```toml
+[materials.screen]
+color = [0.0, 0.0, 0.0]
+emission = [5.0, 5.0, 5.0]
+emission_texture = { file = "clip.mp4", repeats = [0.5, 1.0] }  # once on a quad of 2 by 1 m
+```
+
+Numbered pictures are `{ frames = "clip/*.png", fps = 30 }`. Each picture is shown until the next. `texture` may be a
+film too: a surface whose colours change. Only the picture that is shown is in memory. A film starts anew at its end;
+with `loop = false` its last picture stays, and the scene lasts until then. Which part of a screen is asked for light
+does not follow its pictures.
+
 In glTF, animations may change what lamps and materials emit (KHR_animation_pointer on a lamp's `color` and `intensity`,
 `emissiveFactor` and `emissiveStrength`); what else they point at is named in a warning.
 
@@ -175,7 +189,8 @@ A camera that exposes for a while sees the mean over its exposure, in closed for
 exposure, each of their places gets that mean: there is no stroboscope within a frame.
 
 **Frames must be fast enough.** A lamp at 120 Hz looks constant at 120 frames per second. A warning then says which
-`--fps` will do: ten frames a period of a sine, two for the shorter of on and off, two from keyframe to keyframe. A sine
+`--fps` will do: ten frames a period of a sine, two for the shorter of on and off, two from keyframe to keyframe, one
+for each picture of a film. A sine
 of depth .6 then has as many events as its closed form, each within 1.5 % of a period, and with four times as many
 frames within .1 %. An edge of PWM is timed to the frame.
 
@@ -196,6 +211,29 @@ The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft
 2 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
 that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
 Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warning says so.
+
+## USD
+
+`.usd`, `.usda`, `.usdc` and `.usdz` need usd-core: `pip install 'clsim[usd]'`. What is read:
+
+- meshes with polygons of any form, subsets with their own materials, points that move, skins; spheres, cubes, cylinders,
+  cones, capsules and planes; native instances and point instancers, which share triangles;
+- UsdPreviewSurface with its textures, and `displayColor` where there is no material;
+- cameras, and lamps of all shapes; domes with a picture; cones of spheres, as spots without size;
+- everything that moves, as USD evaluates it at all times; light whose intensity, exposure or colour changes.
+
+Units, the axis that points up, and time codes are the file's. A lamp's intensity is its radiance, with `normalize` over
+its area in the file's units, as renderers take it. Surfaces have two sides. Surfaces that shall be subdivided are shown
+as they are, with smooth normals. Materials of MaterialX or MDL alone are grey, with a warning. A file may name other
+files anywhere, as Mitsuba's may. A camera's shutter is not read: pixels of an event camera have none.
+
+## From Blender
+
+Export glTF (`.glb`) with *Cameras* and *Punctual Lights* on and *Apply Modifiers* on; in newer versions set *Lighting
+Mode* to *Standard*. Point, spot and sun lamps come through; area lamps and the world's picture do not. Export USD
+instead where you have these: it keeps area lamps with their size, and the world as a dome. In both, a material must be a
+*Principled BSDF* whose inputs are numbers or image textures: bake what other nodes make. The frame range becomes the
+animation; physics and constraints are baked on export, and their keyframes are joined as Blender's frames are.
 
 ## Parameters of Mitsuba's files
 
