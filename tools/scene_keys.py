@@ -13,8 +13,8 @@ from clsim.scene.schema import key_table
 INTRODUCTION = """# Scenes
 
 `clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of
-another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has no
-light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
+another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has
+no light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
 camera that stands still in a still scene is set in gentle motion, for without motion there are no events. A `.toml`
 needs a camera and light of its own; one without any light is dark, which a warning says. What a file asks for and clsim
 lacks is named once in a warning.
@@ -216,8 +216,8 @@ Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warni
 
 `.usd`, `.usda`, `.usdc` and `.usdz` need usd-core: `pip install 'clsim[usd]'`. What is read:
 
-- meshes with polygons of any form, subsets with their own materials, points that move, skins; spheres, cubes, cylinders,
-  cones, capsules and planes; native instances and point instancers, which share triangles;
+- meshes with polygons of any form, subsets with their own materials, points that move, skins; spheres, cubes,
+  cylinders, cones, capsules and planes; native instances and point instancers, which share triangles;
 - UsdPreviewSurface with its textures, and `displayColor` where there is no material;
 - cameras, and lamps of all shapes; domes with a picture; cones of spheres, as spots without size;
 - everything that moves, as USD evaluates it at all times; light whose intensity, exposure or colour changes.
@@ -231,8 +231,8 @@ files anywhere, as Mitsuba's may. A camera's shutter is not read: pixels of an e
 
 Export glTF (`.glb`) with *Cameras* and *Punctual Lights* on and *Apply Modifiers* on; in newer versions set *Lighting
 Mode* to *Standard*. Point, spot and sun lamps come through; area lamps and the world's picture do not. Export USD
-instead where you have these: it keeps area lamps with their size, and the world as a dome. In both, a material must be a
-*Principled BSDF* whose inputs are numbers or image textures: bake what other nodes make. The frame range becomes the
+instead where you have these: it keeps area lamps with their size, and the world as a dome. In both, a material must be
+a *Principled BSDF* whose inputs are numbers or image textures: bake what other nodes make. The frame range becomes the
 animation; physics and constraints are baked on export, and their keyframes are joined as Blender's frames are.
 
 ## Parameters of Mitsuba's files
