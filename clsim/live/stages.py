@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
+from clsim.live.base_rate import BASE_FPS, base_fps
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
-from clsim.live.time_steps import BASE_FPS, TOLERANCE_US, Retracing, way_px
+from clsim.live.time_steps import TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
@@ -152,9 +153,10 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
 
     if world is None:
         world = alone(load_options_world(options))
-    by_frames = options.time == "fixed" or (options.point.method == "irradiance" and lamps_move(world))
-    fps = options.fps or (world.fps if by_frames else min(world.fps, BASE_FPS))
     still = light_stands_still(world)
+    in_frames = options.point.method == "irradiance" and not still
+    by_frames = options.time == "fixed" or (in_frames and lamps_move(world))
+    fps = options.fps or (world.fps if by_frames else base_fps(world, light_is_a_line=in_frames))
     options = options.settled(still and not lights_set)
     point = options.point
     steered = point.sampling == "adaptive"
@@ -192,11 +194,6 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
             raise InputError(
                 f"`time` {options.time} finds brightness at instants, but the camera of {world.name} exposes for "
                 f"{world.camera.shutter_s:g} s; expected 0"
-            )
-        if world.light_changes():
-            raise InputError(
-                f"`time` {options.time} follows motion alone between frames, but in {world.name} light changes by "
-                "itself; use fixed, with enough frames per second"
             )
         retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, way_px(options.time), render)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)

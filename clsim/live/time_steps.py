@@ -19,9 +19,6 @@ if TYPE_CHECKING:
 TOLERANCE_US = 100.0
 """Error of an event's time that will do where none is given."""
 SMALLEST_TOLERANCE_US, LARGEST_TOLERANCE_US = 1.0, 1e6
-BASE_FPS = 30.0
-"""Frames per simulated second between which pixels are traced, where nobody says how many shall be shown."""
-
 
 _SMALLEST_WAY_PX, _LARGEST_WAY_PX = 1e-3, 1e3
 

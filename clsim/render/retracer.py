@@ -159,7 +159,8 @@ class Retracer:
         """Return the end of the run of instants, from ``first`` on, that one launch traces."""
         if self._data.still:
             return max(first + 1, int(np.searchsorted(ends, done + _MOST_REQUESTS, side="right")))
-        return min(first + (_MOST_INSTANTS if self._data.features.instants else 1), len(ends))
+        alike = self._data.features.instants and not self._data.light_changes
+        return min(first + (_MOST_INSTANTS if alike else 1), len(ends))
 
     def _trace(
         self, pixels: npt.NDArray[np.int32], instants_s: npt.NDArray[np.float64], numbers: npt.NDArray[np.int64]
@@ -167,6 +168,8 @@ class Retracer:
         if self._tiles.cancelled:
             raise RenderCancelled
         self._data.move_to(instants_s)
+        if self._data.light_changes:
+            self._data.shine(float(instants_s[0]), float(instants_s[0]))
         planes, bits = self._target(len(pixels))
         changed = {
             "scene": self._data.scene,

@@ -9,7 +9,6 @@ import numpy.typing as npt
 import pytest
 
 import clsim
-from clsim.errors import InputError
 from clsim.scene import World
 from clsim.scene.modulation import Keyframed, Modulation, Pwm, Sine
 from tests.simulator.stage import scene
@@ -125,9 +124,22 @@ def test_light_within_an_exposure_is_its_mean(tmp_path: Path) -> None:
         assert trough / crest == pytest.approx(expected[1] / expected[0], rel=1e-4)
 
 
-def test_gates_and_times_that_do_not_see_changing_light_say_so(tmp_path: Path) -> None:
+def test_a_gate_that_does_not_see_changing_light_says_so(tmp_path: Path) -> None:
     world = stage(tmp_path, Sine(10.0))
     with clsim.Simulator(world, fps=200.0, quality="published") as run:
         assert run.warnings == ("`gate` delta-r sees what moves, but no light that changes: expected radiance",)
-    with pytest.raises(InputError, match="`time` adaptive follows motion alone between frames, but in stage light"):
-        clsim.Simulator(world, time="adaptive")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{}, {"quality": "exact", "spp": 4}], ids=["balanced", "exact"])
+def test_pixels_between_frames_are_seen_in_the_light_of_their_time(tmp_path: Path, options: dict[str, Any]) -> None:
+    """Something moves, so they are traced; frames are as many as the flicker needs, and exact follows it between."""
+    world = stage(tmp_path, Sine(24.0, 0.6))
+    expected = crossings(Sine(24.0, 0.6), 0.05)
+    with clsim.Simulator(world, time="adaptive", time_tolerance_us=20.0, **options) as run:
+        assert run.fps == 240.0
+        events = run.step(50_000)
+    for own in pixels_of(events, world):
+        assert own["on"].tolist() == [up for _, up in expected]
+        late_us = np.abs(own["t"] - [t * 1e6 for t, _ in expected])
+        assert late_us.max() < (60 if options else 500)

@@ -1,0 +1,85 @@
+"""How many frames a second there are at least, where pixels are traced between them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.scene import World
+
+BASE_FPS = 30.0
+"""Frames per simulated second where nothing asks for more."""
+MOST_FPS = 64 * BASE_FPS
+"""Frames per simulated second beyond which changing light asks for no more."""
+_WAY_PX = 12.0
+"""Way from frame to frame beyond which a thing's light and shadow are seen too seldom [pixels]."""
+_APART_S = 1e-3
+"""Time over which speeds are taken [s]."""
+_MOST_POSES = 2000
+
+F64 = npt.NDArray[np.float64]
+
+
+def base_fps(world: World, *, light_is_a_line: bool) -> float:
+    """Return how many frames a second brightness between frames is found from: 30, or 2, 4, 8 … times as many.
+
+    They are as many as changing light asks for, up to `MOST_FPS`. Where light is taken for a straight line between
+    frames, they are also so many that nothing goes much farther than 12 pixels from one to the next, but no more than
+    the scene's own.
+
+    Args:
+        world: the scene.
+        light_is_a_line: whether pixels that are traced between frames take their light from the frames.
+    """
+    by_motion = _in_steps(fastest_px_s(world) / _WAY_PX) if light_is_a_line else BASE_FPS
+    by_light = max((change.least_fps for _, change in world.modulations()), default=0.0)
+    fps = min(by_motion, world.fps)
+    return max(fps, min(_in_steps(by_light), MOST_FPS)) if by_light > fps else fps
+
+
+def fastest_px_s(world: World) -> float:
+    """Return how fast the boxes of rigid things go over the image, seen from where the camera is then [pixels/s]."""
+    moving = [each for each in world.instances if each.motion.duration_s > 0]
+    duration_s = max((each.motion.duration_s for each in moving), default=0.0)
+    focal_px = world.camera.width / (2.0 * math.tan(math.radians(min(world.camera.fov_deg, 170.0)) / 2.0))
+    fastest = 0.0
+    for time_s in np.linspace(0.0, duration_s, max(4, min(64, _MOST_POSES // max(1, len(moving)))), endpoint=False):
+        to_camera = np.linalg.inv(world.camera.motion.pose(float(time_s)))
+        for each in moving:
+            corners = _corners(world.meshes[each.mesh].vertices)
+            places = [
+                _on_image(to_camera @ each.motion.pose(float(t)), corners, focal_px)
+                for t in (time_s, time_s + _APART_S)
+            ]
+            if _seen(places[0], world.camera.width, world.camera.height) and np.isfinite(places[1]).all():
+                fastest = max(fastest, float(np.linalg.norm(places[1] - places[0], axis=1).max()) / _APART_S)
+    return fastest
+
+
+def _in_steps(fps: float) -> float:
+    """Return the least of 30, 60, 120 … that is no less."""
+    return BASE_FPS * 2.0 ** max(0, math.ceil(math.log2(max(fps, BASE_FPS) / BASE_FPS) - 1e-6))
+
+
+def _corners(vertices: npt.NDArray[np.float32]) -> F64:
+    """Return the corners of the box around vertices, ``[8, 3]``."""
+    ends = np.array((vertices.min(axis=0), vertices.max(axis=0)), np.float64)
+    x, y, z = np.unravel_index(np.arange(8), (2, 2, 2))
+    return np.stack([ends[x, 0], ends[y, 1], ends[z, 2]], axis=1)
+
+
+def _on_image(pose: F64, corners: F64, focal_px: float) -> F64:
+    """Return where corners are from the image's middle [pixels], ``[8, 2]``; NaN for those behind the camera."""
+    x, y, z = pose[:3, :3] @ corners.T + pose[:3, 3:]
+    ahead = np.where(z < 0.0, -z, np.nan)
+    return np.stack([x / ahead, -y / ahead], axis=1) * focal_px
+
+
+def _seen(places: F64, width: int, height: int) -> bool:
+    """Whether the box around places, ``[8, 2]``, overlaps the picture."""
+    if not np.isfinite(places).all():
+        return False
+    half = np.array((width / 2.0, height / 2.0))
+    return bool((places.min(axis=0) < half).all() and (places.max(axis=0) > -half).all())
