@@ -26,6 +26,10 @@ _INSIDE = 4
 all, where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
+_LEAST_EVERY = 2
+"""Frames from one probe of a pixel to the next at least, where paths do not find light straight from lamps."""
+_IN_SHADOW = 2
+"""Times as many rays look into a pixel that is lit in part as into one that shows several things."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -64,19 +68,22 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool) -> Any:
+def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool = False) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
+        lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
     """
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
+    looks.in_shadow = _IN_SHADOW * first_hit_rays
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if first_hit_rays < fewer)
+        beside_corners = first_hit_rays // 4 if lamps else first_hit_rays
+        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
         looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
         looks.texels = 4 * first_hit_rays
@@ -99,12 +106,13 @@ class Steerer:
         effort: Effort,
         pixel_angle: float,
         sharp: bool,
+        lamps: bool,
         board: InterestBoard | None,
         device: Any,
     ) -> None:
-        """Allocate what is kept from frame to frame; see `looks_of` for ``pixel_angle`` and ``sharp``."""
+        """Allocate what is kept from frame to frame; see `looks_of` for ``pixel_angle``, ``sharp`` and ``lamps``."""
         pixels = width * height
-        self._pixel_angle, self._sharp = pixel_angle, sharp
+        self._looks_at = pixel_angle, sharp, lamps
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -140,8 +148,11 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
+        steering.looks = looks_of(effort.first_hit_rays, *self._looks_at)
         steering.every, steering.turn = effort.every, self._number
+        if self._looks_at[2]:
+            # What is left to paths changes slowly.
+            steering.every = max(effort.every, _LEAST_EVERY)
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:
             # Nothing that was kept tells of this frame.

@@ -13,6 +13,8 @@ from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, Pu
 from clsim.scene.world import Kind
 
 Strategy = Literal["mis", "light", "scatter"]
+_FEW_LAMPS = 4
+"""Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class SceneFeatures:
         still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
+        few_lamps: few enough shine, each with the same light all over, to add up what all send to a point.
         light_tree: several lights stand still, and which is drawn depends on the point that they light.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
@@ -75,6 +78,7 @@ class SceneFeatures:
     still_lamps: bool
     sphere_lights: bool
     punctual_lights: bool
+    few_lamps: bool
     light_tree: bool
     environment: bool
     environment_map: bool
@@ -97,6 +101,7 @@ class Features(SceneFeatures):
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         light_cache: first hits take their light from what is kept on surfaces.
+        lamp_light: light straight from lamps is found apart from paths, in closed form but for shadows.
         requests: a list tells which pixels are traced, and at which instants.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
@@ -112,6 +117,7 @@ class Features(SceneFeatures):
     first_hits: bool
     light_cache: bool
     requests: bool
+    lamp_light: bool
     strategy: Strategy
 
     @property
@@ -156,6 +162,7 @@ class Features(SceneFeatures):
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
             (self.light_cache, "light kept on surfaces"),
+            (self.lamp_light, "light straight from lamps in closed form"),
         )
         return {
             "built in": [text for present, text in rows if present],
@@ -214,11 +221,26 @@ def may_be_mirror(material: Material) -> bool:
 
 def _still_lamps(world: World) -> bool:
     """Whether no triangle that emits moves or deforms, or has a texture that matters to its light."""
-    textured = any(
+    return not _lamps_are_textured(world) and not _triangles_that_emit_move(world)
+
+
+def _lamps_are_textured(world: World) -> bool:
+    return any(
         max(material.emission) > 0 and (material.emission_texture >= 0 or material.alpha_mode != "opaque")
         for material in world.materials
     )
-    return not textured and not _triangles_that_emit_move(world)
+
+
+def _few_lamps(world: World) -> bool:
+    """Whether there are some lamps but not many, each with the same light all over."""
+    return not _lamps_are_textured(world) and 0 < _lamps(world) <= _FEW_LAMPS
+
+
+def _lamps(world: World) -> int:
+    """Return how many triangles emit, and how many other lights there are but the environment."""
+    emits = np.array([max(material.emission) > 0 for material in world.materials], bool)
+    triangles = (np.count_nonzero(emits[world.meshes[i.mesh].material_ids]) for i in world.instances if len(emits))
+    return sum(map(int, triangles)) + len(world.sphere_lights) + len(world.punctual_lights)
 
 
 def _triangles_that_emit_move(world: World) -> bool:
@@ -301,6 +323,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         still_lamps=_still_lamps(world),
         sphere_lights=bool(world.sphere_lights),
         punctual_lights=bool(world.punctual_lights),
+        few_lamps=_few_lamps(world),
         light_tree=_several_still_lights(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,
@@ -309,6 +332,12 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         # What deforms is traced an instant at a time.
         instants=instants and objects_move(world) and not deforming,
     )
+
+
+def _lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
+    """Whether light straight from lamps may be found apart from paths."""
+    plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
+    return plain and scene.few_lamps and "diffuse" in scene.kinds and strategy == "mis"
 
 
 def view_features(
@@ -335,5 +364,6 @@ def view_features(
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,
+        lamp_light=first_hits and not light_cache and _lamps_apart(scene, strategy),
         strategy=strategy,
     )

@@ -19,9 +19,11 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.corners import centre_thing, corner_at, footprint_of, on_flat_surface
 from clsim.render.film import Sample
+from clsim.render.lamp_light import same_light
 from clsim.render.sobol import make_sampler, reverse_bits
-from clsim.render.textures import Footprint, uv_in
+from clsim.render.textures import Footprint
 from clsim.render.things import (
     DARK,
     Thing,
@@ -35,8 +37,6 @@ from clsim.render.things import (
 
 _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
-_OFF_UV = wp.constant(0.02)
-"""Share of a pixel's extent on a flat surface by which a ray may end elsewhere than the corners tell."""
 _CORNER = wp.constant(-3)
 """Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
 
@@ -50,6 +50,7 @@ class Looks:
         inside: rays inside a pixel that shows one thing.
         by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
         steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
+        in_shadow: rays inside a pixel, of which some reach the lamps and some do not.
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
     """
@@ -58,6 +59,7 @@ class Looks:
     inside: int
     by_edge: int
     steps: int
+    in_shadow: int
     texels: int
     pixel_angle: float
 
@@ -82,6 +84,7 @@ def _alike(a: Sample, b: Sample, by_colour: bool, pixel_angle: float) -> bool:
 class _Edge:
     """What the corners tell, and how far the edge is placed.
 
+    ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside may tell that too.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
     and the row ``second`` of the corners has the other. ``marks`` has a bit for each corner that sees the second.
@@ -96,6 +99,7 @@ class _Edge:
     straight: bool
     by_colour: bool
     flat: bool
+    shaded: bool
     marks: int
     rays: int
     second: int
@@ -117,13 +121,6 @@ def _sound(sample: Sample) -> bool:
 
 
 @wp.func
-def _corner(i: int) -> wp.vec2:
-    """Return a corner of a pixel; i and i + 1 are the ends of a side."""
-    k = i & 3
-    return wp.vec2(wp.where(k == 1 or k == 2, 1.0, 0.0), wp.where(k >= 2, 1.0, 0.0))
-
-
-@wp.func
 def _cross(a: wp.vec2, b: wp.vec2) -> float:
     return a[0] * b[1] - a[1] * b[0]
 
@@ -132,8 +129,8 @@ def _cross(a: wp.vec2, b: wp.vec2) -> float:
 def _on_side(edge: _Edge, share: float) -> wp.vec2:
     """Return a place on the side where the edge is looked for, that share of it away from the first's corner."""
     marked = (edge.marks >> edge.side) & 1
-    start = _corner(edge.side + marked)
-    return start + (_corner(edge.side + 1 - marked) - start) * share
+    start = corner_at(edge.side + marked)
+    return start + (corner_at(edge.side + 1 - marked) - start) * share
 
 
 @wp.func
@@ -145,8 +142,8 @@ def _next_side(edge: _Edge, side: int, steps: int) -> _Edge:
         if e.side == 4:
             marked = (e.marks >> i) & 1
             if marked == 0:
-                e.area = e.area + 0.5 * _cross(e.last, _corner(i))
-                e.last = _corner(i)
+                e.area = e.area + 0.5 * _cross(e.last, corner_at(i))
+                e.last = corner_at(i)
             if marked != ((e.marks >> ((i + 1) & 3)) & 1):
                 e.side = i
     e.low = 0.0
@@ -190,38 +187,13 @@ def _off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> 
     return away < -_OFF_LINE_PX
 
 
-@wp.func
-def _over_distance(sample: Sample) -> wp.vec3:
-    return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / sample.depth
-
-
-@wp.func
-def _footprint(corners: wp.array(dtype=Sample), nearest: int, row: int) -> Footprint:
-    """Return what the four corners tell of a flat surface; ``row`` is the number of corners in a row."""
-    f = Footprint()
-    f.top_left = _over_distance(corners[nearest])
-    f.top_right = _over_distance(corners[nearest + 1])
-    f.bottom_left = _over_distance(corners[nearest + row])
-    f.bottom_right = _over_distance(corners[nearest + row + 1])
-    return f
-
-
-@wp.func
-def _on_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel_angle: float) -> bool:
-    """Whether a ray saw the flat surface that the corners saw, where it should."""
-    middle = uv_in(footprint, 0.5, 0.5)
-    extent = wp.length(uv_in(footprint, 1.0, 0.5) - middle) + wp.length(uv_in(footprint, 0.5, 1.0) - middle)
-    off = wp.length(sample.uv - uv_in(footprint, place[0], place[1]))
-    near = off < _OFF_UV * extent + 1.0e-6
-    return near and sample.material == first.material and same_surface(sample, first, pixel_angle)
-
-
 def make_look(
     sobol: bool,
     edges: bool,
     shoot_at: Any,
     flat: Any,
     mean_albedo: Any,
+    light_things: Any | None,
     scene_type: Any,
     view_type: Any,
     settings_type: Any,
@@ -239,6 +211,7 @@ def make_look(
         shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, only_look) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface.
+        light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
         scene_type, view_type, settings_type: structs of the first three.
     """
     uniform2 = make_sampler(sobol)
@@ -257,12 +230,15 @@ def make_look(
         third = bool(False)
         one_material = bool(True)
         for i in range(1, 4):
-            place = _corner(i)
+            place = corner_at(i)
             other = nearest + int(place[0]) + int(place[1]) * row
             sample = corners[other]
             sound = sound and _sound(sample)
             one_material = one_material and sample.material == first.material
-            if not same_surface(sample, first, looks.pixel_angle):
+            same = same_surface(sample, first, looks.pixel_angle)
+            if same and not same_light(sample, first):
+                edge.shaded = True
+            if not same:
                 if edge.by_colour:
                     # Colours matter on one surface only.
                     edge.by_colour = False
@@ -311,7 +287,7 @@ def make_look(
             if looks.steps > 0 and corner < 0:
                 edge = judge_corners(scene, looks, corners, nearest, row)
                 if edge.flat:
-                    footprint = _footprint(corners, nearest, row)
+                    footprint = footprint_of(corners, nearest, row)
                 if edge.plain or edge.flat:
                     number = begin_thing(things, number, corners[nearest])
                 if edge.straight:
@@ -341,7 +317,10 @@ def make_look(
                     wanted = looks.inside
                 if edge.straight and not varied:
                     wanted = looks.by_edge
-                if inside >= wp.min(wanted, looks.most):
+                wanted = wp.min(wanted, looks.most)
+                if edge.shaded:
+                    wanted = wp.max(wanted, looks.in_shadow)
+                if inside >= wanted:
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
@@ -363,7 +342,7 @@ def make_look(
                 if _sound(sample):
                     k = int(0)
                     if edge.flat:
-                        edge.flat = _on_surface(footprint, corners[nearest], sample, place, looks.pixel_angle)
+                        edge.flat = on_flat_surface(footprint, corners[nearest], sample, place, looks.pixel_angle)
                         edge.plain = edge.plain and edge.flat
                     if not edge.flat:
                         k = find_thing(things, number, sample, edge.by_colour, looks.pixel_angle)
@@ -379,12 +358,17 @@ def make_look(
                         varied = True
                     if edge.straight:
                         edge.straight = not _off_line(edge.place, edge.along, place, k == 0)
+                    edge.shaded = edge.shaded or not same_light(sample, things[k].first)
                     add_to_thing(things, k, sample)
         finish_things(things, number, edge.straight, edge.area)
         if wp.static(edges):
             if edge.flat:
                 albedo = mean_albedo(scene, corners[nearest], footprint, looks.texels)
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+        if wp.static(light_things is not None):
+            if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
+                centre_thing(things, corners, nearest, row)
+            light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
         seen = Seen()
         seen.things = number
         seen.rays = edge.rays + inside

@@ -16,50 +16,26 @@ from clsim.render.absorption import absorption_towards, dimmed
 from clsim.render.alpha import make_alpha
 from clsim.render.blends import FIRST, make_blends
 from clsim.render.bsdf import make_bsdf
+from clsim.render.bsdf_kinds import DIFFUSE
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.gather import make_gather
-from clsim.render.geometry import CLEAR, PERHAPS, Geometry, Hit, Surface, Tree, make_sphere_at, offset_origin
+from clsim.render.geometry import CLEAR, PERHAPS, Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
+from clsim.render.kernel_input import Scene, Settings
+from clsim.render.lamp_light import make_lamp_light
 from clsim.render.light_tree import Receiver, make_receiver
-from clsim.render.lights import Lights, make_lights, make_side
+from clsim.render.lights import make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.sobol import make_sampler
 from clsim.render.textures import Footprint
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
-
-
-@wp.struct
-class Settings:
-    """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
-
-    The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
-    what pixels see of R, G and B.
-    """
-
-    samples: int
-    batches: int
-    max_depth: int
-    roulette_start: int
-    width: int
-    opens: float
-    lasts: float
-    spectral: wp.vec3
-    stream: wp.uint64
-
-
-@wp.struct
-class Scene:
-    """All that a ray may meet."""
-
-    geometry: Geometry
-    materials: Materials
-    lights: Lights
+_NEVER = wp.constant(1.0e-9)
 
 
 @cache
@@ -89,7 +65,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return radiance
 
     receiver = make_receiver(features)
-    sample_light, triangle_pdf, sphere_pdf, environment = make_lights(features, surface, shining)
+    sample_light, triangle_pdf, sphere_pdf, environment, on_lamp = make_lights(features, surface, shining)
     add, merge, store = make_film(features.variances, features.sobol)
     uniform2 = make_sampler(features.sobol)
     camera_ray = make_camera(features)
@@ -125,14 +101,16 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return good
 
     @wp.func
-    def weight(alone: bool, scattered: float, drawn: float) -> float:
-        """MIS weight of light that scattering found, given both densities; rays of camera and mirrors have no rival."""
+    def weight(alone: bool, apart: bool, scattered: float, drawn: float) -> float:
+        """MIS weight of light that scattering found, given both densities; 0 where lamps' light is found ``apart``."""
         w = float(1.0)
         if not alone:
             if wp.static(not by_scatter):
                 w = 0.0
             elif wp.static(by_light):
                 w = sampling.power_heuristic(scattered, drawn)
+        if apart and drawn > 0.0:
+            w = 0.0
         return w
 
     @wp.func
@@ -163,6 +141,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         last = Receiver()
         last.position = start
         last.normal = toward
+        # Where lamps' light is found apart from paths: at this surface, and at the one before.
+        apart = bool(False)
+        was_apart = bool(False)
+        others = float(1.0)
         for depth in range(settings.max_depth):
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
             if wp.static(features.absorption):
@@ -175,7 +157,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     if hit.sphere >= 0:
                         drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last, time)
                         radiance = scene.lights.sphere_radiance[hit.sphere]
-                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
+                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, was_apart, pdf, drawn)
                         if looking:
                             sphere = sphere_at(scene.geometry, hit.sphere, time)
                             centre = wp.vec3(sphere[0], sphere[1], sphere[2])
@@ -189,7 +171,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         break
                 if wp.static(features.environment):
                     sky = environment(scene.lights, last.normal, direction)
-                    sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(alone, pdf, sky.pdf)
+                    sample.radiance += wp.cw_mul(throughput, sky.radiance) * weight(alone, False, pdf, sky.pdf / others)
                     if wp.static(features.first_hits):
                         if looking:
                             sample.emission = sample.radiance
@@ -226,7 +208,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:
                     drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, last)
-                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, pdf, drawn)
+                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, was_apart, pdf, drawn)
             if wp.static(features.first_hits):
                 if looked_at:
                     sample.position = point.position
@@ -234,7 +216,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.uv = point.uv
                     sample.front = point.front
                     sample.material = wp.where(depth == 0, point.material + 1, 0)
-                if only_look and not looking:
+                if wp.static(features.lamp_light):
+                    apart = looked_at and not looking and bsdf.kind == DIFFUSE
+                if only_look and not looking and not apart:
                     break
             if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
@@ -242,18 +226,30 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             dimension = (depth + 1) * _DIMENSIONS
             choice = uniform2(stream, dimension + sampling.CHOICE)
             to = receiver(bsdf, point.position, point.shading_normal, -direction)
+            draw = choice[0]
+            asks = not bsdf.mirror
+            if wp.static(features.lamp_light):
+                others = wp.where(apart, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
+                if apart:
+                    # The lamps come first, and then the environment.
+                    asks = only_look or others > _NEVER
+                    draw = wp.where(only_look, draw * (1.0 - others), 1.0 - others + draw * others)
+                    sample.lamp = True
+                was_apart = apart
             if wp.static(by_light and has_lights):
-                if not bsdf.mirror:
+                if asks:
                     u = uniform2(stream, dimension + sampling.LIGHT)
                     finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
-                    light = sample_light(
-                        scene.lights, scene.geometry, scene.materials, point, to, choice[0], finer, u, time
-                    )
+                    light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time)
+                    if wp.static(features.lamp_light):
+                        light.pdf = light.pdf / wp.where(only_look, 1.0, others)
                     if light.pdf > 0.0 and agree(point, light.direction):
                         scattering = scatter_value(
                             scene.materials, bsdf, point.shading_normal, -direction, light.direction
                         )
                         value = wp.cw_mul(wp.cw_mul(throughput, light.radiance), scattering.value)
+                        if wp.static(features.lamp_light):
+                            sample.lamp_all = sampling.luminance(value) / light.pdf
                         if value[0] + value[1] + value[2] > 0.0:
                             visible = visibility(scene, light.origin, light.direction, light.distance, time)
                             if visible > 0.0:
@@ -263,7 +259,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                                         sky = environment(scene.lights, point.shading_normal, light.direction)
                                         value = wp.cw_mul(value, sky.radiance)
                                         # Beside a cell that is black, roundings may end in it.
-                                        light.pdf = wp.max(sky.pdf, 1.0e-30)
+                                        light.pdf = wp.max(sky.pdf / others, 1.0e-30)
                                 if wp.static(features.absorption):
                                     way = absorption_towards(scene.materials, point, light.direction, absorption)
                                     value = wp.cw_mul(value, dimmed(way, light.distance))
@@ -271,6 +267,11 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                                     if not light.delta:
                                         w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
                                 sample.radiance += value * (w / light.pdf)
+                                if wp.static(features.lamp_light):
+                                    sample.lamp_lit = sample.lamp_all * visible
+            if wp.static(features.lamp_light):
+                if only_look and not looking:
+                    break
 
             lobe = float(0.0)
             if wp.static(glossy):
@@ -362,7 +363,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
 
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
-    look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, *types)
+    lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
+    look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, lamps, *types)
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.retraced import make_retraced

@@ -110,10 +110,11 @@ def make_side(features: Features) -> Any:
     return side
 
 
-def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, Any, Any, Any]:
+def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, Any, Any, Any, Any]:
     """Return the Warp functions ``sample_light`` and, for what scattering finds, the densities with which it draws.
 
-    They are ``triangle_pdf``, ``sphere_pdf`` and ``environment``, which also tells its radiance.
+    They are ``triangle_pdf``, ``sphere_pdf`` and ``environment``, which also tells its radiance. The last function is
+    ``on_lamp``: a point of a triangle, by its number among the lights and the weights of its corners.
     """
     sphere_at = make_sphere_at(features)
     towards_punctual = make_punctual(features)
@@ -278,4 +279,4 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     sample.distance = FAR
         return sample
 
-    return sample_light, triangle_pdf, sphere_pdf, environment
+    return sample_light, triangle_pdf, sphere_pdf, environment, on_lamp

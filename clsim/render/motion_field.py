@@ -15,7 +15,7 @@ from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
-from clsim.render.integrator import Scene, Settings
+from clsim.render.kernel_input import Scene, Settings
 from clsim.render.intersection import make_intersection
 
 _ITERATIONS = wp.constant(4)

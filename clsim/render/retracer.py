@@ -81,7 +81,7 @@ class Retracer:
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
-        self._looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp
+        self._looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp, features.lamp_light
         if self._first_hits:
             self._settings.samples = self._first_hits
         # Most pixels need few of their first-hit rays.

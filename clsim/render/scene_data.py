@@ -15,7 +15,8 @@ from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.features import light_stands_still, scene_features
 from clsim.render.geometry import Tree
-from clsim.render.integrator import Scene, build_kernel
+from clsim.render.integrator import build_kernel
+from clsim.render.kernel_input import Scene
 from clsim.render.options import RenderOptions
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache

@@ -37,6 +37,7 @@ class Thing:
         share: its share of the pixel's area.
         albedo, emission, position, normal, depth: sums over these rays, and means in the end; albedo is `lit_albedo`,
             and all but emission are 0 where nothing was hit.
+        lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
     """
 
     first: Sample
@@ -47,6 +48,8 @@ class Thing:
     position: wp.vec3
     normal: wp.vec3
     depth: float
+    lamp_all: float
+    lamp_lit: float
 
 
 @wp.func
@@ -108,6 +111,8 @@ def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample):
     """Let a ray count for the means of a thing."""
     things[k].rays += 1.0
     things[k].emission += sample.emission
+    things[k].lamp_all += sample.lamp_all
+    things[k].lamp_lit += sample.lamp_lit
     if sample.hit:
         things[k].albedo += lit_albedo(sample)
         things[k].position += sample.position

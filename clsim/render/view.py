@@ -15,7 +15,8 @@ from clsim.render.camera import CameraData
 from clsim.render.effort import Effort, Steerer
 from clsim.render.features import light_stands_still
 from clsim.render.film import Sample
-from clsim.render.integrator import Settings, build_kernel
+from clsim.render.integrator import build_kernel
+from clsim.render.kernel_input import Settings
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
@@ -124,7 +125,7 @@ class View:
                     *size, effort, pixel_angle, sharp, options.light_hz, options.look_again, self._device
                 )
             else:
-                self._steerer = Steerer(*size, effort, pixel_angle, sharp, board, self._device)
+                self._steerer = Steerer(*size, effort, pixel_angle, sharp, features.lamp_light, board, self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass

@@ -1,0 +1,57 @@
+"""What a pixel's four corners tell of it, as Warp functions.
+
+``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
+"""
+
+import warp as wp
+
+from clsim.render.film import Sample
+from clsim.render.textures import Footprint, uv_in
+from clsim.render.things import Thing, same_surface
+
+_OFF_UV = wp.constant(0.02)
+"""Share of a pixel's extent on a flat surface by which a ray may end elsewhere than the corners tell."""
+
+
+@wp.func
+def corner_at(i: int) -> wp.vec2:
+    """Return a corner of a pixel; i and i + 1 are the ends of a side."""
+    k = i & 3
+    return wp.vec2(wp.where(k == 1 or k == 2, 1.0, 0.0), wp.where(k >= 2, 1.0, 0.0))
+
+
+@wp.func
+def _over_distance(sample: Sample) -> wp.vec3:
+    return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / sample.depth
+
+
+@wp.func
+def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int) -> Footprint:
+    """Return what the four corners tell of a flat surface; ``row`` is the number of corners in a row."""
+    f = Footprint()
+    f.top_left = _over_distance(corners[nearest])
+    f.top_right = _over_distance(corners[nearest + 1])
+    f.bottom_left = _over_distance(corners[nearest + row])
+    f.bottom_right = _over_distance(corners[nearest + row + 1])
+    return f
+
+
+@wp.func
+def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel_angle: float) -> bool:
+    """Whether a ray saw the flat surface that the corners saw, where it should."""
+    middle = uv_in(footprint, 0.5, 0.5)
+    extent = wp.length(uv_in(footprint, 1.0, 0.5) - middle) + wp.length(uv_in(footprint, 0.5, 1.0) - middle)
+    off = wp.length(sample.uv - uv_in(footprint, place[0], place[1]))
+    near = off < _OFF_UV * extent + 1.0e-6
+    return near and sample.material == first.material and same_surface(sample, first, pixel_angle)
+
+
+@wp.func
+def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample), nearest: int, row: int):
+    """Put the one thing that a pixel shows where its corners see it on average: few rays inside are off the middle."""
+    p = corners[nearest].position + corners[nearest + 1].position
+    things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
+    n = corners[nearest].normal + corners[nearest + 1].normal
+    things[0].normal = 0.25 * (n + corners[nearest + row].normal + corners[nearest + row + 1].normal)
+    d = corners[nearest].depth + corners[nearest + 1].depth
+    things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)

@@ -1,0 +1,35 @@
+"""What the kernels are given, whatever they trace."""
+
+import warp as wp
+
+from clsim.render.geometry import Geometry
+from clsim.render.lights import Lights
+from clsim.render.materials import Materials
+
+
+@wp.struct
+class Settings:
+    """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
+
+    The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
+    what pixels see of R, G and B.
+    """
+
+    samples: int
+    batches: int
+    max_depth: int
+    roulette_start: int
+    width: int
+    opens: float
+    lasts: float
+    spectral: wp.vec3
+    stream: wp.uint64
+
+
+@wp.struct
+class Scene:
+    """All that a ray may meet."""
+
+    geometry: Geometry
+    materials: Materials
+    lights: Lights
