@@ -26,8 +26,6 @@ _INSIDE = 4
 all, where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
-_LEAST_EVERY = 2
-"""Frames from one probe of a pixel to the next at least, where paths do not find light straight from lamps."""
 _IN_SHADOW = 2
 """Times as many rays look into a pixel that is lit in part as into one that shows several things."""
 ENOUGH_FOR_EDGES = 8
@@ -44,7 +42,8 @@ class Effort:
         spp: paths where the most are needed to tell whether, or when, an event fires.
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
-        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing.
+        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing; twice
+            as many where light straight from lamps is found by them, and a pixel has a part in shadow.
         every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 
@@ -150,9 +149,6 @@ class Steerer:
         steering: Any = Steering()
         steering.looks = looks_of(effort.first_hit_rays, *self._looks_at)
         steering.every, steering.turn = effort.every, self._number
-        if self._looks_at[2]:
-            # What is left to paths changes slowly.
-            steering.every = max(effort.every, _LEAST_EVERY)
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:
             # Nothing that was kept tells of this frame.

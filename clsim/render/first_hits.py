@@ -50,7 +50,7 @@ class Looks:
         inside: rays inside a pixel that shows one thing.
         by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
         steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
-        in_shadow: rays inside a pixel, of which some reach the lamps and some do not.
+        in_shadow: largest number where lamps light a part of what is seen.
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
     """
@@ -319,7 +319,7 @@ def make_look(
                     wanted = looks.by_edge
                 wanted = wp.min(wanted, looks.most)
                 if edge.shaded:
-                    wanted = wp.max(wanted, looks.in_shadow)
+                    wanted = wp.max(wanted, looks.in_shadow - edge.rays)
                 if inside >= wanted:
                     break
                 if wp.static(sobol):

@@ -15,8 +15,8 @@ from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
-from clsim.render.kernel_input import Scene, Settings
 from clsim.render.intersection import make_intersection
+from clsim.render.kernel_input import Scene, Settings
 
 _ITERATIONS = wp.constant(4)
 _NEAR_PX = wp.constant(0.002)

@@ -20,8 +20,8 @@ from clsim.render.camera import CameraState, make_camera, make_projection
 from clsim.render.compiler import kernel_options
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Hit, Tree, make_sphere_at, xyz
-from clsim.render.kernel_input import Scene
 from clsim.render.intersection import face, make_intersection
+from clsim.render.kernel_input import Scene
 from clsim.render.materials import make_materials
 from clsim.render.normal_maps import make_normal_maps
 

@@ -150,7 +150,8 @@ def test_first_hit_rays_end_where_all_look_alike():
     frame = run.fill(0)
     rays = frame.plane("Samples")
     edge = (frame.plane("Coverage") > 0) & (frame.plane("Coverage") < 1)
-    assert edge.any() and rays[edge].min() > 3 * rays.min() and rays.max() <= 64 + 1
+    # Twice as many, where a shadow's edge is seen.
+    assert edge.any() and rays[edge].min() > 3 * rays.min() and 64 + 1 < rays.max() <= 2 * 64 + 1
     assert run.spent == (120, int(rays.sum()) - 120)
 
 

@@ -1,0 +1,84 @@
+"""Light straight from lamps: closed forms against sums over many directions, and pictures against plain paths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import warp as wp
+from test_steered import LUMINANCE, Run
+from test_tracer import lit_world
+
+from clsim.render.compiler import kernel_options
+from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
+
+pytestmark = pytest.mark.usefixtures("ordinary")
+
+DIRECTIONS = 400_000
+
+
+@wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
+def irradiances(corners: wp.array2d(dtype=wp.vec3), cones: wp.array(dtype=wp.vec2), out: wp.array2d(dtype=float)):
+    i = wp.tid()
+    out[0, i] = triangle_irradiance(corners[i, 0], corners[i, 1], corners[i, 2], wp.vec3(0.0, 0.0, 1.0))
+    out[1, i] = sphere_irradiance(cones[i][0], cones[i][1])
+
+
+def found(corners=((0, 0, 1), (1, 0, 1), (0, 1, 1)), cone=(1.0, 0.1)):
+    """Return what the kernel finds for a triangle and a sphere, whose surface looks along z."""
+    out = wp.zeros((2, 1), dtype=float, device="cpu")
+    inputs = [wp.array([corners], dtype=wp.vec3, device="cpu"), wp.array([cone], dtype=wp.vec2, device="cpu"), out]
+    wp.launch(irradiances, dim=1, inputs=inputs, device="cpu")
+    return out.numpy()[:, 0]
+
+
+def hemisphere():
+    """Return directions of equal shares of the projected hemisphere, ``[N, 3]``: each is worth π / N."""
+    number = np.arange(DIRECTIONS)
+    u, turns = (number + 0.5) / DIRECTIONS, number * 0.6180339887498949
+    radius, phi = np.sqrt(u), 2 * np.pi * (turns % 1)
+    return np.stack([radius * np.cos(phi), radius * np.sin(phi), np.sqrt(1 - u)], axis=1)
+
+
+@pytest.mark.parametrize("angle_deg", [0.0, 55.0, 70.0, 89.0, 95.0, 109.0])
+def test_a_sphere_sends_what_its_directions_sum_up_to(angle_deg):
+    """Above the horizon, across it, and with its centre below it; its half angle is 20 degrees."""
+    angle, half = np.radians(angle_deg), np.radians(20.0)
+    inside = hemisphere() @ [np.sin(angle), 0.0, np.cos(angle)] > np.cos(half)
+    expected = np.pi * inside.mean()
+    assert found(cone=(np.cos(angle), np.sin(half) ** 2))[1] == pytest.approx(expected, abs=1e-4, rel=2e-3)
+
+
+def test_a_sphere_below_the_horizon_sends_nothing():
+    assert found(cone=(np.cos(np.radians(110.5)), np.sin(np.radians(20.0)) ** 2))[1] == 0.0
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        ((0.3, -0.2, 1.0), (1.5, 0.1, 0.8), (0.2, 1.2, 1.4)),
+        ((2.0, 0.0, 0.5), (1.0, 1.0, -0.7), (1.0, -1.0, 0.2)),
+        ((1.0, 0.2, -0.5), (0.8, 1.0, 0.9), (1.2, -1.0, -0.1)),
+        ((0.0, 0.0, -1.0), (1.0, 0.0, -1.0), (0.0, 1.0, -0.1)),
+    ],
+    ids=["above", "one corner below", "two corners below", "below"],
+)
+def test_a_triangle_sends_what_its_directions_sum_up_to(corners):
+    directions = hemisphere()
+    sides = [np.cross(corners[i], corners[(i + 1) % 3]) for i in range(3)]
+    turned = np.sign(np.dot(sides[0], corners[2]))
+    inside = np.all([turned * (directions @ side) > 0 for side in sides], axis=0)
+    assert found(corners=corners)[0] == pytest.approx(np.pi * inside.mean(), abs=1e-4, rel=2e-3)
+
+
+def test_one_path_leaves_no_noise_of_lamps_where_nothing_stands_between():
+    """Without the lamps' light, all is dark in a scene without sky and with one bounce."""
+    frame = Run(lit_world(), spp=1, max_depth=2, first_hit_rays=256, seed=3).fill(0)
+    other = Run(lit_world(), spp=1, max_depth=2, first_hit_rays=256, seed=4).fill(0)
+    plain = Run(lit_world(), spp=1024, max_depth=2, first_hit_rays=0).fill(0)
+    first, second, expected = (np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (frame, other, plain))
+    lit = (frame.plane("Samples") < 8) & (np.minimum(np.minimum(first, second), expected) > 1e-3)
+    assert lit.sum() > 20
+    # But for a shadow that none of a pixel's few rays met.
+    assert (np.abs(np.log(first[lit] / second[lit])) < 1e-3).mean() > 0.8
+    assert np.abs(np.log(first[lit] / expected[lit])).mean() < 0.03
+    assert first.sum() == pytest.approx(expected.sum(), rel=0.01)
