@@ -290,6 +290,31 @@ class MaterialTable(Table):
     opacity_texture: ImageTable | None = Field(None, description="its alpha channel counts")
 
 
+_ROUGH = ("conductor", "dielectric", "plastic", "principled", "disney")
+KINDS_WITH: dict[str, tuple[str, ...]] = {
+    "roughness": _ROUGH,
+    "roughness_texture": _ROUGH,
+    "metallic": ("principled", "disney"),
+    "ior": ("dielectric", "thin-dielectric", "plastic", "principled", "disney"),
+    "metal": ("conductor",),
+    "eta": ("conductor",),
+    "k": ("conductor",),
+    "specular_color": ("conductor", "dielectric", "thin-dielectric", "plastic", "principled"),
+    "distribution": ("conductor", "dielectric", "plastic"),
+    "stretch": ("conductor", "dielectric", "disney"),
+    "absorption": ("dielectric", "disney"),
+    "nonlinear": ("plastic",),
+    "specular_tint": ("disney",),
+    "sheen": ("disney",),
+    "sheen_tint": ("disney",),
+    "flatness": ("disney",),
+    "transmission": ("principled", "disney"),
+    "clearcoat": ("principled", "disney"),
+    "clearcoat_roughness": ("principled", "disney"),
+}
+"""Which kinds of material have a key; what is not named here all have."""
+
+
 class EnvironmentTable(Table):
     """The light from everywhere."""
 

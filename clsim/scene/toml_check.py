@@ -13,7 +13,7 @@ from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
 from clsim.scene.film import is_video
-from clsim.scene.schema import OBJECTS, ObjectTable, SceneTable
+from clsim.scene.schema import KINDS_WITH, OBJECTS, ObjectTable, SceneTable
 from clsim.scene.schema_base import Table
 from clsim.scene.schema_light import MODULATIONS
 from clsim.scene.wording import plainly
@@ -53,6 +53,7 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     for name in names:
         yield from _modulation_conflicts(f"materials.{name}", materials[name])
         yield from _film_conflicts(f"materials.{name}", materials[name])
+        yield from _keys_of_other_kinds(f"materials.{name}", materials[name])
     environment = data.get("environment")
     yield from _modulation_conflicts("environment", environment)
     if _has(environment, "map", "daylight"):
@@ -122,6 +123,14 @@ def _modulation_conflicts(path: str, table: Any) -> Iterator[str]:
     if isinstance(keyframes, list):
         keys = [key for key in keyframes if isinstance(key, dict)]
         yield from _times_that_do_not_increase(f"{path}.modulation", keys)
+
+
+def _keys_of_other_kinds(path: str, material: Any) -> Iterator[str]:
+    """Yield which keys of a material its kind does not have."""
+    kind = material.get("kind", "diffuse") if isinstance(material, dict) else None
+    for key, kinds in KINDS_WITH.items():
+        if isinstance(kind, str) and key in material and kind not in kinds:
+            yield f"{path}.{key}: {kind} materials have none, expected the kind {' or '.join(kinds)}"
 
 
 def _film_conflicts(path: str, material: Any) -> Iterator[str]:

@@ -42,6 +42,8 @@ SHARES = (
     "blend_share",
 )
 """What of a material is a number from 0 to 1."""
+BRIGHTEST = 1e30
+"""Largest radiance and intensity: times a large area, more cannot be held in float32."""
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
 
@@ -82,13 +84,13 @@ def _problems(world: World) -> Iterator[str]:
     for k, light in enumerate(world.sphere_lights):
         if not (_within((light.radius_m,)) and light.radius_m > 0):
             yield f"sphere light {k}: radius is {light.radius_m} m, expected a positive number"
-        if not _within(light.radiance):
-            yield f"sphere light {k}: radiance is {light.radiance}, expected finite numbers from 0"
+        if not _within(light.radiance, BRIGHTEST):
+            yield f"sphere light {k}: radiance is {light.radiance}, expected numbers from 0 to {BRIGHTEST:g}"
         yield from _motion_problems(f"sphere light {k}", light.motion)
     for k, punctual in enumerate(world.punctual_lights):
         name = f"{punctual.kind} light {k}"
-        if not _within(punctual.intensity):
-            yield f"{name}: intensity is {punctual.intensity}, expected finite numbers from 0"
+        if not _within(punctual.intensity, BRIGHTEST):
+            yield f"{name}: intensity is {punctual.intensity}, expected numbers from 0 to {BRIGHTEST:g}"
         if not 0 <= punctual.inner_deg <= punctual.outer_deg <= 90:
             yield f"{name}: angles are {punctual.inner_deg} and {punctual.outer_deg}, expected 0 ≤ inner ≤ outer ≤ 90"
         yield from _motion_problems(name, punctual.motion)
@@ -100,8 +102,8 @@ def _problems(world: World) -> Iterator[str]:
             yield "environment map: has a radiance that is negative or not finite"
     for name, modulation in world.modulations():
         yield from _modulation_problems(name, modulation)
-    if not _within(world.environment):
-        yield f"environment: radiance is {world.environment}, expected finite numbers from 0"
+    if not _within(world.environment, BRIGHTEST):
+        yield f"environment: radiance is {world.environment}, expected numbers from 0 to {BRIGHTEST:g}"
     sensor = world.sensor
     for key in ("threshold_on", "threshold_off", "scale", "floor", "lux_per_unit"):
         if not 0 < getattr(sensor, key) < math.inf:
@@ -117,7 +119,7 @@ def _problems(world: World) -> Iterator[str]:
 
 def _modulation_problems(name: str, modulation: Modulation) -> Iterator[str]:
     """What would make light negative or no number, at the start and the end of the change."""
-    if not _within((modulation.largest, modulation.least_fps, modulation.duration_s)):
+    if not _within((modulation.largest, modulation.least_fps, modulation.duration_s), BRIGHTEST):
         yield f"the light of {name}: changes by factors up to {modulation.largest}, expected finite numbers from 0"
         return
     if any(not _within(modulation.mean(time_s, time_s)) for time_s in (0.0, modulation.duration_s)):
@@ -154,7 +156,9 @@ def _material_problems(name: str, material: Material, textures: int) -> Iterator
         yield f"{name}: stretch is {material.stretch}, expected a positive number"
     if not _within((material.sheen,)):
         yield f"{name}: sheen is {material.sheen}, expected a finite number from 0"
-    for key in ("emission", "eta", "k", "specular_color", "absorption"):
+    if not _within(material.emission, BRIGHTEST):
+        yield f"{name}: emission is {material.emission}, expected numbers from 0 to {BRIGHTEST:g}"
+    for key in ("eta", "k", "specular_color", "absorption"):
         if not _within(getattr(material, key) or ()):
             yield f"{name}: {key} is {getattr(material, key)}, expected finite numbers from 0"
 

@@ -44,11 +44,11 @@ def test_materials(tmp_path):
 
 def test_every_property_of_a_surface_can_be_said(tmp_path):
     """What only some kinds have, each by the name that `Material` gives it."""
+    plastic, _ = material(tmp_path, 'kind = "plastic"\ndistribution = "beckmann"\nnonlinear = true')
+    assert (plastic.distribution, plastic.nonlinear) == ("beckmann", True)
     said = {
-        "distribution": "beckmann",
         "stretch": 2.0,
         "absorption": (1.0, 2.0, 3.0),
-        "nonlinear": True,
         "specular_tint": 0.1,
         "sheen": 1.5,
         "sheen_tint": 0.3,
@@ -71,7 +71,7 @@ def test_textures_come_from_files_in_the_folder(tmp_path):
     image = '{ file = "a.png", wrap = "mirror", nearest = true, repeats = [2.0, 3.0] }'
     m, world = material(
         tmp_path,
-        f'texture = {image}\nnormal_texture = {{ file = "a.png" }}\nroughness_texture = {{ file = "a.png" }}\n'
+        f'kind = "principled"\ntexture = {image}\nnormal_texture = {{ file = "a.png" }}\nroughness_texture = {{ file = "a.png" }}\n'
         f'opacity_texture = {image}\nalpha_mode = "blend"',
     )
     color, normal = world.textures[m.texture], world.textures[m.normal_texture]
@@ -138,7 +138,7 @@ def test_lenses_and_focal_lengths(tmp_path):
 @pytest.mark.parametrize(
     ("text", "part"),
     [
-        ('metal = "Xx"', "materials.m: metal is 'Xx', expected one of a-C, Ag"),
+        ('kind = "conductor"\nmetal = "Xx"', "materials.m: metal is 'Xx', expected one of a-C, Ag"),
         ('metal = "Au"\neta = [1, 1, 1]\nk = [1, 1, 1]', "has metal and eta"),
         ("eta = [1, 1, 1]", "one of eta and k"),
         ('texture = { file = "no.png" }', "'no.png' is missing"),
@@ -147,6 +147,12 @@ def test_lenses_and_focal_lengths(tmp_path):
         ('texture = { file = "a.png", wrap = "round" }', "materials.m.texture.wrap"),
         ("roughness = 2", "materials.m.roughness"),
         ('kind = "wood"', "materials.m.kind"),
+        ("roughness = 0.5", "materials.m.roughness: diffuse materials have none, expected the kind conductor or diel"),
+        (
+            'kind = "plastic"\nstretch = 2.0',
+            "stretch: plastic materials have none, expected the kind conductor or diel",
+        ),
+        ('kind = "principled"\nsheen = 1.0', "sheen: principled materials have none, expected the kind disney"),
     ],
 )
 def test_wrong_surfaces(tmp_path, text, part):
