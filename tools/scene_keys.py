@@ -58,7 +58,8 @@ rotation_deg = [180.0, 0.0, 0.0]
 material = "lamp"
 ```
 
-Unknown keys are errors, as are those that a kind of material does not have; every error is told at once, with its file and key.
+Unknown keys are errors, as are those that a kind of material does not have; every error is told at once, with its
+file and key.
 
 ## Your own model, your own camera path
 

@@ -71,7 +71,8 @@ def test_textures_come_from_files_in_the_folder(tmp_path):
     image = '{ file = "a.png", wrap = "mirror", nearest = true, repeats = [2.0, 3.0] }'
     m, world = material(
         tmp_path,
-        f'kind = "principled"\ntexture = {image}\nnormal_texture = {{ file = "a.png" }}\nroughness_texture = {{ file = "a.png" }}\n'
+        f'kind = "principled"\ntexture = {image}\nnormal_texture = {{ file = "a.png" }}\n'
+        'roughness_texture = { file = "a.png" }\n'
         f'opacity_texture = {image}\nalpha_mode = "blend"',
     )
     color, normal = world.textures[m.texture], world.textures[m.normal_texture]
