@@ -14,7 +14,7 @@ BASE_FPS = 30.0
 MOST_FPS = 64 * BASE_FPS
 """Frames per simulated second beyond which changing light asks for no more."""
 _WAY_PX = 12.0
-"""Way from frame to frame beyond which a thing's light and shadow are seen too seldom [pixels]."""
+"""Way from frame to frame beyond which a thing, its light and its shadow are seen too seldom [pixels]."""
 _APART_S = 1e-3
 """Time over which speeds are taken [s]."""
 _MOST_POSES = 2000
@@ -22,20 +22,14 @@ _MOST_POSES = 2000
 F64 = npt.NDArray[np.float64]
 
 
-def base_fps(world: World, *, light_is_a_line: bool) -> float:
+def base_fps(world: World) -> float:
     """Return how many frames a second brightness between frames is found from: 30, or 2, 4, 8 … times as many.
 
-    They are as many as changing light asks for, up to `MOST_FPS`. Where light is taken for a straight line between
-    frames, they are also so many that nothing goes much farther than 12 pixels from one to the next, but no more than
-    the scene's own.
-
-    Args:
-        world: the scene.
-        light_is_a_line: whether pixels that are traced between frames take their light from the frames.
+    They are so many that no thing goes much farther than 12 pixels from one to the next, but no more than the scene's
+    own; and as many as changing light asks for, up to `MOST_FPS`.
     """
-    by_motion = _in_steps(fastest_px_s(world) / _WAY_PX) if light_is_a_line else BASE_FPS
+    fps = min(_in_steps(fastest_px_s(world) / _WAY_PX), world.fps)
     by_light = max((change.least_fps for _, change in world.modulations()), default=0.0)
-    fps = min(by_motion, world.fps)
     return max(fps, min(_in_steps(by_light), MOST_FPS)) if by_light > fps else fps
 
 

@@ -154,9 +154,8 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
     if world is None:
         world = alone(load_options_world(options))
     still = light_stands_still(world)
-    in_frames = options.point.method == "irradiance" and not still
-    by_frames = options.time == "fixed" or (in_frames and lamps_move(world))
-    fps = options.fps or (world.fps if by_frames else base_fps(world, light_is_a_line=in_frames))
+    by_frames = options.time == "fixed" or lamps_move(world)
+    fps = options.fps or (world.fps if by_frames else base_fps(world))
     options = options.settled(still and not lights_set)
     point = options.point
     steered = point.sampling == "adaptive"

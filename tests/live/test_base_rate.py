@@ -58,19 +58,17 @@ def test_speeds_are_those_of_the_pinhole():
     ("turns_per_s", "own", "expected"),
     [(0.2, 960.0, 30.0), (5.0, 960.0, 120.0), (5.0, 100.0, 100.0), (0.2, 24.0, 24.0)],
 )
-def test_fast_things_get_more_frames_where_light_is_a_line_between(turns_per_s, own, expected):
+def test_fast_things_get_more_frames(turns_per_s, own, expected):
     """5 turns are 1111 px/s, at 12 a frame 92.6 frames; the scene's own rate is the most."""
-    fast = world(Spin(turns_per_s), own)
-    assert base_fps(fast, light_is_a_line=True) == expected
-    assert base_fps(fast, light_is_a_line=False) == min(30.0, own)
+    assert base_fps(world(Spin(turns_per_s), own)) == expected
 
 
 def test_changing_light_gets_the_frames_that_it_asks_for():
     flickers = replace(world(Spin(0.2)), environment_modulation=Sine(10.0))
-    assert base_fps(flickers, light_is_a_line=False) == 120.0, "ten a period are 100"
-    assert base_fps(replace(flickers, fps=24.0), light_is_a_line=True) == 120.0
-    assert base_fps(replace(flickers, environment_modulation=Pwm(1000.0)), light_is_a_line=True) == 1920.0
-    assert base_fps(replace(flickers, environment_modulation=Sine(1.0, 0.0)), light_is_a_line=True) == 30.0
+    assert base_fps(flickers) == 120.0, "ten a period are 100"
+    assert base_fps(replace(flickers, fps=24.0)) == 120.0
+    assert base_fps(replace(flickers, environment_modulation=Pwm(1000.0))) == 1920.0
+    assert base_fps(replace(flickers, environment_modulation=Sine(1.0, 0.0))) == 30.0
 
 
 def test_a_run_between_frames_has_them_unless_told_otherwise():
