@@ -135,8 +135,8 @@ from strangers; links there are followed. To let them name files elsewhere, list
 
 Lamps, bulbs and panels may be many: which one a path asks for light depends on the point that it shall light, by
 distance, by where the lamp faces, and by what glossy surfaces mirror (a light tree). A hundred lamps need hardly more
-paths than ten. What moves, and directional light, stands outside the tree and is drawn by power: a hundred lamps
-that move have five times the noise of ones that stand still. `clsim info` says whether a scene has a tree; one with a
+paths than ten. The tree follows lamps that move, where there are more than four; what changes its shape, and
+directional light, stands outside it and is drawn by power. `clsim info` says whether a scene has a tree; one with a
 single lamp has none.
 
 ## Light that changes

@@ -45,7 +45,7 @@ class SceneFeatures:
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
         few_lamps: few enough shine, each with the same light all over, to add up what all send to a point.
-        light_tree: several lights stand still, and which is drawn depends on the point that they light.
+        light_tree: there are several lights, and which is drawn depends on the point that they light.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
         motion_blur: the interval lasts, and an object or a light moves or deforms.
@@ -255,21 +255,28 @@ def lamps_move(world: World) -> bool:
     return any(motion.duration_s > 0 for motion in motions) or _triangles_that_emit_move(world)
 
 
-def in_light_tree(light: SphereLight | PunctualLight) -> bool:
-    """Whether a light stands still at a place, so that its distance to what it lights is known."""
-    return light.motion.duration_s == 0 and not (isinstance(light, PunctualLight) and light.kind == "directional")
+def tree_follows(world: World) -> bool:
+    """Whether the light tree holds lights that move too: where they are so many that power is a poor guide."""
+    return _lamps(world) > _FEW_LAMPS
 
 
-def _several_still_lights(world: World) -> bool:
-    """Whether there are several lights that stand still at a place; the two triangles of a panel are one light."""
+def in_light_tree(light: SphereLight | PunctualLight, follows: bool) -> bool:
+    """Whether a light has a place that a tree may know; ``follows`` says that those which move are held too."""
+    directional = isinstance(light, PunctualLight) and light.kind == "directional"
+    return (follows or light.motion.duration_s == 0) and not directional
+
+
+def _several_lights_of_a_tree(world: World) -> bool:
+    """Whether there are several lights that a tree would hold; the two triangles of a panel are one light."""
+    follows = tree_follows(world)
     lamps = np.array([max(material.emission) > 0 for material in world.materials], bool)
     triangles = 0
     for instance in world.instances:
         mesh = world.meshes[instance.mesh]
-        if len(lamps) and instance.motion.duration_s == 0 and not deforms(mesh):
+        if len(lamps) and (follows or instance.motion.duration_s == 0) and not deforms(mesh):
             triangles += int(np.count_nonzero(lamps[mesh.material_ids]))
     small: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
-    others = sum(map(in_light_tree, small))
+    others = sum(in_light_tree(light, follows) for light in small)
     return triangles > 2 or (triangles > 0) + others > 1
 
 
@@ -324,7 +331,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         sphere_lights=bool(world.sphere_lights),
         punctual_lights=bool(world.punctual_lights),
         few_lamps=_few_lamps(world),
-        light_tree=_several_still_lights(world),
+        light_tree=_several_lights_of_a_tree(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,
         motion_blur=interval_s > 0 and (deforming or objects_move(world)),

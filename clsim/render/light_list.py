@@ -13,7 +13,7 @@ from clsim.render import lights_punctual
 from clsim.render.deform import deforms
 from clsim.render.emission_textures import mean_emission
 from clsim.render.environment_build import LUMINANCE
-from clsim.render.features import in_light_tree
+from clsim.render.features import in_light_tree, tree_follows
 from clsim.render.light_choice import arriving
 from clsim.render.light_tree_build import around, of_spot, of_triangles
 from clsim.render.placement import Placement
@@ -31,8 +31,8 @@ class TriangleLights:
 
     Attributes:
         power: of each [W], with the most light it ever has.
-        in_tree: whether it stands still.
-        bounds: what a light tree knows of each.
+        in_tree: whether a light tree may hold it.
+        bounds: what a light tree knows of each at time 0.
         instance, triangle: where each is: the instance, and the number among all triangles of all meshes.
         instance_first: number of the first one of each instance, and how many there are.
         ranks: for each triangle of each mesh its number among those that emit, −1 where it does not.
@@ -51,6 +51,7 @@ class TriangleLights:
 
 def triangle_lights(world: World, placement: Placement) -> TriangleLights:
     """Return the triangles that emit, by the light of the materials on their fronts, and of their textures' mean."""
+    follows = tree_follows(world)
     sides = np.array([2.0 if material.emits_behind else 1.0 for material in world.materials])
     brightest = np.array([_largest(material.modulation) for material in world.materials])
     luminance_of = [mean_emission(world, mesh) for mesh in placement.meshes]
@@ -69,8 +70,8 @@ def triangle_lights(world: World, placement: Placement) -> TriangleLights:
         ids = mesh.material_ids[local]
         luminance = luminance_of[instance.mesh][local] * brightest[ids]
         powers.append(0.5 * np.linalg.norm(cross, axis=1) * (luminance * sides[ids] * math.pi))
-        still = instance.motion.duration_s == 0 and not deforms(mesh)
-        in_tree.append(np.full(len(local), still))
+        held = (follows or instance.motion.duration_s == 0) and not deforms(mesh)
+        in_tree.append(np.full(len(local), held))
         bounds.append(of_triangles(corners + (pose[:3, 3] - placement.origin_m), luminance, sides[ids] > 1))
         instance_of.append(np.full(len(local), k))
         triangle_of.append(first_triangle[instance.mesh] + local)
@@ -110,27 +111,31 @@ def small_lights(world: World, origin_m: _F64, middle_m: _F64, radius_m: float) 
     power, far = np.zeros(len(lights)), np.zeros(len(lights), bool)
     bounds = [around(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))]
     for i, light in enumerate(lights):
-        pose = light.motion.pose(0.0)
-        position, most = pose[:3, 3] - origin_m, _largest(light.modulation)
+        pose, most = light.motion.pose(0.0), _largest(light.modulation)
         if isinstance(light, SphereLight):
+            share = arriving(float(np.linalg.norm(pose[:3, 3] - origin_m - middle_m)), radius_m)
             radiance = float(np.dot(light.radiance, LUMINANCE))
-            share = arriving(float(np.linalg.norm(position - middle_m)), radius_m)
             power[i] = 4 * math.pi * light.radius_m**2 * math.pi * radiance * most * share
             far[i] = share < 1.0
-            low, high = (position + light.radius_m * side for side in (-1.0, 1.0))
-            own = around(low[None], high[None], np.array([math.pi * light.radius_m**2 * radiance * most]))
         else:
             power[i] = lights_punctual.power(light, radius_m) @ LUMINANCE * most
             far[i] = light.kind == "directional"
-            own = _of_punctual(light, position, -pose[:3, 2], most)
-        bounds.append(own)
-    in_tree = np.array([in_light_tree(light) for light in lights], bool) & ~far
+        bounds.append(bounds_of_small(light, pose, origin_m))
+    follows = tree_follows(world)
+    in_tree = np.array([in_light_tree(light, follows) for light in lights], bool) & ~far
     return SmallLights(power, far, in_tree, np.concatenate(bounds))
 
 
-def _of_punctual(light: PunctualLight, position: _F64, axis: _F64, most: float) -> npt.NDArray[Any]:
+def bounds_of_small(light: SphereLight | PunctualLight, pose: _F64, origin_m: _F64) -> npt.NDArray[Any]:
+    """Return what a light tree knows of a sphere, or of a light without size, that is at a pose ``[4, 4]``."""
+    position, most = pose[:3, 3] - origin_m, _largest(light.modulation)
+    if isinstance(light, SphereLight):
+        low, high = (position + light.radius_m * side for side in (-1.0, 1.0))
+        radiance = float(np.dot(light.radiance, LUMINANCE))
+        return around(low[None], high[None], np.array([math.pi * light.radius_m**2 * radiance * most]))
     intensity = float(np.dot(light.intensity, LUMINANCE)) * most
     if light.kind == "spot":
+        axis = -pose[:3, 2]
         return of_spot(position, axis / np.linalg.norm(axis), light.outer_deg, intensity)
     return around(position[None], position[None], np.array([intensity]))
 

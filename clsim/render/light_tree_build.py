@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.light_tree import LightNode, LightTree
-from clsim.render.upload_arrays import array
+from clsim.render.upload_arrays import array, write
 
 _F64 = npt.NDArray[np.float64]
 _I64 = npt.NDArray[np.int64]
@@ -50,21 +50,46 @@ def of_spot(position: _F64, axis: _F64, outer_deg: float, intensity: float) -> _
     return bounds
 
 
-def build_tree(bounds: _Rows, lights: _I64, count: int, probability: float, device: Any) -> Any:
-    """Return the ``LightTree`` of lights with those bounds.
+class TreeOfLights:
+    """A tree over lights, which keeps its form where these move.
 
-    Args:
-        bounds: of each, `BOUNDS`.
-        lights: their numbers.
-        count: of all lights, whether or not in the tree.
-        probability: with which the tree is asked for a light.
-        device: Warp's device.
+    Attributes:
+        tree: the ``LightTree`` that kernels take.
     """
-    tree: Any = LightTree()
-    if not len(lights):  # all are dark or far: the tree is never asked for one, but for whether it has one
-        tree.slots = array(np.full(count, -1), wp.int32, device)
-        return tree
-    order = _arrange(0.5 * (bounds["low"] + bounds["high"]))
+
+    def __init__(self, bounds: _Rows, lights: _I64, count: int, probability: float, device: Any) -> None:
+        """Arrange lights with those bounds.
+
+        Args:
+            bounds: of each, `BOUNDS`.
+            lights: their numbers.
+            count: of all lights, whether or not in the tree.
+            probability: with which the tree is asked for a light.
+            device: Warp's device.
+        """
+        self.tree = tree = LightTree()
+        self._bounds = bounds.copy()
+        if not len(lights):  # all are dark or far: the tree is never asked for one, but for whether it has one
+            tree.slots = array(np.full(count, -1), wp.int32, device)
+            return
+        self._order = _arrange(0.5 * (bounds["low"] + bounds["high"]))
+        here = self._order >= 0
+        slots = np.full(count, -1)
+        slots[lights[self._order[here]]] = np.flatnonzero(here)
+        tree.nodes = array(_nodes(self._bounds, self._order), LightNode, device)
+        tree.lights = array(np.where(here, lights[self._order], -1), wp.int32, device)
+        tree.slots = array(slots, wp.int32, device)
+        tree.leaves = len(self._order)
+        tree.probability = probability
+
+    def refit(self, rows: _I64, bounds: _Rows) -> None:
+        """Give some of the lights, by their places in the bounds, other bounds, in the kernels' array too."""
+        self._bounds[rows] = bounds
+        write(self.tree.nodes, _nodes(self._bounds, self._order))
+
+
+def _nodes(bounds: _Rows, order: _I64) -> _Rows:
+    """Return the nodes, as a `LightNode` each, over lights with those bounds in that order."""
     here = order >= 0
     rows: list[_Rows] = [np.zeros(len(order), BOUNDS)]
     rows[0]["low"], rows[0]["high"] = np.inf, -np.inf
@@ -81,14 +106,7 @@ def build_tree(bounds: _Rows, lights: _I64, count: int, probability: float, devi
     nodes["facing_sine"] = np.sqrt(np.maximum(1.0 - merged["facing"] ** 2, 0.0))
     for name in ("intensity", "axis", "both"):
         nodes[name] = merged[name]
-    slots = np.full(count, -1)
-    slots[lights[order[here]]] = np.flatnonzero(here)
-    tree.nodes = array(nodes, LightNode, device)
-    tree.lights = array(np.where(here, lights[order], -1), wp.int32, device)
-    tree.slots = array(slots, wp.int32, device)
-    tree.leaves = len(order)
-    tree.probability = probability
-    return tree
+    return nodes
 
 
 def _arrange(places: _F64) -> _I64:

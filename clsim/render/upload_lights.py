@@ -14,7 +14,8 @@ from clsim.render.environment_build import LUMINANCE, steps, tabulate, upload_en
 from clsim.render.features import SceneFeatures
 from clsim.render.light_choice import fair
 from clsim.render.light_list import small_lights, triangle_lights
-from clsim.render.light_tree_build import build_tree
+from clsim.render.light_tree_build import TreeOfLights
+from clsim.render.light_tree_moving import MovingBounds
 from clsim.render.lights import Lamp, Lights
 from clsim.render.lights_punctual import Punctual
 from clsim.render.placement import Placement
@@ -80,10 +81,15 @@ class LightData:
             # The kernel looks into it even where all such lights are dark or far.
             bounds = np.concatenate([triangles.bounds, small.bounds])[in_tree]
             share = float(probability[-1]) if in_tree.any() else 0.0
-            lights.tree = build_tree(bounds, np.flatnonzero(in_tree), len(power), share, device)
+            held = np.flatnonzero(in_tree)
+            self._tree = TreeOfLights(bounds, held, len(power), share, device)
+            lights.tree = self._tree.tree
+            self._moving = MovingBounds(world, placement, triangles, held)
+            self._follow(times_s)
 
     def update(self, times_s: _F64) -> None:
-        """Put the lights without size where they are at those times; work only where one moves, or times are others."""
+        """Put what moves of the lights where it is at those times; work only where one moves, or times are others."""
+        self._follow(times_s)
         if self._features.instants and len(times_s) * len(self._punctual_lights) > len(self._punctual.positions):
             self.lights.punctual = self._punctual_table(times_s)
         elif self._features.instants or any(light.motion.duration_s > 0 for light in self._punctual_lights):
@@ -92,6 +98,11 @@ class LightData:
                 (self._punctual.positions, self._punctual.steps, self._punctual.axes), tables, strict=True
             ):
                 write(out, rows)
+
+    def _follow(self, times_s: _F64) -> None:
+        """Let the tree know where its lights are at those times."""
+        if self._features.light_tree and len(self._moving.rows):
+            self._tree.refit(self._moving.rows, self._moving.at(times_s))
 
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
         """Return the table of emitting triangles, all of them in the mesh of what never moves."""

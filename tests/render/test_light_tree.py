@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hand_worlds as hw
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clsim.render.features import scene_features
-from clsim.render.light_tree_build import around, build_tree, of_triangles
+from clsim.render import SceneData
+from clsim.render.features import scene_features, tree_follows
+from clsim.render.light_tree_build import TreeOfLights, around, of_triangles
 from clsim.render.upload_lights import _shares
 from clsim.scene import Material, PunctualLight, SphereLight, Static
+from clsim.scene.motion import Keyframes
 
 GREY = Material(color=(0.6, 0.6, 0.6))
 
@@ -26,7 +30,7 @@ def test_a_node_bounds_its_lights(count, seed, spread):
     lamps = around(corners[:3, 0], corners[:3, 0], np.ones(min(count, 3)))
     bounds = np.concatenate([bounds, lamps])
     lights = rng.permutation(2 * len(bounds))[: len(bounds)]
-    tree = build_tree(bounds, lights, 2 * len(bounds), 0.5, "cpu")
+    tree = TreeOfLights(bounds, lights, 2 * len(bounds), 0.5, "cpu").tree
     nodes, slots = tree.nodes.numpy(), tree.slots.numpy()
     np.testing.assert_array_equal(np.flatnonzero(slots >= 0), np.sort(lights))
     assert len(set(slots[lights])) == len(lights)
@@ -118,6 +122,61 @@ def test_a_hundred_lamps_are_hardly_noisier_than_ten():
     # By power alone it is 3.3 for a hundred lamps.
     assert noise[100] < 0.9
     assert noise[100] < 1.6 * noise[10]
+
+
+def driven(number, seed=2):
+    """The street one second after its lamps stood elsewhere."""
+    world, exact = street(number)
+    rng = np.random.default_rng(seed)
+    lamps = []
+    for lamp in world.punctual_lights:
+        x, y, z = lamp.motion.pose(0.0)[:3, 3]
+        dx, dz = rng.normal(size=2) * 2
+        way = Keyframes((0.0, 1.0), ((x + dx, y, z + dz), (x, y, z)), ((0.0, 0.0, 0.0, 1.0),) * 2)
+        lamps.append(replace(lamp, motion=way))
+    return replace(world, punctual_lights=tuple(lamps), fps=1.0), exact
+
+
+@pytest.mark.slow
+def test_a_hundred_lamps_that_move_have_the_closed_forms_light_and_little_noise():
+    """By power alone, or by where they were at the start, noise is 3.3."""
+    world, exact = driven(100)
+    frame = hw.render(world, index=1, spp=1024, max_depth=2)
+    variance = frame.plane("Variance.R")
+    assert np.abs((frame.plane("R") - exact) / np.sqrt(variance)).max() < 6
+    assert abs(frame.plane("R").mean() / exact.mean() - 1) < 2e-3
+    bright = exact > 0.2 * exact.mean()
+    assert np.sqrt((1024 * variance / exact**2)[bright].mean()) < 1.0
+
+
+def test_a_tree_knows_where_lamps_and_panels_are_that_move():
+    glow = Material(emission=(1.0, 2.0, 3.0), emits_behind=False)
+    turned = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0), (3.0, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))
+    ground = hw.quad((-5, 0, 5), (10, 0, 0), (0, 0, -10))
+    world = hw.world(ground, panel(0, 0, 1), panel(2, 0, 1), materials=(GREY, glow))
+    bulb = SphereLight(0.1, (1.0,) * 3, turned)
+    moving = tuple(replace(each, motion=turned) if k == 1 else each for k, each in enumerate(world.instances))
+    world = replace(world, instances=moving, sphere_lights=(bulb,))
+    assert scene_features(world, 0.0).light_tree and tree_follows(world)
+    data = SceneData(world)
+    for time_s in (0.0, 1.0):
+        data.move(time_s)
+        tree = data.scene.lights.tree
+        nodes, slots = tree.nodes.numpy()[tree.leaves :], tree.slots.numpy()
+        assert (slots >= 0).all()
+        fresh = [replace(each, motion=Static(each.motion.pose(time_s))) for each in world.instances]
+        still = replace(bulb, motion=Static(turned.pose(time_s)))
+        expected = SceneData(replace(world, instances=tuple(fresh), sphere_lights=(still,)))
+        places = expected.scene.lights.tree
+        middles = places.nodes.numpy()[places.leaves :]["middle"] + expected.origin_m
+        own = nodes["middle"] + data.origin_m
+        here = nodes["intensity"] > 0
+        found = own[here][np.lexsort(own[here].round(4).T)]
+        wanted = middles[places.nodes.numpy()[places.leaves :]["intensity"] > 0]
+        np.testing.assert_allclose(found, wanted[np.lexsort(wanted.round(4).T)], atol=1e-5)
+    assert nodes["axis"][slots[0]] == pytest.approx((0, 1, 0), abs=1e-6) or nodes["axis"][slots[0]][1] == pytest.approx(
+        -1
+    )
 
 
 def plates(seed=0):
