@@ -145,7 +145,7 @@ def test_where_lamps_move_frames_are_as_many_as_without_and_it_is_told():
         plan_stages(LiveOptions(scene, time="adaptive", quality=quality))
         for scene, quality in (("moving-light", "balanced"), ("moving-light", "exact"), ("two-boxes", "balanced"))
     )
-    assert (moving.fps, whole.fps, still.fps) == (120.0, 30.0, 30.0)
+    assert (moving.fps, whole.fps, still.fps) == (120.0, 120.0, 30.0)
     assert ["lamps move in moving-light" in told for told in moving.warnings] == [True]
     assert whole.warnings == still.warnings == ()
     assert plan_stages(LiveOptions("moving-light", time="adaptive", fps=60.0)).fps == 60.0
