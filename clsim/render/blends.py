@@ -31,7 +31,7 @@ def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, 
     ``pick(materials, surface, chance)`` gives the material that a path meets, for a number from 0 to 1;
     ``mean_albedo(materials, surface)`` the albedo of the blend.
     """
-    lookup, _ = make_textures(features)
+    lookup, *_ = make_textures(features)
 
     @wp.func
     def share_of_other(materials: Materials, material: int, point: Surface) -> float:

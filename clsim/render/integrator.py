@@ -23,16 +23,17 @@ from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.gather import make_gather
-from clsim.render.geometry import CLEAR, PERHAPS, Hit, Surface, Tree, make_sphere_at, offset_origin
+from clsim.render.geometry import Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import make_lamp_light
 from clsim.render.light_tree import Receiver, make_receiver
-from clsim.render.lights import make_lights, make_side
+from clsim.render.lights import LightSample, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.sobol import make_sampler
 from clsim.render.textures import Footprint
+from clsim.render.towards_light import looks_ahead, make_towards_light
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
@@ -47,7 +48,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, emitted, opacity, textured, resolve_mean = make_materials(features)
+    resolve, emitted, opacity, textured, resolve_mean, foresee, lit_sides = make_materials(features)
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pick, mean_of_blend = make_blends(features, resolve, albedo_of)
@@ -82,23 +83,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             return pierce(scene.geometry, scene.materials, origin, direction, time, word, depth == 0)
         return closest(scene.geometry, origin, direction, time)
 
-    @wp.func
-    def visibility(scene: Scene, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> float:
-        found = occluded(scene.geometry, origin, direction, far, time)
-        left = wp.where(found == CLEAR, 1.0, 0.0)
-        if wp.static(features.alpha):
-            if found == PERHAPS:
-                left = transmittance(scene.geometry, scene.materials, origin, direction, far, time)
-        return left
-
-    @wp.func
-    def agree(point: Surface, toward: wp.vec3) -> bool:
-        """Whether a direction is on the same side of the triangle and of the shading normal: light must not leak."""
-        flat = wp.dot(toward, point.normal)
-        good = flat > 0.0
-        if wp.static(features.transmission):
-            good = flat * wp.dot(toward, point.shading_normal) > 0.0
-        return good
+    agree, visibility, look_ahead = make_towards_light(
+        features, occluded, transmittance, sample_light, foresee, lit_sides
+    )
+    ahead = looks_ahead(features)
 
     @wp.func
     def weight(alone: bool, apart: bool, scattered: float, drawn: float) -> float:
@@ -186,6 +174,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 point.material = pick(scene.materials, point, chance)
             if wp.static(features.normal_maps):
                 point.shading_normal = mapped_normal(scene.materials, point, -direction)
+            dimension = (depth + 1) * _DIMENSIONS
+            choice = uniform2(stream, dimension + sampling.CHOICE)
+            light = LightSample()
+            if wp.static(ahead):
+                if not only_look and depth + 1 < settings.max_depth:
+                    light = look_ahead(scene, point, stream, dimension, choice[0], time)
             bsdf = resolve(scene.materials, point)
             point.material = whole
             followed = bool(False)
@@ -223,8 +217,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
 
-            dimension = (depth + 1) * _DIMENSIONS
-            choice = uniform2(stream, dimension + sampling.CHOICE)
             to = receiver(bsdf, point.position, point.shading_normal, -direction)
             draw = choice[0]
             asks = not bsdf.mirror
@@ -238,9 +230,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 was_apart = apart
             if wp.static(by_light and has_lights):
                 if asks:
-                    u = uniform2(stream, dimension + sampling.LIGHT)
-                    finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
-                    light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time)
+                    if wp.static(not ahead):
+                        u = uniform2(stream, dimension + sampling.LIGHT)
+                        finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
+                        light = sample_light(
+                            scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time
+                        )
                     if wp.static(features.lamp_light):
                         light.pdf = light.pdf / wp.where(only_look, 1.0, others)
                     if light.pdf > 0.0 and agree(point, light.direction):
@@ -251,9 +246,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         if wp.static(features.lamp_light):
                             sample.lamp_all = sampling.luminance(value) / light.pdf
                         if value[0] + value[1] + value[2] > 0.0:
-                            visible = visibility(scene, light.origin, light.direction, light.distance, time)
-                            if visible > 0.0:
-                                w = visible
+                            if wp.static(not ahead):
+                                light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
+                            if light.visible > 0.0:
+                                w = light.visible
                                 if wp.static(features.environment_map):
                                     if light.mapped:
                                         sky = environment(scene.lights, point.shading_normal, light.direction)
@@ -268,7 +264,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                                         w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
                                 sample.radiance += value * (w / light.pdf)
                                 if wp.static(features.lamp_light):
-                                    sample.lamp_lit = sample.lamp_all * visible
+                                    sample.lamp_lit = sample.lamp_all * light.visible
             if wp.static(features.lamp_light):
                 if only_look and not looking:
                     break

@@ -70,7 +70,8 @@ class LightSample:
 
     A ``delta`` light has no size: ``pdf`` is its probability, ``radiance`` its irradiance across the direction, and
     scattering never finds it. Of an image of the environment, whose ``radiance`` and ``pdf`` here are 1, `environment`
-    tells them where it is ``mapped``: its texels are read only for rays that nothing stops.
+    tells them where it is ``mapped``: its texels are read only for rays that nothing stops. ``visible`` is what arrives
+    of it, 0 to 1, where that is known.
     """
 
     direction: wp.vec3
@@ -80,6 +81,7 @@ class LightSample:
     radiance: wp.vec3
     origin: wp.vec3
     distance: float
+    visible: float
 
 
 @wp.func

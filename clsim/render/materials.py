@@ -113,13 +113,15 @@ class Bsdf:
     dark: bool
 
 
-def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
-    """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and two of textures.
+def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+    """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and more.
 
     ``textured(materials, material)`` tells whether a texture changes its albedo and nothing else does;
-    ``resolve_mean(materials, surface, footprint, places)`` takes the mean of that texture over a pixel.
+    ``resolve_mean(materials, surface, footprint, places)`` takes the mean of that texture over a pixel. The last two
+    read no textures: ``foresee(materials, surface)`` says that they will be read soon, and ``lit_sides`` tells from how
+    many sides, 0 to 2, light may be scattered there.
     """
-    lookup, mean = make_textures(features)
+    lookup, mean, foresee_texture = make_textures(features)
     only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
     glossy = features.kinds != ("diffuse",)
 
@@ -189,6 +191,29 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
         return b
 
     @wp.func
+    def foresee(materials: Materials, point: Surface):
+        if wp.static(features.textures):
+            texture = materials.rows[point.material].texture
+            if texture >= 0:
+                foresee_texture(materials.textures, texture, point.uv)
+
+    @wp.func
+    def lit_sides(materials: Materials, point: Surface) -> int:
+        row = materials.rows[point.material]
+        sides = 1
+        if wp.static(features.transmission):
+            if row.kind == DIELECTRIC or row.transmission > 0.0:
+                sides = 2
+        if wp.static(features.mirrors):
+            smooth = row.alpha < SMOOTH and row.roughness_texture < 0
+            if row.kind == THIN_DIELECTRIC or (smooth and (row.kind == CONDUCTOR or row.kind == DIELECTRIC)):
+                sides = 0
+        if wp.static(features.dark_backs):
+            if not point.front and row.dark_back != 0:
+                sides = 0
+        return sides
+
+    @wp.func
     def emitted(materials: Materials, point: Surface) -> wp.vec3:
         row = materials.rows[point.material]
         radiance = row.emission
@@ -233,4 +258,4 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any]:
             b.color = wp.cw_mul(row.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
         return b
 
-    return resolve, emitted, opacity, textured, resolve_mean
+    return resolve, emitted, opacity, textured, resolve_mean, foresee, lit_sides

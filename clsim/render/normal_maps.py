@@ -36,7 +36,7 @@ def lifted(n: wp.vec3, surface_normal: wp.vec3, wo: wp.vec3) -> wp.vec3:
 
 def make_normal_maps(features: Features) -> Any:
     """Return the Warp function ``mapped_normal(materials, surface, wo)`` for a surface that faces the viewer."""
-    lookup, _ = make_textures(features)
+    lookup, *_ = make_textures(features)
 
     @wp.func
     def height(materials: Materials, texture: int, uv: wp.vec2) -> float:

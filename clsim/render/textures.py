@@ -253,12 +253,33 @@ def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places
     return total
 
 
-def make_textures(features: Features) -> tuple[Any, Any]:
+@wp.func_native(native_code("prefetch.h"))
+def _prefetch(array: wp.array(dtype=wp.uint32), index: int): ...
+
+
+@wp.func
+def _foresee_image(textures: Textures, row: TextureRow, uv: wp.vec2):
+    """Ask for the two texels to the left of a place, which come from far away in memory."""
+    st = row.uv_matrix * wp.vec3(uv[0], uv[1], 1.0)
+    x = neighbour(int(wp.floor(fold(st[0], row.wrap_u) * float(row.width) - 0.5)), row.width, row.wrap_u)
+    y = int(wp.floor((1.0 - fold(st[1], row.wrap_v)) * float(row.height) - 0.5))
+    _prefetch(textures.texels, row.first + neighbour(y, row.height, row.wrap_v) * row.width + x)
+    _prefetch(textures.texels, row.first + neighbour(y + 1, row.height, row.wrap_v) * row.width + x)
+
+
+def make_textures(features: Features) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places)``.
 
     Both return linear R, G, B and alpha; ``mean`` that over a pixel: of images, from so many places on a Fibonacci
-    lattice, of checkerboards, exact along the lines of as fine a grid.
+    lattice, of checkerboards, exact along the lines of as fine a grid. A third, ``foresee(textures, index, uv)``, says
+    that a place will be looked up soon.
     """
+
+    @wp.func
+    def foresee(textures: Textures, index: int, uv: wp.vec2):
+        if wp.static(features.images):
+            if textures.rows[index].first >= 0:
+                _foresee_image(textures, textures.rows[index], uv)
 
     @wp.func
     def lookup(textures: Textures, index: int, uv: wp.vec2) -> wp.vec4:
@@ -284,4 +305,4 @@ def make_textures(features: Features) -> tuple[Any, Any]:
                 total = image_mean(textures, row, footprint, places)
         return total
 
-    return lookup, mean
+    return lookup, mean, foresee

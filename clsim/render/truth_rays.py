@@ -74,7 +74,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     first = {plane.name: planes.first(plane.name) for plane in planes.truth}
     closest, _, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, _, opacity, _, _ = make_materials(features)
+    resolve, _, opacity, *_ = make_materials(features)
     _, _, albedo_of = make_bsdf(features)
     _, mean_of_blend = make_blends(features, resolve, albedo_of)
     mapped_normal = make_normal_maps(features)

@@ -36,7 +36,7 @@ def textured(*textures):
 def look_up(world, index, uv):
     """RGBA ``[n, 4]`` as the tracer reads it."""
     start_warp()
-    lookup, _ = make_textures(RenderOptions().features_of(world))
+    lookup, *_ = make_textures(RenderOptions().features_of(world))
 
     @wp.kernel(module="unique", enable_backward=False)
     def read(materials: Materials, index: int, uv: wp.array(dtype=wp.vec2), out_rgba: wp.array(dtype=wp.vec4)):
