@@ -252,7 +252,7 @@ def make_cached(
             if wp.static(sobol):
                 stream.reversed_index = reverse_bits(wp.uint32(number))
             stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
-            sample = shoot(scene, camera, settings, pixel, 0, stream, False)
+            sample = shoot(scene, camera, settings, pixel, 0, stream)
             if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                 reflected = sample.radiance - sample.emission
                 p = sample.position

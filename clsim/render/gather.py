@@ -29,14 +29,14 @@ def make_gather(
                 for i in range(batch, settings.samples, settings.batches):
                     stream.key = sampling.stream_key(sampling.absorb(state, i))
                     stream.reversed_index = reverse_bits(wp.uint32(i // settings.batches))
-                    sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                    sample = shoot(scene, camera, settings, pixel, instant, stream)
                     if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                         part = add(part, sample, settings.spectral)
                 moments = merge(moments, part, settings.spectral)
         else:
             for i in range(settings.samples):
                 stream.key = sampling.stream_key(sampling.absorb(state, i))
-                sample = shoot(scene, camera, settings, pixel, instant, stream, False)
+                sample = shoot(scene, camera, settings, pixel, instant, stream)
                 # A sample that is not finite is dropped whole, and missing from the plane of sample counts.
                 if sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     moments = add(moments, sample, settings.spectral)

@@ -101,15 +101,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             w = 0.0
         return w
 
-    @wp.func
     def trace(
-        scene: Scene,
-        start: wp.vec3,
-        toward: wp.vec3,
-        time: float,
-        settings: Settings,
-        stream: sampling.Stream,
-        only_look: bool,
+        scene: Scene, start: wp.vec3, toward: wp.vec3, time: float, settings: Settings, stream: sampling.Stream
     ) -> Sample:
         sample = Sample()
         origin = start
@@ -169,7 +162,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             whole = point.material
             if wp.static(features.blends):
                 chance = FIRST
-                if not only_look:
+                if wp.static(not only_look):
                     chance = uniform2(stream, (depth + 1) * _DIMENSIONS + sampling.LOBE)[1]
                 point.material = pick(scene.materials, point, chance)
             if wp.static(features.normal_maps):
@@ -212,8 +205,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.material = wp.where(depth == 0, point.material + 1, 0)
                 if wp.static(features.lamp_light):
                     apart = looked_at and not looking and bsdf.kind == DIFFUSE
-                if only_look and not looking and not apart:
-                    break
+                if wp.static(only_look):
+                    if not looking and not apart:
+                        break
             if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
 
@@ -224,8 +218,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 others = wp.where(apart, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
                 if apart:
                     # The lamps come first, and then the environment.
-                    asks = only_look or others > _NEVER
-                    draw = wp.where(only_look, draw * (1.0 - others), 1.0 - others + draw * others)
+                    asks = wp.static(only_look) or others > _NEVER
+                    draw = wp.where(wp.static(only_look), draw * (1.0 - others), 1.0 - others + draw * others)
                     sample.lamp = True
                 was_apart = apart
             if wp.static(by_light and has_lights):
@@ -237,7 +231,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                             scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time
                         )
                     if wp.static(features.lamp_light):
-                        light.pdf = light.pdf / wp.where(only_look, 1.0, others)
+                        light.pdf = light.pdf / wp.where(wp.static(only_look), 1.0, others)
                     if light.pdf > 0.0 and agree(point, light.direction):
                         scattering = scatter_value(
                             scene.materials, bsdf, point.shading_normal, -direction, light.direction
@@ -266,8 +260,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                                 if wp.static(features.lamp_light):
                                     sample.lamp_lit = sample.lamp_all * light.visible
             if wp.static(features.lamp_light):
-                if only_look and not looking:
-                    break
+                if wp.static(only_look):
+                    if not looking:
+                        break
 
             lobe = float(0.0)
             if wp.static(glossy):
@@ -300,7 +295,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             origin = offset_origin(point.position, side(point.normal, direction), point.reach_m)
         return sample
 
-    @wp.func
     def shoot_at(
         scene: Scene,
         camera: CameraState,
@@ -309,7 +303,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         place: wp.vec2,
         instant: int,
         stream: sampling.Stream,
-        only_look: bool,
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1."""
         lens = wp.vec2()
@@ -327,21 +320,25 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
         sample = Sample()
         if ray.exists:
-            sample = trace(scene, ray.origin, ray.direction, time, settings, stream, only_look)
+            if wp.static(only_look):
+                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream)
+            else:
+                sample = follow(scene, ray.origin, ray.direction, time, settings, stream)
         return sample
+
+    # Twice: rays that only look go without all that paths need. Each is called from one place, where the compiler puts
+    # it whole; else the scene would be copied for each call.
+    only_look = False
+    follow, follow_at = wp.func(trace), wp.func(shoot_at)
+    only_look = True
+    glimpse, glimpse_at = wp.func(trace), wp.func(shoot_at)
 
     @wp.func
     def shoot(
-        scene: Scene,
-        camera: CameraState,
-        settings: Settings,
-        pixel: int,
-        instant: int,
-        stream: sampling.Stream,
-        only_look: bool,
+        scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return shoot_at(scene, camera, settings, pixel, place, instant, stream, only_look)
+        return follow_at(scene, camera, settings, pixel, place, instant, stream)
 
     @wp.func
     def flat(scene: Scene, sample: Sample) -> bool:
@@ -360,7 +357,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
-    look = make_look(features.sobol, features.sharp, shoot_at, flat, mean_albedo, lamps, *types)
+    look = make_look(features.sobol, features.sharp, glimpse_at, flat, mean_albedo, lamps, *types)
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.retraced import make_retraced

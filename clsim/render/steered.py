@@ -169,7 +169,7 @@ def make_steered(
             if wp.static(sobol):
                 stream.reversed_index = reverse_bits(wp.uint32(i))
             stream.key = sampling.stream_key(sampling.absorb(state, i))
-            sample = shoot(scene, camera, settings, pixel, 0, stream, False)
+            sample = shoot(scene, camera, settings, pixel, 0, stream)
             # A sample that is not finite is dropped whole.
             if sampling.finite(sample.normal) and sampling.finite(sample.radiance):
                 sums = _reflect(sums, sample)
