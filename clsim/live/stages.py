@@ -73,8 +73,9 @@ class Stages:
         found = [missed([*self.world.modulations(), *self.world.films()], self.fps)]
         if self.retracing is not None and self.detector.method == "irradiance" and lamps_move(self.world):
             found.append(
-                f"lamps move in {self.world.name}, and `method` irradiance takes their light for a straight line from "
-                f"frame to frame, {self.fps:g} a second; `quality` exact follows it between frames"
+                f"lamps move in {self.world.name}, and `method` irradiance takes their light, or what of it comes by "
+                f"way of other surfaces, for a straight line from frame to frame, {self.fps:g} a second; `quality` "
+                "exact follows it between frames"
             )
         if self.world.light_changes() and self.detector.method == "esim-ad" and self.detector.gate == "delta-r":
             found.append("`gate` delta-r sees what moves, but no light that changes: expected radiance")

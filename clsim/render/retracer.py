@@ -100,6 +100,8 @@ class Retracer:
             RenderCancelled: ``cancel`` was called, before or meanwhile.
         """
         instants_s, numbers = np.unique(times_s, return_inverse=True)
+        if self._data.still and 0 < len(pixels) <= _MOST_REQUESTS:
+            return self._trace(pixels, instants_s, numbers)
         order = np.argsort(numbers, kind="stable")
         ends = np.searchsorted(numbers, np.arange(len(instants_s)), side="right", sorter=order)
         planes = np.empty((len(self.names), len(pixels)), np.float32)
