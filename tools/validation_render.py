@@ -9,20 +9,18 @@ from __future__ import annotations
 
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from clsim.bench.throughput_render import MAX_DEPTH
+from clsim.bench.throughput_scene import ROULETTE, WIDTH, narrow
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.scene import World, load_world
+from clsim.scene import load_world
 from tools.peers.mitsuba_files import load_mitsuba_file
 from tools.peers.mitsuba_scene import load_mitsuba
-
-WIDTH = 160
-DEPTH, ROULETTE = 8, 5
 
 
 def mitsubas_scene(path: str, spp: int) -> dict[str, Any]:
@@ -47,7 +45,7 @@ def mitsubas_scene(path: str, spp: int) -> dict[str, Any]:
         "near_clip": 1e-3,
         "film": film,
     }
-    paths = {"type": "path", "max_depth": DEPTH, "rr_depth": ROULETTE}
+    paths = {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": ROULETTE}
     return {"scene": scene, "sensor": mi.load_dict(camera), "integrator": mi.load_dict(paths), "spp": spp}
 
 
@@ -64,21 +62,14 @@ def mitsubas(path: str, spp: int) -> tuple[Any, float, float]:
     return np.stack(pictures), spent[1], max(spent[0] - spent[1], 0.0)
 
 
-def own_world(path: str) -> World:
-    """Return the world as clsim loads it, as wide."""
-    world = load_world(path)
-    height = round(WIDTH * world.camera.height / world.camera.width)
-    return replace(world, camera=replace(world.camera, width=WIDTH, height=height))
-
-
 def ours(path: str, spp: int) -> tuple[Any, float, float, tuple[str, ...]]:
     """Return the same, and warnings."""
     start = time.process_time()
-    world = own_world(path)
+    world = narrow(load_world(path))
     height = world.camera.height
     pictures, render_s, start_s = [], 0.0, 0.0
     for seed in range(2):
-        options = RenderOptions(spp=spp, seed=seed, max_depth=DEPTH, roulette_start=ROULETTE)
+        options = RenderOptions(spp=spp, seed=seed, max_depth=MAX_DEPTH, roulette_start=ROULETTE)
         tracer = PathTracer(world, options)
         frame = Frame(page_aligned((len(tracer.names), height, WIDTH)), tracer.names)
         if seed == 0:

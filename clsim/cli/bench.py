@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -17,22 +18,51 @@ bench.command()(tradeoff)
 
 
 @bench.command()
-def throughput(as_json: JSON = False, opencl: OPENCL = None) -> None:
+def throughput(
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Measure the path tracer in this scene and nothing else; may be given again.",
+        ),
+    ] = None,
+    as_json: JSON = False,
+    opencl: OPENCL = None,
+) -> None:
     """Measure the detector's kernels and the path tracer, per second of processor time.
+
+    In scene files, paths have at most 8 edges, and roulette ends them from the 5th on; a file that is missing is left
+    out.
 
     Example: `clsim bench throughput --json > throughput.json`
     """
-    from clsim.bench.throughput_detect import detect_throughput
-    from clsim.bench.throughput_render import render_throughput
-    from clsim.opencl.device import choose_device
-
-    figures: dict[str, Any] = detect_throughput(device=choose_device(opencl))
-    figures["render"] = render_throughput()
+    figures = _scenes(scene) if scene else _all(opencl)
     if as_json:
         typer.echo(json.dumps(figures))
         return
     for key, value in _flat(figures):
         typer.echo(f"{key:<52} {f'{value:,.4g}' if isinstance(value, float) else value}")
+
+
+def _all(opencl: str | None) -> dict[str, Any]:
+    from clsim.bench.throughput_detect import detect_throughput
+    from clsim.bench.throughput_render import render_throughput
+    from clsim.opencl.device import choose_device
+
+    return {**detect_throughput(device=choose_device(opencl)), "render": render_throughput()}
+
+
+def _scenes(scenes: list[str]) -> dict[str, Any]:
+    from clsim.bench.throughput_scene import scene_throughput
+    from clsim.scene import bundled_names
+
+    figures = {}
+    for scene in scenes:
+        if scene in bundled_names() or Path(scene).is_file():
+            figures[scene] = scene_throughput(scene)
+        else:
+            typer.echo(f"{scene}: left out, for there is no such file", err=True)
+    return figures
 
 
 @bench.command()

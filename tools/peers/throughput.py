@@ -4,7 +4,7 @@
     python -m tools.peers.throughput living-room/scene_mi3.xml staircase/scene.xml
 
 Prints JSON: fits per processor second of numpy and of the kernels, paths per second of both renderers; with Mitsuba's
-scene files, paths per processor second of both in these, without what comes before the first picture.
+scene files, paths per processor second and noise of both in these, without what comes before the first picture.
 """
 
 from __future__ import annotations
@@ -19,15 +19,15 @@ import numpy as np
 
 from clsim.bench.render_worlds import bumpy_room, cornell
 from clsim.bench.throughput_detect import detect_throughput, noise_frame
-from clsim.bench.throughput_render import MAX_DEPTH, measure_world, take_turns
+from clsim.bench.throughput_render import MAX_DEPTH, measure_world
+from clsim.bench.throughput_scene import scene_throughput
 from clsim.errors import InputError
-from clsim.frames import Frame, page_aligned
-from clsim.render import PathTracer, RenderOptions
+from clsim.frames import Frame
 from clsim.render.devices import start_warp
 from clsim.scene import World
 from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window
-from tools.validation_render import DEPTH, ROULETTE, mitsubas_scene, own_world
+from tools.validation_render import mitsubas_scene
 
 WINDOW = 13
 SIDE = 24
@@ -61,9 +61,7 @@ def beside_mitsuba(world: World, spp: int, rounds: int) -> dict[str, Any]:
     Raises:
         InputError: Mitsuba is not installed or cannot have the world.
     """
-    mitsuba = load_mitsuba()
-    if mitsuba is None:
-        raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+    mitsuba = _mitsuba()
     result = measure_world(world, spp, rounds, {"mitsuba": mitsuba_render(mitsuba, world, spp)})
     for ratio, rate in (("mitsuba_ratio", "paths_per_second"), ("mitsuba_cpu_ratio", "paths_per_cpu_second")):
         result[ratio] = result[rate]["bvh8"] / result[rate]["mitsuba"]
@@ -81,23 +79,26 @@ def mitsuba_render(mitsuba: Any, world: World, spp: int) -> Callable[[], float]:
     return render
 
 
-def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, float]:
-    """Return paths per processor second in a scene of Mitsuba's, in turns, and ours over Mitsuba's."""
-    world, mitsuba = own_world(path), load_mitsuba()
+def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, Any]:
+    """Return what `scene_throughput` tells of a scene of Mitsuba's, and our paths and efficiency over Mitsuba's.
+
+    Raises:
+        InputError: Mitsuba is not installed.
+    """
+    mitsuba = _mitsuba()
     asked = mitsubas_scene(path, spp)
-    tracer = PathTracer(world, RenderOptions(spp=spp, max_depth=DEPTH, roulette_start=ROULETTE))
-    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
-    renders: dict[str, Callable[[], Any]] = {
-        "clsim": lambda: tracer.fill(0, frame),
-        "mitsuba": lambda: np.array(mitsuba.render(**asked)),
-    }
-    for render in renders.values():
-        render()
-    _, cpu = take_turns({name: [render] for name, render in renders.items()}, rounds)
-    tracer.close()
-    paths = world.camera.width * world.camera.height * spp
-    rates = {name: paths / seconds for name, seconds in cpu.items()}
-    return rates | {"mitsuba_cpu_ratio": rates["clsim"] / rates["mitsuba"]}
+    others = {"mitsuba": lambda seed: np.array(mitsuba.render(**asked, seed=seed))}
+    result: dict[str, Any] = {**scene_throughput(path, spp=spp, rounds=rounds, others=others)}
+    for ratio, figure in (("mitsuba_cpu_ratio", "paths_per_cpu_second"), ("mitsuba_efficiency_ratio", "efficiency")):
+        result[ratio] = result[figure]["clsim"] / result[figure]["mitsuba"]
+    return result
+
+
+def _mitsuba() -> Any:
+    mitsuba = load_mitsuba()
+    if mitsuba is None:
+        raise InputError("Mitsuba 3 or the LLVM library it needs is not installed; pip install 'clsim[oracle]'")
+    return mitsuba
 
 
 def main() -> None:

@@ -1,0 +1,25 @@
+"""The renderer's bench in scenes from files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clsim.bench.throughput_scene import WIDTH, scene_throughput
+
+
+@pytest.mark.slow
+def test_noise_and_efficiency_are_of_the_same_picture():
+    def other(seed):
+        return 2.0 + np.random.default_rng(seed).normal(scale=0.1, size=(3, 400, 400))
+
+    coarse, fine = (scene_throughput("two-boxes", spp=spp, others={"other": other}) for spp in (4, 16))
+    assert abs(coarse["relative_noise"]["other"] / 0.05 - 1) < 0.02
+    assert coarse["mean_radiance"]["other"] == pytest.approx(2.0, rel=1e-3)
+    assert fine["mean_radiance"]["clsim"] == pytest.approx(coarse["mean_radiance"]["clsim"], rel=0.02)
+    # Four times the paths: half the noise, and the same efficiency, but for what a picture costs beside its paths.
+    assert 1.5 < coarse["relative_noise"]["clsim"] / fine["relative_noise"]["clsim"] < 2.7
+    assert 0.4 < fine["efficiency"]["clsim"] / coarse["efficiency"]["clsim"] < 2.5
+    rate, noise = fine["paths_per_cpu_second"]["clsim"], fine["relative_noise"]["clsim"]
+    assert fine["efficiency"]["clsim"] == pytest.approx(rate / 16 / noise**2)
+    assert rate > WIDTH
