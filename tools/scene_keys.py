@@ -183,6 +183,9 @@ film too: a surface whose colours change. Only the picture that is shown is in m
 with `loop = false` its last picture stays, and the scene lasts until then. Which part of a screen is asked for light
 does not follow its pictures.
 
+A spot with a `picture` is a projector, of slides or of films: it shows it over the square around its cone. Mitsuba's
+`projector` and its spots with a texture are read too.
+
 In glTF, animations may change what lamps and materials emit (KHR_animation_pointer on a lamp's `color` and `intensity`,
 `emissiveFactor` and `emissiveStrength`); what else they point at is named in a warning.
 

@@ -2,7 +2,7 @@
 
 Both render from the camera that Mitsuba reads, 160 pixels wide, with the box filter, paths of at most 8 edges and
 roulette from the 5th on. OUT gets ``ours`` and ``mitsubas``, ``[2, h, w, 3]`` by seed, ``seconds`` of processor time:
-rendering and what comes before the first picture, for each, and what clsim warns of.
+rendering and what comes before the first picture, for each, the paths a pixel, and what clsim warns of.
 """
 
 from __future__ import annotations
@@ -87,7 +87,8 @@ def main(path: str, out: str, spp: str) -> None:
     own, own_s, own_start_s, warnings = ours(path, int(spp))
     others, others_s, others_start_s = mitsubas(path, int(spp))
     seconds = np.array([[own_s, own_start_s], [others_s, others_start_s]])
-    np.savez_compressed(out, ours=own, mitsubas=others, seconds=seconds, warnings=np.array(warnings, str))
+    told = {"seconds": seconds, "warnings": np.array(warnings, str), "spp": np.array(int(spp))}
+    np.savez_compressed(out, ours=own, mitsubas=others, **told)
 
 
 if __name__ == "__main__":

@@ -78,6 +78,7 @@ class SceneFeatures:
     still_lamps: bool
     sphere_lights: bool
     punctual_lights: bool
+    light_pictures: bool
     few_lamps: bool
     light_tree: bool
     environment: bool
@@ -282,7 +283,8 @@ def _several_lights_of_a_tree(world: World) -> bool:
 
 def used_textures(world: World) -> list[int]:
     """Return the indices of the textures that the tracer reads."""
-    return sorted({index for material in _used_materials(world) for index in textures_of(material).values()})
+    of_surfaces = {index for material in _used_materials(world) for index in textures_of(material).values()}
+    return sorted(of_surfaces | {light.picture for light in world.punctual_lights if light.picture >= 0})
 
 
 def objects_move(world: World) -> bool:
@@ -330,6 +332,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         still_lamps=_still_lamps(world),
         sphere_lights=bool(world.sphere_lights),
         punctual_lights=bool(world.punctual_lights),
+        light_pictures=any(light.picture >= 0 for light in world.punctual_lights),
         few_lamps=_few_lamps(world),
         light_tree=_several_lights_of_a_tree(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,

@@ -154,7 +154,9 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                         total += from_sphere(lights, geometry, light - lights.first_sphere, position, normal, time)
                 if wp.static(features.punctual_lights):
                     if light >= lights.first_punctual:
-                        found = towards_punctual(lights.punctual, light - lights.first_punctual, position, time)
+                        found = towards_punctual(
+                            lights.punctual, materials.textures, light - lights.first_punctual, position, time
+                        )
                         total += found.irradiance * wp.max(wp.dot(found.direction, normal), 0.0)
         return total / wp.pi
 

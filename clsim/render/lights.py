@@ -255,7 +255,8 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                         sample.distance = 0.9999 * t
         if wp.static(features.punctual_lights):
             if light >= lights.first_punctual and light < lights.first_environment:
-                found = towards_punctual(lights.punctual, light - lights.first_punctual, point.position, time)
+                index = light - lights.first_punctual
+                found = towards_punctual(lights.punctual, materials.textures, index, point.position, time)
                 leaving = side(point.normal, found.direction)
                 if wp.dot(found.direction, leaving) > 0.0:
                     sample.delta = True

@@ -94,9 +94,8 @@ class LightData:
             self.lights.punctual = self._punctual_table(times_s)
         elif self._features.instants or any(light.motion.duration_s > 0 for light in self._punctual_lights):
             tables = lights_punctual.rows(self._punctual_lights, times_s, self._origin_m, self._features)
-            for out, rows in zip(
-                (self._punctual.positions, self._punctual.steps, self._punctual.axes), tables, strict=True
-            ):
+            own = self._punctual
+            for out, rows in zip((own.positions, own.steps, own.axes, own.rights), tables, strict=True):
                 write(out, rows)
 
     def _follow(self, times_s: _F64) -> None:
@@ -121,7 +120,7 @@ class LightData:
 
     def _punctual_table(self, times_s: _F64) -> Any:
         lights, table = self._punctual_lights, Punctual()
-        positions, steps_m, axes = lights_punctual.rows(lights, times_s, self._origin_m, self._features)
+        positions, steps_m, axes, rights = lights_punctual.rows(lights, times_s, self._origin_m, self._features)
         table.count = len(lights)
         table.directional = array([int(light.kind == "directional") for light in lights], wp.int32, self._device)
         table.intensity = array([light.intensity for light in lights], wp.vec3, self._device)
@@ -130,6 +129,9 @@ class LightData:
         table.positions = array(positions, wp.vec3, self._device)
         table.steps = array(steps_m, wp.vec3, self._device)
         table.axes = array(axes, wp.vec3, self._device)
+        table.rights = array(rights, wp.vec3, self._device)
+        table.picture = array([light.picture for light in lights], wp.int32, self._device)
+        table.picture_size = array([light.picture_size for light in lights], wp.vec2, self._device)
         self._punctual = table
         return table
 

@@ -28,6 +28,7 @@ from clsim.scene.rigid import quaternion_of, without_scale
 from clsim.scene.world import (
     Camera,
     EnvironmentMap,
+    ImageTexture,
     Instance,
     Lens,
     Mesh,
@@ -217,16 +218,9 @@ class _Reader:
                 motion = Static(compose(position, np.eye(3)))
             self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), _rigid(motion)))
         elif kind == "spot":
-            intensity = _radiance(emitter, "intensity")
-            if (texture := emitter.child("texture")) is not None:
-                self._warn("the mean of a spot light's texture stands in for it")
-                r, g, b = self.materials.textures.mean(self.materials.textures.index(texture))
-                intensity = intensity[0] * r, intensity[1] * g, intensity[2] * b
-            outer = emitter.get("cutoff_angle", 20.0)
-            inner = emitter.get("beam_width", outer * 3 / 4)
-            turned = Nested(_rigid(motion), Static(TURN_ROUND))
-            light = PunctualLight("spot", intensity, turned, min(inner, outer), outer, "linear")
-            self.punctual_lights.append(light)
+            self.punctual_lights.append(self._spot(emitter, _rigid(motion)))
+        elif kind == "projector":
+            self.punctual_lights.append(self._projector(emitter, _rigid(motion)))
         elif kind == "directional":
             turned_motion: Motion = Nested(_rigid(motion), Static(TURN_ROUND))
             direction = emitter.values.get("direction")
@@ -235,6 +229,39 @@ class _Reader:
             self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), turned_motion))
         elif kind != "area":  # which only shapes refer to
             self._warn(f"emitters of type {kind} are left out")
+
+    def _spot(self, emitter: Plugin, motion: Motion) -> PunctualLight:
+        outer = emitter.get("cutoff_angle", 20.0)
+        inner = emitter.get("beam_width", outer * 3 / 4)
+        light = PunctualLight("spot", _radiance(emitter, "intensity"), motion, min(inner, outer), outer, "linear")
+        light = replace(light, motion=Nested(motion, Static(TURN_ROUND)))
+        if (texture := emitter.child("texture")) is None:
+            return light
+        size = math.tan(math.radians(outer))
+        # Turned round, its right is Mitsuba's left; and there the picture stands on its head.
+        return replace(light, picture=self.materials.textures.index(texture), picture_size=(-size, -size))
+
+    def _projector(self, emitter: Plugin, motion: Motion) -> PunctualLight:
+        """Return a projector: its picture, times its scale and π, is irradiance on a plane at a distance of 1."""
+        texture = emitter.child("irradiance")
+        picture = -1 if texture is None else self.materials.textures.index(texture)
+        image = self.materials.textures.textures[picture] if picture >= 0 else None
+        rows, columns = image.pixels.shape[:2] if isinstance(image, ImageTexture) else (1, 1)
+        half = math.tan(math.radians(min(emitter.get("fov", 45.0), 179.0)) / 2)
+        across = half * {"x": 1.0, "y": columns / rows}.get(self._fov_axis(emitter, columns, rows), 1.0)
+        up = across * rows / columns
+        strength = math.pi * emitter.get("scale", 1.0)
+        outer = math.degrees(math.atan(math.hypot(across, up)))
+        turned = Nested(motion, Static(TURN_ROUND))
+        light = PunctualLight("spot", (strength,) * 3, turned, 0.0, outer, "frame")
+        return replace(light, picture=picture, picture_size=(across, up))
+
+    @staticmethod
+    def _fov_axis(emitter: Plugin, columns: int, rows: int) -> str:
+        """Return the axis, x or y, along which a field of view is told."""
+        axis = str(emitter.get("fov_axis", "x"))
+        wider = "x" if columns >= rows else "y"
+        return {"smaller": "y" if wider == "x" else "x", "larger": wider}.get(axis, axis)
 
     def _add_daylight(self, emitter: Plugin, turn: Matrix) -> None:
         day, to_world = read_daylight(emitter, turn, self.legacy)

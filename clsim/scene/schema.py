@@ -145,6 +145,24 @@ class SphereLightTable(Placed):
     modulation: Modulation = None
 
 
+class ImageTable(Table):
+    """An image as a texture; of ``texture`` and ``emission_texture`` it may be a film."""
+
+    file: str | None = Field(
+        None, description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder; or a video such as .mp4"
+    )
+    frames: str | None = Field(None, description="instead, files such as screen/*.png, in the order of their numbers")
+    fps: Positive | None = Field(
+        None, description="pictures per second: of frames needed, a video's own is the default"
+    )
+    loop: Flag = Field(True, description="whether a film starts anew at its end; else its last picture stays")
+    wrap: Literal["repeat", "clamp", "mirror"] = "repeat"
+    nearest: Flag = Field(False, description="no smoothing between pixels")
+    repeats: tuple[Number, Number] = Field(
+        (1.0, 1.0), description="per unit of u and v: per metre on boxes, quads and spheres"
+    )
+
+
 class LightTable(Placed):
     """A light without size; it shines along −z."""
 
@@ -155,6 +173,7 @@ class LightTable(Placed):
     rotation_deg: Vector | None = Field(None, description="instead of look_at")
     inner_deg: Annotated[float, Strict(), Field(ge=0, le=90)] = Field(0.0, description="half angle of a spot's core")
     outer_deg: Annotated[float, Strict(), Field(gt=0, le=90)] = Field(45.0, description="half angle of its cone")
+    picture: ImageTable | None = Field(None, description="what a spot projects, over the square around its cone")
     modulation: Modulation = None
 
 
@@ -223,24 +242,6 @@ class CheckerTable(Table):
     squares_per_m: Positive = Field(1.0, description="per unit of u and v on meshes from files")
 
 
-class ImageTable(Table):
-    """An image as a texture; of ``texture`` and ``emission_texture`` it may be a film."""
-
-    file: str | None = Field(
-        None, description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder; or a video such as .mp4"
-    )
-    frames: str | None = Field(None, description="instead, files such as screen/*.png, in the order of their numbers")
-    fps: Positive | None = Field(
-        None, description="pictures per second: of frames needed, a video's own is the default"
-    )
-    loop: Flag = Field(True, description="whether a film starts anew at its end; else its last picture stays")
-    wrap: Literal["repeat", "clamp", "mirror"] = "repeat"
-    nearest: Flag = Field(False, description="no smoothing between pixels")
-    repeats: tuple[Number, Number] = Field(
-        (1.0, 1.0), description="per unit of u and v: per metre on boxes, quads and spheres"
-    )
-
-
 class MaterialTable(Table):
     """A surface; colours are linear Rec. 709."""
 
@@ -288,31 +289,6 @@ class MaterialTable(Table):
     alpha_cutoff: Share = 0.5
     opacity: Share = 1.0
     opacity_texture: ImageTable | None = Field(None, description="its alpha channel counts")
-
-
-_ROUGH = ("conductor", "dielectric", "plastic", "principled", "disney")
-KINDS_WITH: dict[str, tuple[str, ...]] = {
-    "roughness": _ROUGH,
-    "roughness_texture": _ROUGH,
-    "metallic": ("principled", "disney"),
-    "ior": ("dielectric", "thin-dielectric", "plastic", "principled", "disney"),
-    "metal": ("conductor",),
-    "eta": ("conductor",),
-    "k": ("conductor",),
-    "specular_color": ("conductor", "dielectric", "thin-dielectric", "plastic", "principled"),
-    "distribution": ("conductor", "dielectric", "plastic"),
-    "stretch": ("conductor", "dielectric", "disney"),
-    "absorption": ("dielectric", "disney"),
-    "nonlinear": ("plastic",),
-    "specular_tint": ("disney",),
-    "sheen": ("disney",),
-    "sheen_tint": ("disney",),
-    "flatness": ("disney",),
-    "transmission": ("principled", "disney"),
-    "clearcoat": ("principled", "disney"),
-    "clearcoat_roughness": ("principled", "disney"),
-}
-"""Which kinds of material have a key; what is not named here all have."""
 
 
 class EnvironmentTable(Table):

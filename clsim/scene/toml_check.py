@@ -13,12 +13,35 @@ from pydantic_core import ErrorDetails
 
 from clsim.errors import InputError
 from clsim.scene.film import is_video
-from clsim.scene.schema import KINDS_WITH, OBJECTS, ObjectTable, SceneTable
+from clsim.scene.schema import OBJECTS, ObjectTable, SceneTable
 from clsim.scene.schema_base import Table
 from clsim.scene.schema_light import MODULATIONS
 from clsim.scene.wording import plainly
 
 _COUNTS = {2: "two", 3: "three", 4: "four"}
+_ROUGH = ("conductor", "dielectric", "plastic", "principled", "disney")
+KINDS_WITH: dict[str, tuple[str, ...]] = {
+    "roughness": _ROUGH,
+    "roughness_texture": _ROUGH,
+    "metallic": ("principled", "disney"),
+    "ior": ("dielectric", "thin-dielectric", "plastic", "principled", "disney"),
+    "metal": ("conductor",),
+    "eta": ("conductor",),
+    "k": ("conductor",),
+    "specular_color": ("conductor", "dielectric", "thin-dielectric", "plastic", "principled"),
+    "distribution": ("conductor", "dielectric", "plastic"),
+    "stretch": ("conductor", "dielectric", "disney"),
+    "absorption": ("dielectric", "disney"),
+    "nonlinear": ("plastic",),
+    "specular_tint": ("disney",),
+    "sheen": ("disney",),
+    "sheen_tint": ("disney",),
+    "flatness": ("disney",),
+    "transmission": ("principled", "disney"),
+    "clearcoat": ("principled", "disney"),
+    "clearcoat_roughness": ("principled", "disney"),
+}
+"""Which kinds of material have a key; what is not named here all have."""
 
 
 def parse(data: dict[str, Any], source: Path) -> SceneTable:
@@ -91,6 +114,9 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
             yield f"{path}: has look_at and rotation_deg, expected one of them"
         if "rotation_deg" in table and "keyframes" in table:
             yield f"{path}.rotation_deg: expected it in each of the keyframes instead"
+        if "picture" in table and table.get("kind") != "spot":
+            yield f"{path}.picture: expected it of a spot only"
+        yield from _film_conflicts(path, table)
         yield from _keyframe_conflicts(path, table)
         yield from _modulation_conflicts(path, table)
 
@@ -134,9 +160,9 @@ def _keys_of_other_kinds(path: str, material: Any) -> Iterator[str]:
 
 
 def _film_conflicts(path: str, material: Any) -> Iterator[str]:
-    """Yield what is wrong with the files of a material's textures."""
+    """Yield what is wrong with the files of a material's textures, or of a lamp's picture."""
     for key, table in material.items() if isinstance(material, dict) else ():
-        if not (key.endswith("texture") and isinstance(table, dict)):
+        if not (key.endswith(("texture", "picture")) and isinstance(table, dict)):
             continue
         file, frames = table.get("file"), "frames" in table
         video = isinstance(file, str) and is_video(file)
@@ -146,7 +172,7 @@ def _film_conflicts(path: str, material: Any) -> Iterator[str]:
             yield f"{path}.{key}: has frames, expected fps with it"
         if not (frames or video) and ("fps" in table or "loop" in table):
             yield f"{path}.{key}: has fps or loop, which belong to frames and to videos"
-        if (frames or video) and key not in ("texture", "emission_texture"):
+        if (frames or video) and key not in ("texture", "emission_texture", "picture"):
             yield f"{path}.{key}: is a film, expected one in texture or emission_texture only"
 
 

@@ -59,6 +59,8 @@ if TYPE_CHECKING:  # pydantic costs a third of the start-up, and only scenes fro
     from clsim.scene import schema
 
 MAX_BYTES = 16 << 20
+MAX_PICTURE_DEG = 89.0
+"""Half angle of the widest picture: at a right angle it has no end."""
 NO_TURN: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -222,11 +224,13 @@ class _Builder:
         motion = _motion(table, table.rotation_deg, table.look_at)
         inner = min(table.inner_deg, table.outer_deg)
         modulation = read_modulation(table.modulation)
-        self.punctual_lights.append(
-            PunctualLight(
-                table.kind, table.intensity, motion, inner, table.outer_deg, name=table.name, modulation=modulation
-            )
+        light = PunctualLight(
+            table.kind, table.intensity, motion, inner, table.outer_deg, "squared", table.name, modulation
         )
+        if table.picture is not None:
+            size = math.tan(math.radians(min(table.outer_deg, MAX_PICTURE_DEG)))
+            light = replace(light, picture=self._image(table.picture, srgb=True), picture_size=(size, size))
+        self.punctual_lights.append(light)
 
     def environment_map(self, table: schema.EnvironmentTable) -> EnvironmentMap | None:
         if table.map is None:

@@ -93,6 +93,10 @@ def _problems(world: World) -> Iterator[str]:
             yield f"{name}: intensity is {punctual.intensity}, expected numbers from 0 to {BRIGHTEST:g}"
         if not 0 <= punctual.inner_deg <= punctual.outer_deg <= 90:
             yield f"{name}: angles are {punctual.inner_deg} and {punctual.outer_deg}, expected 0 ≤ inner ≤ outer ≤ 90"
+        if not -1 <= punctual.picture < len(world.textures):
+            yield f"{name}: picture is {punctual.picture}, expected -1 or one of the {len(world.textures)} textures"
+        if not _within(map(abs, punctual.picture_size)) or 0 in punctual.picture_size:
+            yield f"{name}: picture_size is {punctual.picture_size}, expected finite numbers other than 0"
         yield from _motion_problems(name, punctual.motion)
     if world.environment_map is not None:
         radiance = world.environment_map.radiance

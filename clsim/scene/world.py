@@ -23,7 +23,7 @@ Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic
 AlphaMode = Literal["opaque", "mask", "blend"]
 Distribution = Literal["ggx", "beckmann"]
 Back = Literal["same", "black", "culled"]
-Falloff = Literal["squared", "linear", "smooth"]
+Falloff = Literal["squared", "linear", "smooth", "frame"]
 Spectral = Literal["luminance", "silicon"] | Vec3
 
 
@@ -181,15 +181,7 @@ class Material:
     name: str = ""
 
 
-TEXTURES = (
-    "texture",
-    "emission_texture",
-    "roughness_texture",
-    "normal_texture",
-    "opacity_texture",
-    "bump_texture",
-    "blend_texture",
-)
+TEXTURES = tuple(f"{use}texture" for use in ("", "emission_", "roughness_", "normal_", "opacity_", "bump_", "blend_"))
 """What of a material names a texture."""
 
 
@@ -213,7 +205,10 @@ class PunctualLight:
         intensity: radiant intensity [W·sr⁻¹] of a point or spot, irradiance [W·m⁻²] of a directional light.
         inner_deg, outer_deg: half angles of a spot's cone: full inside, none outside.
         falloff: how a spot fades between them: the ``squared`` ramp of the cosine (glTF), ``linear`` in the angle
-            (Mitsuba), or the ``smooth`` step of the cosine, 3x² − 2x³ (pbrt).
+            (Mitsuba), or the ``smooth`` step of the cosine, 3x² − 2x³ (pbrt). A ``frame`` is a projector's:
+            ``intensity`` along the axis lights a plane across it evenly, within the picture and nowhere else.
+        picture: index of a texture by which a spot's intensity is multiplied, −1 for none.
+        picture_size: half its width and height at a distance of 1, to the light's right (+x) and up (+y).
         modulation: how its light changes with time.
     """
 
@@ -225,6 +220,8 @@ class PunctualLight:
     falloff: Falloff = "squared"
     name: str = ""
     modulation: Modulation | None = None
+    picture: int = -1
+    picture_size: tuple[float, float] = (1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -366,13 +363,14 @@ class World:
         return found
 
     def films(self) -> list[tuple[str, Film]]:
-        """Return the films on surfaces, by the names of their materials."""
+        """Return the films on surfaces and of lamps, by the names of their materials or lamps."""
+        places = [(each.name, index) for each in self.materials for index in {each.texture, each.emission_texture}]
+        places += [(light.name, light.picture) for light in self.punctual_lights]
         found = []
-        for material in self.materials:
-            for index in {material.texture, material.emission_texture} - {-1}:
-                texture = self.textures[index]
-                if isinstance(texture, ImageTexture) and texture.film is not None:
-                    found.append((material.name or "a film", texture.film))
+        for name, index in places:
+            texture = self.textures[index] if index >= 0 else None
+            if isinstance(texture, ImageTexture) and texture.film is not None:
+                found.append((name or "a film", texture.film))
         return found
 
     def light_changes(self) -> bool:

@@ -241,10 +241,16 @@ def test_parameters_are_given_after_the_files_name(tmp_path):
         assert expected in str(error.value)
 
 
-def test_spots_with_a_texture_shine_as_its_mean(tmp_path):
-    PIL.Image.fromarray(np.array([[[255, 0, 0], [0, 0, 0]]], np.uint8)).save(tmp_path / "a.png")
-    texture = '<texture type="bitmap" name="texture"><string name="filename" value="a.png"/></texture>'
-    spot = f'<emitter type="spot"><rgb name="intensity" value="4, 5, 6"/>{texture}</emitter>'
-    world = load(tmp_path, f'{spot}<shape type="cube"/>')
-    assert world.punctual_lights[0].intensity == (2, 0, 0)
-    assert any("spot" in warning for warning in world.warnings)
+def test_spots_and_projectors_keep_their_pictures(tmp_path):
+    PIL.Image.new("RGB", (8, 4)).save(tmp_path / "slide.png")
+    bitmap = '<texture name="{}" type="bitmap"><string name="filename" value="slide.png"/></texture>'
+    spot = f'<emitter type="spot"><float name="cutoff_angle" value="45"/>{bitmap.format("texture")}</emitter>'
+    beamer = f'<emitter type="projector"><float name="fov" value="90"/>{bitmap.format("irradiance")}</emitter>'
+    world = load(tmp_path, '<shape type="rectangle"/>' + spot + beamer)
+    assert not world.warnings
+    slide, frame = world.punctual_lights
+    assert (slide.picture, slide.picture_size) == (0, pytest.approx((-1, -1)))
+    # A picture of 2:1 over a field of view of 90° across; the light of Mitsuba's is π times its scale.
+    assert (frame.falloff, frame.picture_size) == ("frame", pytest.approx((1, 0.5)))
+    assert frame.intensity == pytest.approx((np.pi,) * 3)
+    assert frame.outer_deg == pytest.approx(np.degrees(np.arctan(np.hypot(1, 0.5))))
