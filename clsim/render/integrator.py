@@ -170,8 +170,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             dimension = (depth + 1) * _DIMENSIONS
             choice = uniform2(stream, dimension + sampling.CHOICE)
             light = LightSample()
-            if wp.static(ahead):
-                if not only_look and depth + 1 < settings.max_depth:
+            if wp.static(ahead and not only_look):
+                if depth + 1 < settings.max_depth:
                     light = look_ahead(scene, point, stream, dimension, choice[0], time)
             bsdf = resolve(scene.materials, point)
             point.material = whole
