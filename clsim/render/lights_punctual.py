@@ -60,7 +60,7 @@ class PunctualSample:
 def make_punctual(features: Features) -> Any:
     """Return the Warp function ``towards_punctual(lights, textures, index, position, time)``."""
     row_at = make_row(features)
-    lookup, _ = make_textures(features)
+    lookup, *_ = make_textures(features)
 
     @wp.func
     def axis_at(axes: wp.array(dtype=wp.vec3), count: int, index: int, time: float) -> wp.vec3:
