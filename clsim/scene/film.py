@@ -21,6 +21,8 @@ VIDEO_ENDINGS = (".mp4", ".mkv", ".mov", ".webm", ".avi", ".m4v", ".gif")
 MAX_PICTURES = 1_000_000
 MOST_IN_A_MEAN = 64
 """Pictures of which the mean over an exposure is taken; where there are more, so many of them, evenly spread."""
+KEPT = 4
+"""Pictures in memory: what is traced between frames goes back and forth between a few."""
 _EDGE = 1e-6
 """Share of a picture's time by which the next one counts as there: times of frames are rounded."""
 
@@ -45,11 +47,11 @@ class Film:
     """
 
     def __init__(self, pictures: Pictures, fps: float, *, loop: bool) -> None:
-        """Take pictures; only those that are shown are in memory."""
+        """Take pictures; only the last that were shown are in memory."""
         self.fps, self.loop = fps, loop
         self._pictures = pictures
         self.first = pictures.read(0)
-        self._last: tuple[int, U8] = (0, self.first)
+        self._kept: dict[int, U8] = {0: self.first}
         self._lock = threading.Lock()
 
     @property
@@ -92,9 +94,12 @@ class Film:
 
     def _read(self, number: int) -> U8:
         with self._lock:  # a video has one place at a time
-            if self._last[0] != number:
-                self._last = (number, self._pictures.read(number))
-            return self._last[1]
+            if number not in self._kept:
+                picture = self._pictures.read(number)
+                while len(self._kept) >= KEPT:
+                    del self._kept[next(iter(self._kept))]
+                self._kept[number] = picture
+            return self._kept[number]
 
 
 _LIGHT = decode_srgb(np.arange(256) / 255.0)

@@ -102,9 +102,9 @@ def test_the_mean_is_one_of_light():
 def test_only_what_is_shown_is_read():
     pictures = Greys(*range(100))
     film = Film(pictures, 10.0, loop=False)
-    for time_s in (0.0, 0.0, 0.1, 0.1, 5.0):
+    for time_s in (0.0, 0.0, 0.1, 0.1, 5.0, 0.1, 5.0, 6.0, 7.0, 8.0, 0.1):
         film.picture(film.shown(time_s, time_s))
-    assert pictures.asked == [0, 1, 50]
+    assert pictures.asked == [0, 1, 50, 60, 70, 80, 1]
 
 
 def test_files_stand_in_the_order_of_their_numbers(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import clsim
-from clsim.errors import InputError
+from clsim.live.base_rate import base_fps
 from clsim.scene.images import decode_srgb
 from tests.scene.test_film import write_pictures, write_video
 
@@ -82,10 +82,19 @@ def test_a_video_fires_as_its_pictures_do(tmp_path: Path) -> None:
     assert rises == pytest.approx(up * 16 * 12, abs=192) and falls == pytest.approx(down * 16 * 12, abs=192)
 
 
-def test_too_few_frames_and_adaptive_time_are_told(tmp_path: Path) -> None:
-    file = screen(tmp_path)
-    with clsim.Simulator(file, fps=30.0) as run:
+@pytest.mark.slow
+def test_with_adaptive_time_a_screen_fires_when_its_pictures_change(tmp_path: Path) -> None:
+    """Found to 100 µs, whatever the frames."""
+    with clsim.Simulator(screen(tmp_path), threshold=0.25, time="adaptive") as run:
+        events = run.step(99_000)
+    own = events[(events["x"] == 5) & (events["y"] == 7)]
+    assert own["on"].tolist() == [up for steps, up, _ in expected(0.25) for _ in range(steps)]
+    shown_us = np.repeat([k * 20_000 for *_, k in expected(0.25)], [steps for steps, *_ in expected(0.25)])
+    assert np.abs(own["t"] - shown_us).max() <= 100
+
+
+def test_too_few_frames_are_told(tmp_path: Path) -> None:
+    with clsim.Simulator(screen(tmp_path), fps=30.0) as run:
         (warning,) = run.warnings
     assert "the light of screen changes too fast for 30 frames" in warning and "at least 50" in warning
-    with pytest.raises(InputError, match="light changes by itself"):
-        clsim.Simulator(file, time="adaptive")
+    assert base_fps(clsim.load_scene(screen(tmp_path))) == 60.0
