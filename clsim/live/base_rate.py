@@ -29,7 +29,8 @@ def base_fps(world: World) -> float:
     own; and as many as changing light asks for, up to `MOST_FPS`.
     """
     fps = min(_in_steps(fastest_px_s(world) / _WAY_PX), world.fps)
-    by_light = max((change.least_fps for _, change in [*world.modulations(), *world.films()]), default=0.0)
+    rates = [change.least_fps for _, change in world.modulations()] + [film.least_fps for _, film in world.films()]
+    by_light = max(rates, default=0.0)
     return max(fps, min(_in_steps(by_light), MOST_FPS)) if by_light > fps else fps
 
 
