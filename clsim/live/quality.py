@@ -84,6 +84,7 @@ QUALITIES: dict[Quality, Point] = {
         spp=8,
         first_hit_rays=16,
         sampler="sobol",
+        probe_every=2,
         event_rule="linear-light",
     ),
     "accurate": Point(

@@ -26,8 +26,8 @@ _INSIDE = 4
 all, where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
-_IN_SHADOW = 2
-"""Times as many rays look into a pixel that is lit in part as into one that shows several things."""
+_IN_SHADOW = 8
+"""Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -42,8 +42,8 @@ class Effort:
         spp: paths where the most are needed to tell whether, or when, an event fires.
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
-        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing; twice
-            as many where light straight from lamps is found by them, and a pixel has a part in shadow.
+        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
+            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel.
         every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 
@@ -79,7 +79,7 @@ def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool =
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    looks.in_shadow = _IN_SHADOW * first_hit_rays
+    looks.in_shadow = round(_IN_SHADOW * first_hit_rays**0.5)
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if lamps else first_hit_rays
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

@@ -374,6 +374,6 @@ def view_features(
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,
-        lamp_light=first_hits and not light_cache and _lamps_apart(scene, strategy),
+        lamp_light=first_hits and _lamps_apart(scene, strategy),
         strategy=strategy,
     )

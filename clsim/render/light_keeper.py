@@ -59,6 +59,7 @@ class LightKeeper:
         effort: Effort,
         pixel_angle: float,
         sharp: bool,
+        lamps: bool,
         pace_hz: float | None,
         look_again: int,
         device: Any,
@@ -71,6 +72,7 @@ class LightKeeper:
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
             pixel_angle: width of a pixel seen from the camera [rad].
             sharp: whether the picture has no blur.
+            lamps: whether light straight from lamps is found apart, and not kept.
             pace_hz: see `RenderOptions.light_hz`.
             look_again: see there too.
             device: Warp's device.
@@ -80,7 +82,7 @@ class LightKeeper:
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
-        self._pixel_angle, self._sharp = pixel_angle, sharp
+        self._looks_at = pixel_angle, sharp, lamps
         self._pace_hz = pace_hz
         self._tick = 0
         self._learns = True
@@ -138,11 +140,11 @@ class LightKeeper:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, self._pixel_angle, self._sharp)
+        self._gathering.looks = looks_of(effort.first_hit_rays, *self._looks_at)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
-        self._gathering.cell_angle = _CELL_PX * self._pixel_angle
+        self._gathering.cell_angle = _CELL_PX * self._looks_at[0]
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
         changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}
