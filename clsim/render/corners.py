@@ -53,5 +53,11 @@ def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample),
     things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
     n = corners[nearest].normal + corners[nearest + 1].normal
     things[0].normal = 0.25 * (n + corners[nearest + row].normal + corners[nearest + row + 1].normal)
+    if things[0].lamp_all <= 0.0:
+        # No ray inside asked for the lamps' light.
+        for i in range(4):
+            corner = corners[nearest + (i & 1) + (i // 2) * row]
+            things[0].lamp_all += corner.lamp_all
+            things[0].lamp_lit += corner.lamp_lit
     d = corners[nearest].depth + corners[nearest + 1].depth
     things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)

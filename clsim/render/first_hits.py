@@ -208,7 +208,7 @@ def make_look(
     Args:
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
-        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream) -> Sample``.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface.
         light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
@@ -327,7 +327,10 @@ def make_look(
                     stream.reversed_index = reverse_bits(wp.uint32(inside))
                 stream.key = sampling.stream_key(sampling.absorb(state, inside))
                 place = uniform2(stream, sampling.CAMERA)
-            sample = shoot_at(scene, camera, settings, at, place, instant, stream)
+            # Where the corners tell of one thing, and of its light, rays inside need not ask for that again.
+            asked = looks.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
+            to_lamps = corner >= 0 or not (places or asked)
+            sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps)
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample

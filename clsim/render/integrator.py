@@ -102,7 +102,13 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         return w
 
     def trace(
-        scene: Scene, start: wp.vec3, toward: wp.vec3, time: float, settings: Settings, stream: sampling.Stream
+        scene: Scene,
+        start: wp.vec3,
+        toward: wp.vec3,
+        time: float,
+        settings: Settings,
+        stream: sampling.Stream,
+        to_lamps: bool,
     ) -> Sample:
         sample = Sample()
         origin = start
@@ -206,7 +212,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if wp.static(features.lamp_light):
                     apart = looked_at and not looking and bsdf.kind == DIFFUSE
                 if wp.static(only_look):
-                    if not looking and not apart:
+                    if not looking and not (apart and to_lamps):
                         break
             if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
@@ -303,6 +309,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         place: wp.vec2,
         instant: int,
         stream: sampling.Stream,
+        to_lamps: bool,
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1."""
         lens = wp.vec2()
@@ -321,9 +328,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         sample = Sample()
         if ray.exists:
             if wp.static(only_look):
-                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream)
+                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream, to_lamps)
             else:
-                sample = follow(scene, ray.origin, ray.direction, time, settings, stream)
+                sample = follow(scene, ray.origin, ray.direction, time, settings, stream, to_lamps)
         return sample
 
     # Twice: rays that only look go without all that paths need. Each is called from one place, where the compiler puts
@@ -338,7 +345,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return follow_at(scene, camera, settings, pixel, place, instant, stream)
+        return follow_at(scene, camera, settings, pixel, place, instant, stream, False)
 
     @wp.func
     def flat(scene: Scene, sample: Sample) -> bool:

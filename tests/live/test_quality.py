@@ -50,9 +50,9 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
 
 def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
     assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
-    assert options(quality="balanced", probe_every=2).point == replace(QUALITIES["balanced"], probe_every=2)
-    assert "1 to 8 spp, pixels probed each 2 frames, 16" in options(quality="balanced", probe_every=2).point.text()
-    assert "probed" not in QUALITIES["balanced"].text()
+    assert options(quality="balanced", probe_every=3).point == replace(QUALITIES["balanced"], probe_every=3)
+    assert "1 to 8 spp, pixels probed each 2 frames, 16" in QUALITIES["balanced"].text()
+    assert "probed" not in QUALITIES["accurate"].text()
     turns = QUALITIES["draft"].probe_every
     assert options(quality="draft", spp=2).point.probe_every == turns
     assert options(quality="draft", noise="independent").point.probe_every == 1
@@ -77,7 +77,7 @@ def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
 
 
 def test_what_rules_adaptive_sampling_out_makes_the_default_uniform() -> None:
-    uniform = replace(QUALITIES["balanced"], sampling="uniform")
+    uniform = replace(QUALITIES["balanced"], sampling="uniform", probe_every=1)
     assert options(noise="independent").point == replace(uniform, noise="independent")
     assert options(first_hit_rays=0).point == replace(uniform, first_hit_rays=0)
 
@@ -102,8 +102,9 @@ def test_the_clock_starts_from_balanced_with_and_without_a_governor() -> None:
     balanced = QUALITIES["balanced"]
     assert options(pace="real", governor=False).point == balanced
     assert options(pace="real", governor=False, quality="draft").point == QUALITIES["draft"]
-    assert options(pace="real", noise="independent").point == replace(balanced, sampling="uniform", noise="independent")
-    without_rays = replace(balanced, sampling="uniform", first_hit_rays=0)
+    uniform = replace(balanced, sampling="uniform", probe_every=1)
+    assert options(pace="real", noise="independent").point == replace(uniform, noise="independent")
+    without_rays = replace(uniform, first_hit_rays=0)
     assert options(pace="real", first_hit_rays=0).point == without_rays
 
 

@@ -146,12 +146,12 @@ def test_a_rise_towards_a_threshold_is_near():
 
 def test_first_hit_rays_end_where_all_look_alike():
     run = Run(lit_world())
-    run.tracer.effort = Effort(1, 1, 64)
+    run.tracer.effort = Effort(1, 1, 16)
     frame = run.fill(0)
     rays = frame.plane("Samples")
     edge = (frame.plane("Coverage") > 0) & (frame.plane("Coverage") < 1)
     # Twice as many, where a shadow's edge is seen.
-    assert edge.any() and rays[edge].min() > 3 * rays.min() and 64 + 1 < rays.max() <= 2 * 64 + 1
+    assert edge.any() and rays[edge].min() > 3 * rays.min() and 16 + 1 < rays.max() <= 2 * 16 + 1
     assert run.spent == (120, int(rays.sum()) - 120)
 
 
