@@ -2,8 +2,7 @@
 # ruff: noqa: SIM102, UP018
 """The path tracing kernel, built for what a scene has.
 
-Unidirectional paths with next-event estimation, both ways of finding light joined by the power heuristic (Veach 1997,
-ch. 9), ended by Russian roulette on the throughput.
+Paths with next-event estimation and Russian roulette; both ways to light share by the power heuristic (Veach 1997).
 """
 
 from functools import cache
@@ -128,9 +127,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         last = Receiver()
         last.position = start
         last.normal = toward
-        # Where lamps' light is found apart from paths: at this surface, and at the one before.
+        # Where the light of lamps is found apart, and the probability with which other light was drawn at the last place.
         apart = bool(False)
-        was_apart = bool(False)
         others = float(1.0)
         for depth in range(settings.max_depth):
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
@@ -144,7 +142,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     if hit.sphere >= 0:
                         drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last, time)
                         radiance = scene.lights.sphere_radiance[hit.sphere]
-                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, was_apart, pdf, drawn)
+                        sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, others < 1.0, pdf, drawn)
                         if looking:
                             sphere = sphere_at(scene.geometry, hit.sphere, time)
                             centre = wp.vec3(sphere[0], sphere[1], sphere[2])
@@ -201,7 +199,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:
                     drawn = triangle_pdf(scene.lights, hit.instance, hit.triangle, point, direction, last)
-                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, was_apart, pdf, drawn)
+                    sample.radiance += wp.cw_mul(throughput, radiance) * weight(alone, others < 1.0, pdf, drawn)
             if wp.static(features.first_hits):
                 if looked_at:
                     sample.position = point.position
@@ -224,10 +222,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 others = wp.where(apart, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
                 if apart:
                     # The lamps come first, and then the environment.
-                    asks = wp.static(only_look) or others > _NEVER
-                    draw = wp.where(wp.static(only_look), draw * (1.0 - others), 1.0 - others + draw * others)
-                    sample.lamp = True
-                was_apart = apart
+                    if wp.static(only_look):
+                        draw = draw * (1.0 - others)
+                        sample.lamp = True
+                    else:
+                        asks = others > _NEVER
+                        draw = 1.0 - others + draw * others
             if wp.static(by_light and has_lights):
                 if asks:
                     if wp.static(not ahead):
@@ -236,8 +236,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         light = sample_light(
                             scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time
                         )
-                    if wp.static(features.lamp_light):
-                        light.pdf = light.pdf / wp.where(wp.static(only_look), 1.0, others)
+                    if wp.static(features.lamp_light and not only_look):
+                        light.pdf = light.pdf / others
                     if light.pdf > 0.0 and agree(point, light.direction):
                         scattering = scatter_value(
                             scene.materials, bsdf, point.shading_normal, -direction, light.direction
