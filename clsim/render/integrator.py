@@ -127,7 +127,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         last = Receiver()
         last.position = start
         last.normal = toward
-        # Where the light of lamps is found apart, and the probability with which other light was drawn at the last place.
+        # Where the light of lamps is found apart; the probability with which other light was drawn at the last place.
         apart = bool(False)
         others = float(1.0)
         for depth in range(settings.max_depth):
