@@ -114,18 +114,18 @@ class View:
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
-            size = camera.width, camera.height
-            looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp, features.lamp_light
+            size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
+            sharp, lamps = features.sharp, features.lamp_light
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
                 self._steerer = LightKeeper(
-                    *size, effort, *looks_at, options.light_hz, options.look_again, self._device
+                    *size, effort, pixel_angle, sharp, lamps, options.light_hz, options.look_again, self._device
                 )
             else:
-                self._steerer = Steerer(*size, effort, *looks_at, board, self._device)
+                self._steerer = Steerer(*size, effort, pixel_angle, sharp, lamps, board, self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass
