@@ -200,7 +200,7 @@ frames within .1 %. An edge of PWM is timed to the frame.
 
 In such a scene no light is kept on surfaces, and a pixel gets all its paths in every frame whose light is another. The
 gate `delta-r`, and so `--quality published`, does not see light that changes; a warning says so. `--time adaptive`
-refuses such scenes.
+takes as many frames as such light asks for, up to 1,920 a second ([timing](timing.md)).
 
 ## Daylight
 
