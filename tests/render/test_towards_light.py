@@ -8,7 +8,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.scene import ImageTexture, Material
+from clsim.scene import ImageTexture, Material, PunctualLight, Static
 
 WHITE = ImageTexture(np.full((1, 1, 4), 255, np.uint8), nearest=True)
 """Times this, a colour is itself."""
@@ -44,3 +44,14 @@ def test_looking_ahead_changes_nothing():
     plain, ahead = (hw.render(each, spp=4).planes for each in (scene, textured))
     assert plain[:3].mean() > 0.1
     np.testing.assert_array_equal(plain, ahead)
+
+
+def test_a_textured_floor_has_the_light_of_a_lamp():
+    """A point lamp's irradiance has no noise."""
+    floor = hw.quad((-1, 0, 1), (2, 0, 0), (0, 0, -2))
+    lamp = PunctualLight("point", (8.0, 6.0, 4.0), Static(hw.translation(0, 2, 0)))
+    view = hw.camera(hw.look_from((0, 1, 0), (0, 0, 0), up=(0, 0, -1)), 2, 2, fov_deg=0.02)
+    grey = Material(color=(0.5, 0.5, 0.5), texture=0)
+    scene = hw.world(floor, materials=(grey,), textures=(WHITE,), view=view, punctual_lights=(lamp,))
+    expected = np.array([8.0, 6.0, 4.0])[:, None, None] / 2.0**2 * 0.5 / np.pi
+    np.testing.assert_allclose(hw.radiance(hw.render(scene, spp=1)), np.broadcast_to(expected, (3, 2, 2)), rtol=1e-4)
