@@ -8,7 +8,7 @@
 #define MOMENTS 64    // into how many parts a step is divided
 #define SHORT 0.25f   // pixels that a way must be long at least
 #define ALIKE 0.7f    // pixels within which two ways are one
-#define BLOCK 8       // side of the squares of which the least and the largest level are known [pixels]
+#define BLOCK 4       // side of the squares of which the least and the largest level are known [pixels]
 #define OVERSHOOT ((real)0.2813)   // a cubic's values leave those of its neighbours by so much of their range
 #define SHARE ((real)0.5)   // of a threshold: what comes so near may reach it
 

@@ -9,7 +9,7 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 MOMENTS = 64
 """Parts of a step (forecast.cl)."""
-_BLOCK = 8
+_BLOCK = 4
 """Side of the squares whose extremes are known (forecast.cl) [pixels]."""
 BEND = 0.14
 """Share of a threshold by which brightness may leave a straight line unseen."""
