@@ -81,7 +81,8 @@ TIME = Annotated[
     advanced(
         help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), "
         "or in whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in "
-        "ESIM); frames are 30 a second then unless --fps is given. [fixed]"
+        "ESIM); unless --fps is given frames are 30 a second then, or as many as fast things and changing light ask for. "
+        "[fixed]"
     ),
 ]
 TIME_TOLERANCE = Annotated[
@@ -91,7 +92,7 @@ RENDER_TIMES = Annotated[
     str | None,
     advanced(
         help="A file of times [s], one a line or in .npy, at which frames are rendered, in place of an even rate; or "
-        "adaptive: frames 30 a second, and with them the pixels that are traced between."
+        "adaptive: frames 30 a second or more, and with them the pixels that are traced between."
     ),
 ]
 LOOP = Annotated[bool | None, typer.Option("--loop", help="Start the motion anew at its end.")]

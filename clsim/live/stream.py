@@ -182,7 +182,8 @@ def stream(
             field of view hold where no ``resolution`` is given.
         time: "fixed": brightness is found at frames alone, and is linear in time between; "adaptive": pixels are traced
             between frames too, where events happen; "lambda=0.5": whole pictures are, from one to the next of which
-            nothing goes farther than so many pixels. Frames are then 30 a second unless ``fps`` is given.
+            nothing goes farther than so many pixels. Frames are then 30 a second, or as many as fast things and
+            changing light ask for, unless ``fps`` is given.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100.
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs, files: files and addresses that receive the events as well, and how files are written.
