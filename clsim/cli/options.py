@@ -81,8 +81,7 @@ TIME = Annotated[
     advanced(
         help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), "
         "or in whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in "
-        "ESIM); unless --fps is given frames are 30 a second then, or as many as fast things and changing light ask for. "
-        "[fixed]"
+        "ESIM); without --fps there are 30 frames a second then, or what fast things or changing light need. [fixed]"
     ),
 ]
 TIME_TOLERANCE = Annotated[
