@@ -28,6 +28,8 @@ _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 _IN_SHADOW = 8
 """Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
+_IN_SHADOW_KEPT = 3
+"""The same where other light is kept on surfaces, and such pixels take much of the time."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -67,7 +69,7 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool = False) -> Any:
+def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool = False, kept: bool = False) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
@@ -75,11 +77,12 @@ def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool =
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
         lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
+        kept: whether light is kept on surfaces.
     """
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    looks.in_shadow = round(_IN_SHADOW * first_hit_rays**0.5)
+    looks.in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if lamps else first_hit_rays
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

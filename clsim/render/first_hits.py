@@ -21,7 +21,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.corners import centre_thing, corner_at, footprint_of, on_flat_surface
 from clsim.render.film import Sample
-from clsim.render.lamp_light import same_light
+from clsim.render.lamp_light import AT_ANY, AT_NONE, same_light
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.textures import Footprint
 from clsim.render.things import (
@@ -329,7 +329,12 @@ def make_look(
                 place = uniform2(stream, sampling.CAMERA)
             # Where the corners tell of one thing, and of its light, rays inside need not ask for that again.
             asked = looks.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
-            to_lamps = corner >= 0 or not (places or asked)
+            to_lamps = wp.where(places or asked, AT_NONE, AT_ANY)
+            if wp.static(edges):
+                if corner >= 0:
+                    # Each of a pixel's four corners asks another place.
+                    line = corner // (settings.width + 1)
+                    to_lamps = ((corner - line * (settings.width + 1)) & 1) + 2 * (line & 1)
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps)
             if wp.static(edges):
                 if corner >= 0:

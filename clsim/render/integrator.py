@@ -25,7 +25,7 @@ from clsim.render.gather import make_gather
 from clsim.render.geometry import Hit, Surface, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.kernel_input import Scene, Settings
-from clsim.render.lamp_light import make_lamp_light
+from clsim.render.lamp_light import AT_NONE, make_lamp_light, rim_draw, rim_place
 from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import LightSample, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
@@ -107,7 +107,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         time: float,
         settings: Settings,
         stream: sampling.Stream,
-        to_lamps: bool,
+        to_lamps: int,
     ) -> Sample:
         sample = Sample()
         origin = start
@@ -209,8 +209,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.material = wp.where(depth == 0, point.material + 1, 0)
                 if wp.static(features.lamp_light):
                     apart = looked_at and not looking and bsdf.kind == DIFFUSE
+                    sample.lamp = sample.lamp or apart
                 if wp.static(only_look):
-                    if not looking and not (apart and to_lamps):
+                    if not looking and not (apart and to_lamps != AT_NONE):
                         break
             if depth + 1 >= settings.max_depth or bsdf.dark:
                 break
@@ -224,7 +225,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     # The lamps come first, and then the environment.
                     if wp.static(only_look):
                         draw = draw * (1.0 - others)
-                        sample.lamp = True
                     else:
                         asks = others > _NEVER
                         draw = 1.0 - others + draw * others
@@ -232,6 +232,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if asks:
                     if wp.static(not ahead):
                         u = uniform2(stream, dimension + sampling.LIGHT)
+                        if wp.static(features.lamp_light and only_look):
+                            if apart and to_lamps >= 0:
+                                draw = rim_draw(to_lamps) * (1.0 - others)
+                                u = rim_place(to_lamps)
                         finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
                         light = sample_light(
                             scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time
@@ -309,7 +313,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         place: wp.vec2,
         instant: int,
         stream: sampling.Stream,
-        to_lamps: bool,
+        to_lamps: int,
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1."""
         lens = wp.vec2()
@@ -345,7 +349,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return follow_at(scene, camera, settings, pixel, place, instant, stream, False)
+        return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE)
 
     @wp.func
     def flat(scene: Scene, sample: Sample) -> bool:

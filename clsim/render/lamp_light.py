@@ -25,12 +25,29 @@ from clsim.render.things import Thing
 _SMALL = wp.constant(1.0e-4)
 """Solid angle [sr] below which a triangle is a point: what the formula adds up would cancel in float32."""
 _SAME_SHARE = wp.constant(0.01)
+AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
+"""What a ray asks of the lamps: nothing, or a place of chance; numbers from 0 are places near their rims."""
 
 
 @wp.func
 def same_light(a: Sample, b: Sample) -> bool:
     """Whether the same share of the lamps' light reached what two rays saw, as far as both tell."""
     return wp.abs(a.lamp_lit * b.lamp_all - b.lamp_lit * a.lamp_all) <= _SAME_SHARE * a.lamp_all * b.lamp_all
+
+
+@wp.func
+def rim_draw(corner: int) -> float:
+    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3: those of a pixel take turns."""
+    return (float((corner & 1) * 2 + (corner >> 1)) + 0.5) / 4.0
+
+
+@wp.func
+def rim_place(corner: int) -> wp.vec2:
+    """Return two numbers in 0 … 1 by which a place on that lamp is drawn.
+
+    It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
+    """
+    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), 0.05 + 0.33 * float(corner))
 
 
 @wp.func
@@ -164,6 +181,7 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
     def light_things(
         lights: Lights, geometry: Geometry, materials: Any, things: wp.array(dtype=Thing), number: int, time: float
     ):
+        share = float(0.0)
         for k in range(number):
             first = things[k].first
             if first.lamp:
@@ -172,6 +190,11 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                 if most <= 0.0:
                     lit = first.lamp_lit
                     most = first.lamp_all
+                if most <= 0.0:
+                    # Nothing was asked here: as much as of the thing before arrives.
+                    lit = share
+                    most = 1.0
+                share = lit / most
                 if lit > 0.0:
                     normal = wp.normalize(things[k].normal)
                     light = lamp_light(lights, geometry, materials, things[k].position, normal, time)

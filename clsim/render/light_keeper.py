@@ -140,7 +140,7 @@ class LightKeeper:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, *self._looks_at)
+        self._gathering.looks = looks_of(effort.first_hit_rays, *self._looks_at, kept=True)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
