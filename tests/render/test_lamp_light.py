@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import hand_worlds as hw
 import numpy as np
 import pytest
 import warp as wp
 from test_steered import LUMINANCE, Run
-from test_tracer import lit_world
+from test_tracer import LAMP, lit_world
 
 from clsim.render.compiler import kernel_options
 from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
+from clsim.scene import Material
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -77,8 +79,26 @@ def test_one_path_leaves_no_noise_of_lamps_where_nothing_stands_between():
     plain = Run(lit_world(), spp=1024, max_depth=2, first_hit_rays=0).fill(0)
     first, second, expected = (np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (frame, other, plain))
     lit = (frame.plane("Samples") < 8) & (np.minimum(np.minimum(first, second), expected) > 1e-3)
-    assert lit.sum() > 20
-    # But for a shadow that none of a pixel's few rays met.
-    assert (np.abs(np.log(first[lit] / second[lit])) < 1e-3).mean() > 0.8
+    assert lit.sum() > 12
+    # Corners ask lamps near their rims, so that no shadow begins unseen.
+    assert (np.abs(np.log(first[lit] / second[lit])) < 1e-3).mean() > 0.95
     assert np.abs(np.log(first[lit] / expected[lit])).mean() < 0.03
     assert first.sum() == pytest.approx(expected.sum(), rel=0.01)
+
+
+@pytest.mark.slow
+def test_what_lies_between_the_corners_of_pixels_is_lit():
+    """Pale dots before a dark wall: rays inside find them, and do not ask the lamps where corners told of the wall."""
+    side = 2 * np.tan(np.radians(20.0)) / 16
+    dots = [
+        hw.quad(((x - 7.85) * side, (y - 7.85) * side, -1), (0.7 * side, 0, 0), (0, 0.7 * side, 0), material=1)
+        for x, y in np.ndindex(15, 15)
+    ]
+    wall = hw.quad((-2, -2, -2), (4, 0, 0), (0, 4, 0))
+    lamp = hw.quad((-0.5, -0.5, 1.0), (0, 1, 0), (1, 0, 0), material=2)
+    materials = (Material(color=(0.01, 0.01, 0.01)), hw.GREY, LAMP)
+    world = hw.world(wall, *dots, lamp, materials=materials, view=hw.camera())
+    seen = Run(world, spp=1, max_depth=2, first_hit_rays=16).fill(0)
+    plain = Run(world, spp=256, max_depth=2, first_hit_rays=0).fill(0)
+    seen, plain = (np.tensordot(LUMINANCE, each.planes[:3], axes=1).sum() for each in (seen, plain))
+    assert seen / plain > 0.82
