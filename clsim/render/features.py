@@ -44,7 +44,7 @@ class SceneFeatures:
         still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
-        few_lamps: few enough shine, each with the same light all over, to add up what all send to a point.
+        few_lamps: few enough shine to add up what all send to a point; none has a texture or a picture.
         light_tree: there are several lights, and which is drawn depends on the point that they light.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
@@ -233,8 +233,14 @@ def _lamps_are_textured(world: World) -> bool:
 
 
 def _few_lamps(world: World) -> bool:
-    """Whether there are some lamps but not many, each with the same light all over."""
-    return not _lamps_are_textured(world) and 0 < _lamps(world) <= _FEW_LAMPS
+    """Whether there are some lamps but not many, whose light hardly changes within a pixel but for shadows."""
+    plain = not _lamps_are_textured(world) and not _lamps_show_pictures(world)
+    return plain and 0 < _lamps(world) <= _FEW_LAMPS
+
+
+def _lamps_show_pictures(world: World) -> bool:
+    """Whether a light without size has a picture, or a frame where its light ends at once."""
+    return any(light.picture >= 0 or light.falloff == "frame" for light in world.punctual_lights)
 
 
 def _lamps(world: World) -> int:

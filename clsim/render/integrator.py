@@ -234,7 +234,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         u = uniform2(stream, dimension + sampling.LIGHT)
                         if wp.static(features.lamp_light and only_look):
                             if apart and to_lamps >= 0:
-                                draw = rim_draw(to_lamps) * (1.0 - others)
+                                draw = rim_draw(scene.lights, to_lamps)
                                 u = rim_place(to_lamps)
                         finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
                         light = sample_light(

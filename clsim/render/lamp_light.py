@@ -15,6 +15,7 @@ from typing import Any
 
 import warp as wp
 
+from clsim.render.environment import STEP
 from clsim.render.features import Features
 from clsim.render.film import Sample
 from clsim.render.geometry import Geometry, make_sphere_at
@@ -36,9 +37,14 @@ def same_light(a: Sample, b: Sample) -> bool:
 
 
 @wp.func
-def rim_draw(corner: int) -> float:
-    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3: those of a pixel take turns."""
-    return (float((corner & 1) * 2 + (corner >> 1)) + 0.5) / 4.0
+def rim_draw(lights: Lights, corner: int) -> float:
+    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3.
+
+    They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
+    """
+    light = corner % lights.first_environment
+    middle = lights.cumulative[light] - 0.5 * lights.probability[light]
+    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)
 
 
 @wp.func
@@ -47,7 +53,7 @@ def rim_place(corner: int) -> wp.vec2:
 
     It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
     """
-    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), 0.05 + 0.33 * float(corner))
+    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
 
 
 @wp.func

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hand_worlds as hw
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from test_tracer import LAMP, lit_world
 
 from clsim.render.compiler import kernel_options
 from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
-from clsim.scene import Material
+from clsim.scene import ImageTexture, Material, PunctualLight, Static
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -102,3 +104,45 @@ def test_what_lies_between_the_corners_of_pixels_is_lit():
     plain = Run(world, spp=256, max_depth=2, first_hit_rays=0).fill(0)
     seen, plain = (np.tensordot(LUMINANCE, each.planes[:3], axes=1).sum() for each in (seen, plain))
     assert seen / plain > 0.82
+
+
+def from_above(**lights):
+    """A floor with a block above it, seen from above."""
+    floor, block = hw.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), hw.box((-0.4, 1, -0.8), (0.4, 1.2, 0.8))
+    view = hw.camera(hw.look_from((0, 6, 0.01), (0, 0, 0), up=(0, 0, -1)), 24, 24)
+    return hw.world(floor, block, view=view, **lights)
+
+
+def luminances(world, spp, paths):
+    """Return a picture whose lamps' light is found apart, and one of plain paths."""
+    seen = Run(world, spp=spp, max_depth=2, first_hit_rays=16).fill(0)
+    plain = Run(world, spp=paths, max_depth=2, first_hit_rays=0).fill(0)
+    return [np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (seen, plain)]
+
+
+@pytest.mark.slow
+def test_the_shadow_in_a_weak_lamps_light_is_seen_beside_a_strong_ones():
+    """Two suns, of which one has a tenth of the light: corners ask both, and not by their power."""
+    suns = [
+        PunctualLight("directional", (light,) * 3, Static(hw.look_from((x, 1, 0), (0, 0, 0), up=(0, 0, 1))))
+        for light, x in ((1.8, 0.8), (0.2, -0.8))
+    ]
+    seen, plain = luminances(from_above(punctual_lights=tuple(suns)), 1, 64)
+    shadow = (plain > 0.85 * plain.max()) & (plain < 0.93 * plain[0, 0])
+    assert shadow.sum() > 20
+    assert np.median(seen[shadow] / plain[shadow]) < 1.03
+
+
+@pytest.mark.slow
+def test_a_picture_of_light_is_seen_as_the_mean_over_pixels():
+    """A projector's checks, narrower than pixels: light at one place in each is no picture of them."""
+    checks = np.full((64, 64, 4), 255, np.uint8)
+    checks[::2, ::2, :3] = checks[1::2, 1::2, :3] = 0
+    pose = Static(hw.look_from((0, 5, 0), (0, 0, 0), up=(0.3, 0, -1)))
+    projector = PunctualLight("spot", (8, 8, 8), pose, picture=0, picture_size=(0.3, 0.3), falloff="frame")
+    world = from_above(punctual_lights=(projector,))
+    world = replace(world, textures=(ImageTexture(checks, nearest=True),))
+    seen, plain = luminances(world, 64, 64)
+    lit = plain > 0.5 * plain.max()
+    assert lit.sum() > 50
+    assert np.std(seen[lit] / plain[lit]) < 0.2
