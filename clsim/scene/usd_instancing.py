@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Usd, UsdGeom
 
+from clsim.errors import InputError
 from clsim.scene.motion import Matrix
 from clsim.scene.usd_motion import moving_codes
 from clsim.scene.usd_stage import Stage
@@ -45,6 +46,9 @@ class Copies:
             exclude = UsdGeom.PointInstancer.ExcludeProtoXform
             found = self._source.ComputeInstanceTransformsAtTime(time, time, exclude, UsdGeom.PointInstancer.IgnoreMask)
             rows = np.array(found, np.float64).reshape(-1, 4, 4)
+            if len(rows) != len(self.which):
+                where = f"{self._stage.path}: {self._prim.GetPath()}"
+                raise InputError(f"{where} has other than its {len(self.which)} copies' places at time {code:g}")
             self._found[code] = self._stage.to_world(self._prim, code) @ rows.transpose(0, 2, 1)
         return self._found[code]
 
@@ -70,11 +74,15 @@ def copies(stage: Stage, prim: Any, warn: Callable[[str], None], most: int) -> C
     which = np.array(stage.value(source.GetProtoIndicesAttr()) or [], np.int64).ravel()
     prototypes = [stage.usd.GetPrimAtPath(path) for path in source.GetPrototypesRel().GetForwardedTargets()]
     placed = stage.value(source.GetPositionsAttr()) or []
-    if not len(which) or len(placed) != len(which) or len(which) > most or not all(prototypes):
+    if not len(which) or len(placed) != len(which) or len(which) > most:
         warn(f"the copies of {name} are left out: it has {len(which)} of them, {len(placed)} places, at most {most}")
         return None
+    if not all(prototypes):
+        warn(f"the copies of {name} are left out: one of its prototypes is missing")
+        return None
     if which.min() < 0 or which.max() >= len(prototypes):
-        warn(f"the copies of {name} are left out: one is of prototype {which.max()}, of {len(prototypes)}")
+        wrong = which.min() if which.min() < 0 else which.max()
+        warn(f"the copies of {name} are left out: one is of prototype {wrong}, of {len(prototypes)}")
         return None
     if stage.times(source.GetProtoIndicesAttr()):
         warn(f"copies that appear or vanish are as at the start (first {name})")

@@ -96,9 +96,7 @@ class LightReader:
         ]
         if self._stage.value(light.GetEnableColorTemperatureAttr()):
             kelvin = get("inputs:colorTemperature")
-            sources.append(
-                (kelvin, lambda value: tuple(UsdLux.BlackbodyTemperatureAsRgb(6500.0 if value is None else value)))
-            )
+            sources.append((kelvin, lambda value: _black_body(6500.0 if value is None else float(value))))
         return brightest(self._stage, sources, repeat=self._repeat)
 
     def _sphere(self, prim: Any) -> None:
@@ -224,6 +222,14 @@ class _Turning:
 
     def pose(self, time_s: float) -> Matrix:
         return compose(self.middle_m, self.motion.pose(time_s)[:3, :3])
+
+
+def _black_body(kelvin: float) -> Vec3:
+    """Return the colour of a temperature; usd-core ends the process where it is no number."""
+    if not math.isfinite(kelvin):
+        raise ValueError(f"a colour temperature of {kelvin} K")
+    r, g, b = UsdLux.BlackbodyTemperatureAsRgb(kelvin)
+    return r, g, b
 
 
 def _rectangle(width: float, height: float) -> Mesh:

@@ -46,7 +46,10 @@ class MaterialReader:
         key: Any = self.path(prim) or color
         if key not in self._indices:
             plain = Material(color=color or (0.5, 0.5, 0.5), name="" if color is None else prim.GetName())
-            self._indices[key] = self.add(self._read(bound) if bound else plain)
+            if bound:
+                with self._stage.naming(bound):
+                    plain = self._read(bound)
+            self._indices[key] = self.add(plain)
         return self._indices[key]
 
     def path(self, prim: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -128,7 +129,10 @@ def read_body(stage: Stage, prim: Any, material_of: MaterialOf) -> Mesh | None:
     kind, mesh = prim.GetTypeName(), None
 
     def size(name: str) -> float:
-        return abs(float(stage.value(prim.GetAttribute(name)) or 0.0))
+        found = abs(float(stage.value(prim.GetAttribute(name)) or 0.0))
+        if not math.isfinite(found):
+            raise ValueError(f"a {name} of {found}")
+        return found
 
     if kind == "Cube":
         mesh = shapes.box((size("size"),) * 3)
@@ -163,7 +167,8 @@ def _turned_body(kind: str, radius: float, height: float) -> Mesh:
         made.apply_translation((0.0, 0.0, -height / 2))
     else:
         made = trimesh.creation.capsule(radius=radius, height=height, count=(SEGMENTS // 2, SEGMENTS))
-        made.apply_translation((0.0, 0.0, -float(made.bounds.mean(axis=0)[2])))
+        lowest, highest = made.vertices[:, 2].min(), made.vertices[:, 2].max()
+        made.apply_translation((0.0, 0.0, -(lowest + highest) / 2))
     faces = np.ascontiguousarray(made.faces, np.int32)
     return Mesh(np.ascontiguousarray(made.vertices, np.float32), faces, np.zeros(len(faces), np.int32))
 

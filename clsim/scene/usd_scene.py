@@ -147,20 +147,22 @@ class _Reader:
     def read(self) -> None:
         """Visit all prims."""
         for prim in self._prims(self.stage.usd.GetPseudoRoot()):
-            if prim.IsA(UsdGeom.PointInstancer):
-                self._add_copies(prim)
-            elif prim.IsA(UsdGeom.Camera):
-                self._add_camera(prim)
-            elif self.lamps.read(prim):
-                continue
-            elif prim.IsA(UsdGeom.Gprim):
-                self._add_body(prim)
+            with self.stage.naming(prim):
+                self._add(prim)
         for mesh, material, prim in self.lamps.lights.surfaces:
             ids = np.full(len(mesh.triangles), self.materials.add(material), np.int32)
             self._place(prim, self._mesh(replace(mesh, material_ids=ids)), _own(prim), moving_codes(self.stage, prim))
         changes = [change.duration_s > 0 for change in self._changes() if change is not None]
         motions = [each.motion for each in self.instances] + [each.motion for each in self.cameras]
         self.moves = self.moves or any(changes) or any(motion.duration_s > 0 for motion in motions)
+
+    def _add(self, prim: Any) -> None:
+        if prim.IsA(UsdGeom.PointInstancer):
+            self._add_copies(prim)
+        elif prim.IsA(UsdGeom.Camera):
+            self._add_camera(prim)
+        elif not self.lamps.read(prim) and prim.IsA(UsdGeom.Gprim):
+            self._add_body(prim)
 
     def _changes(self) -> list[Modulation | None]:
         lights = self.lamps.lights

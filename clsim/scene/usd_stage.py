@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -57,7 +58,8 @@ class Stage:
         self.codes_per_s = float(self.usd.GetTimeCodesPerSecond())
         self.start, self.end = float(self.usd.GetStartTimeCode()), float(self.usd.GetEndTimeCode())
         if not (self.codes_per_s > 0 and np.isfinite([self.start, self.end, self.codes_per_s]).all()):
-            raise InputError(f"{path}: has {self.codes_per_s:g} time codes per second, expected a positive number")
+            told = f"time codes {self.start:g} to {self.end:g}, {self.codes_per_s:g} per second"
+            raise InputError(f"{path}: has {told}, expected finite numbers, and more than 0 per second")
         self.end = max(self.start, self.end)
         self._left = MAX_BYTES
         self._bake_skins()
@@ -97,6 +99,18 @@ class Stage:
             return attribute.Get(self.start if code is None else code)
         except (Tf.ErrorException, TypeError) as error:
             raise InputError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
+
+    @contextmanager
+    def naming(self, prim: Any) -> Iterator[None]:
+        """Raise InputError with a prim's name where its values are not of the types that USD tells, or too few."""
+        try:
+            yield
+        except InputError:
+            raise
+        except (Tf.ErrorException, TypeError, ValueError, IndexError) as error:
+            raise InputError(
+                f"{self.path}: {prim.GetPath()} has a value that cannot be used ({_reason(error)})"
+            ) from None
 
     def times(self, attribute: Any) -> list[float]:
         """Return the time codes from start to end at which an attribute has samples, with both ends; [] if it is one.

@@ -19,6 +19,13 @@ HAND = placed(
     "float3 xformOp:rotateXYZ.timeSamples = { 15: (0, 0, 0), 30: (40, 100, 10) }",
 )
 
+HOT = 'def SphereLight "bulb" { bool inputs:enableColorTemperature = 1\n float inputs:colorTemperature = nan }'
+RED = """def Material "red" { token outputs:surface.connect = </red/it.outputs:surface>
+def Shader "it" { uniform token info:id = "UsdPreviewSurface"\n token outputs:surface
+string inputs:diffuseColor = "red" } }"""
+VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
+point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
+
 
 def moving(inside):
     return f'def Xform "arm" {{ {ARM}\ndef Xform "hand" {{ {HAND}\n{inside} }} }}\n'
@@ -278,11 +285,19 @@ def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
         (mesh(placed("double3 xformOp:translate = (inf, 0, 0)")), "/square stands at a place that is not finite"),
         (mesh() + 'def Camera "eye" { float focalLength = 0 }', "/eye has an aperture or a focal length"),
         (mesh() + 'def Camera "eye" { float verticalAperture = inf }', "/eye has an aperture or a focal length"),
+        (mesh() + 'def SphereLight "bulb" { string inputs:radius = "wide" }', "/bulb has a value that cannot be used"),
+        (mesh() + 'def SphereLight "bulb" { float inputs:color = 3 }', "/bulb has a value that cannot be used"),
+        (mesh() + HOT, "/bulb has a value that cannot be used (a colour temperature of nan K)"),
+        ('def Capsule "pill" { double radius = nan }', "/pill has a value that cannot be used (a radius of nan)"),
+        ('def Capsule "pill" { double radius = 0\n double height = 0 }', "has no extent"),
+        (mesh('uniform token[] xformOpOrder = ["odd"]'), "/square has a value that cannot be used (Invalid xform op"),
+        (mesh("rel material:binding = </red>") + RED, "/red has a value that cannot be used"),
+        (mesh() + VANISHING, "/twice has other than its 2 copies' places at time 34"),
     ],
 )
 def test_numbers_that_cannot_be_are_told_in_one_sentence(tmp_path, text, said):
     with pytest.raises(InputError) as caught:
-        load_world(usda(tmp_path, text))
+        load_world(usda(tmp_path, text, f"{METRES}\n    {SECONDS}"))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
