@@ -23,11 +23,12 @@ def triangulated(points: F64, counts: I64, indices: I64) -> tuple[I64, I64]:
     first = np.cumsum(counts) - counts
     fans = np.maximum(counts - 2, 0)
     faces = np.repeat(np.arange(len(counts)), fans)
-    step = np.arange(len(faces)) - np.repeat(np.cumsum(fans) - fans, fans)
+    fan = np.cumsum(fans) - fans
+    step = np.arange(len(faces)) - np.repeat(fan, fans)
     triangles = first[faces][:, None] + np.stack([np.zeros_like(step), step + 1, step + 2], axis=1)
     for face in _concave(points[indices[triangles]], faces, len(counts)):
         corners = first[face] + np.arange(counts[face])
-        triangles[faces == face] = corners[_ears(points[indices[corners]])]
+        triangles[fan[face] : fan[face] + fans[face]] = corners[_ears(points[indices[corners]])]
     return triangles, faces
 
 

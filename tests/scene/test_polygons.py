@@ -1,6 +1,7 @@
 """Polygons as triangles."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -18,6 +19,18 @@ def test_convex_polygons_are_fans_and_points_and_lines_vanish():
     corners, faces = triangulated(points, np.array([2, 4, 1, 3]), np.array([0, 1, 0, 1, 2, 3, 0, 0, 1, 2]))
     assert corners.tolist() == [[2, 3, 4], [2, 4, 5], [7, 8, 9]]
     assert faces.tolist() == [1, 1, 3]
+
+
+def test_concave_polygons_among_others_are_cut_by_themselves():
+    points = np.zeros((4, 3))
+    points[:, :2] = [(2, 0), (0.5, 0.5), (0, 2), (0, 0)]  # a dart of area 1, concave at its second corner
+    dart, counts = [2, 3, 0, 1], np.array([3, 4, 2, 4, 3, 4])
+    indices = np.array([0, 2, 3, *dart, 0, 1, *dart, 0, 2, 3, *dart])
+    corners, faces = triangulated(points, counts, indices)
+    found = areas(points, indices, corners)[:, 2]
+    assert faces.tolist() == [0, 1, 1, 3, 3, 4, 5, 5]
+    assert (found > 0).all()
+    assert [found[faces == face].sum() for face in (0, 1, 3, 4, 5)] == pytest.approx([2, 1, 1, 2, 1])
 
 
 @given(
