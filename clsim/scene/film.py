@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import importlib.util
+import itertools
 import math
 import re
 import threading
@@ -114,9 +115,12 @@ class Files:
         Raises:
             InputError: there is none.
         """
-        found = sorted(glob.glob(str(named_pattern(pattern, folder))), key=_by_number)[: MAX_PICTURES + 1]
+        # A pattern may match whatever is on the disk: no more names are kept than may be used.
+        every = glob.iglob(str(named_pattern(pattern, folder)))
+        found = sorted(itertools.islice(every, MAX_PICTURES + 1), key=_by_number)
         if not found or len(found) > MAX_PICTURES:
-            raise InputError(f"{len(found)} files are called {pattern!r} in {folder}, expected 1 to {MAX_PICTURES}")
+            many = f"more than {MAX_PICTURES}" if found else "0"
+            raise InputError(f"{many} files are called {pattern!r} in {folder}, expected 1 to {MAX_PICTURES}")
         self._paths, self.count = [named_file(each, folder) for each in found], len(found)
         self._size: tuple[int, ...] = ()
         self._budget = budget
@@ -157,7 +161,7 @@ class Video:
             self.count = self._told(lambda: sum(packet.size > 0 for packet in container.demux(stream)))
         if not (self.count and self.fps > 0 and min(self._size) > 0):
             raise InputError(f"{path}: holds no pictures, or does not tell how many a second")
-        self._next, self._latest = self.count, np.zeros((0, 0, 4), np.uint8)
+        self._next, self._frame = self.count, None
 
     def read(self, number: int) -> U8:
         """Return a picture; where the file has fewer than it tells, its last one."""
@@ -169,10 +173,8 @@ class Video:
                 if self._next == 0:
                     raise InputError(f"{self._path}: holds no picture that can be decoded")
                 break
-            self._next += 1
-            if self._next > number:
-                self._latest = self._told(frame.reformat(*self._size, format="rgba").to_ndarray)
-        return self._latest
+            self._next, self._frame = self._next + 1, frame
+        return self._told(lambda: self._frame.reformat(*self._size, format="rgba").to_ndarray())
 
     def _decoded(self) -> Iterator[Any]:
         with self._opened() as container:
@@ -210,4 +212,4 @@ def named_pattern(pattern: str, folder: Path) -> Path:
 
 
 def _by_number(path: str) -> list[tuple[int, int, str]]:
-    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in re.split(r"(\d+)", path)]
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", path)]

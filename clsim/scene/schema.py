@@ -152,7 +152,7 @@ class ImageTable(Table):
         None, description="PNG, JPEG, OpenEXR or HDR, relative to the TOML's folder; or a video such as .mp4"
     )
     frames: str | None = Field(None, description="instead, files such as screen/*.png, in the order of their numbers")
-    fps: Positive | None = Field(
+    fps: Annotated[float, Strict(), Field(gt=0, le=1e6)] | None = Field(
         None, description="pictures per second: of frames needed, a video's own is the default"
     )
     loop: Flag = Field(True, description="whether a film starts anew at its end; else its last picture stays")

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.film import Film
-from clsim.scene.images import decode_srgb
+from clsim.scene.film import Files, Film, Video
+from clsim.scene.images import PixelBudget, decode_srgb
 
 SCENE = """
 [camera]
@@ -115,6 +115,38 @@ def test_files_stand_in_the_order_of_their_numbers(tmp_path):
     assert not world.light_repeats(0.04) and world.light_repeats(0.0)
 
 
+def test_numbers_are_of_plain_digits(tmp_path):
+    folder = tmp_path / "shots"
+    write_pictures(folder, 5, 6)
+    (folder / "shot_8.png").rename(folder / "1²2.png")
+    (folder / "shot_9.png").rename(folder / "1²10.png")
+    _, film = film_of(tmp_path, 'frames = "shots/*.png", fps = 1')
+    assert [film.picture(film.shown(t, t))[0, 0, 0] for t in (0.0, 1.0)] == [5, 6]
+
+
+def test_a_pattern_of_too_many_files_is_told_without_listing_them_all(tmp_path, monkeypatch):
+    listed = []
+
+    def names(pattern):
+        for k in range(50):
+            listed.append(k)
+            yield f"{k}.png"
+
+    monkeypatch.setattr("glob.iglob", names)
+    monkeypatch.setattr("clsim.scene.film.MAX_PICTURES", 3)
+    with pytest.raises(InputError, match=r"^more than 3 files are called '\*\.png' in .*, expected 1 to 3$"):
+        Files("*.png", tmp_path, PixelBudget())
+    assert listed == [0, 1, 2, 3]
+
+
+def test_where_a_video_has_fewer_pictures_than_it_tells_its_last_one_stays(tmp_path):
+    write_video(tmp_path / "clip.mp4", [16, 120, 240])
+    video = Video(tmp_path / "clip.mp4", PixelBudget())
+    video.read(0)
+    assert video.read(9)[..., :3].mean() == pytest.approx(240, abs=4)
+    assert video.read(8)[..., :3].mean() == pytest.approx(240, abs=4)
+
+
 def test_a_video_has_its_own_rate_and_can_go_back(tmp_path):
     greys = [16, 60, 120, 180, 240]
     write_video(tmp_path / "clip.mp4", greys)
@@ -131,6 +163,7 @@ def test_a_video_has_its_own_rate_and_can_go_back(tmp_path):
     ("table", "said"),
     [
         ('frames = "none/*.png", fps = 5', "0 files are called 'none/*.png'"),
+        ('frames = "shots/*.png", fps = 1e308', "emission_texture.fps: "),
         ('frames = "shots/*.png"', "has frames, expected fps with it"),
         ('file = "shots/shot_8.png", fps = 5', "belong to frames and to videos"),
         ('frames = "shots/*.png", file = "a.png", fps = 5', "expected either file or frames"),
