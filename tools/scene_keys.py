@@ -179,7 +179,7 @@ emission_texture = { file = "clip.mp4", repeats = [0.5, 1.0] }  # once on a quad
 ```
 
 Numbered pictures are `{ frames = "clip/*.png", fps = 30 }`. Each picture is shown until the next. `texture` may be a
-film too: a surface whose colours change. Only the picture that is shown is in memory. A film starts anew at its end;
+film too: a surface whose colours change. At most four of its pictures are in memory. A film starts anew at its end;
 with `loop = false` its last picture stays, and the scene lasts until then. Which part of a screen is asked for light
 does not follow its pictures.
 
