@@ -161,7 +161,8 @@ class Video:
             self.count = self._told(lambda: sum(packet.size > 0 for packet in container.demux(stream)))
         if not (self.count and self.fps > 0 and min(self._size) > 0):
             raise InputError(f"{path}: holds no pictures, or does not tell how many a second")
-        self._next, self._frame = self.count, None
+        self._next = self.count
+        self._frame: Any = None
 
     def read(self, number: int) -> U8:
         """Return a picture; where the file has fewer than it tells, its last one."""
@@ -174,7 +175,8 @@ class Video:
                     raise InputError(f"{self._path}: holds no picture that can be decoded")
                 break
             self._next, self._frame = self._next + 1, frame
-        return self._told(lambda: self._frame.reformat(*self._size, format="rgba").to_ndarray())
+        pixels: U8 = self._told(lambda: self._frame.reformat(*self._size, format="rgba").to_ndarray())
+        return pixels
 
     def _decoded(self) -> Iterator[Any]:
         with self._opened() as container:
