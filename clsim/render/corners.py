@@ -3,9 +3,13 @@
 ``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
 """
 
+from typing import Any
+
 import warp as wp
 
 from clsim.render.film import Sample
+from clsim.render.geometry import Surface
+from clsim.render.kernel_input import Scene
 from clsim.render.textures import Footprint, uv_in
 from clsim.render.things import Thing, same_surface
 
@@ -61,3 +65,26 @@ def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample),
             things[0].lamp_lit += corner.lamp_lit
     d = corners[nearest].depth + corners[nearest + 1].depth
     things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
+
+
+def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any) -> tuple[Any, Any]:
+    """Return the Warp functions ``flat(scene, sample)`` and ``mean_albedo(scene, like, footprint, places)``.
+
+    The first two arguments are of `make_materials`, the last is of `make_bsdf`.
+    """
+
+    @wp.func
+    def flat(scene: Scene, sample: Sample) -> bool:
+        """Whether a ray saw a surface whose albedo over a pixel is known from its texture."""
+        return sample.material > 0 and textured(scene.materials, wp.max(sample.material - 1, 0))
+
+    @wp.func
+    def mean_albedo(scene: Scene, like: Sample, footprint: Footprint, places: int) -> wp.vec3:
+        """Return the mean albedo over a pixel of the surface that a ray saw."""
+        point = Surface()
+        point.uv = like.uv
+        point.front = like.front
+        point.material = like.material - 1
+        return albedo_of(resolve_mean(scene.materials, point, footprint, places))
+
+    return flat, mean_albedo

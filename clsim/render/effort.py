@@ -45,7 +45,8 @@ class Effort:
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
         first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
-            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel.
+            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel (three
+            times where light is kept on surfaces).
         every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 

@@ -18,11 +18,12 @@ from clsim.render.bsdf import make_bsdf
 from clsim.render.bsdf_kinds import DIFFUSE
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
+from clsim.render.corners import make_flat_surfaces
 from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.gather import make_gather
-from clsim.render.geometry import Hit, Surface, Tree, make_sphere_at, offset_origin
+from clsim.render.geometry import Hit, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE, make_lamp_light, rim_draw, rim_place
@@ -31,7 +32,6 @@ from clsim.render.lights import LightSample, make_lights, make_side
 from clsim.render.materials import Materials, make_materials
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.sobol import make_sampler
-from clsim.render.textures import Footprint
 from clsim.render.towards_light import looks_ahead, make_towards_light
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
@@ -351,20 +351,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         place = uniform2(stream, sampling.CAMERA)
         return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE)
 
-    @wp.func
-    def flat(scene: Scene, sample: Sample) -> bool:
-        """Whether a ray saw a surface whose albedo over a pixel is known from its texture."""
-        return sample.material > 0 and textured(scene.materials, wp.max(sample.material - 1, 0))
-
-    @wp.func
-    def mean_albedo(scene: Scene, like: Sample, footprint: Footprint, places: int) -> wp.vec3:
-        """Return the mean albedo over a pixel of the surface that a ray saw."""
-        point = Surface()
-        point.uv = like.uv
-        point.front = like.front
-        point.material = like.material - 1
-        return albedo_of(resolve_mean(scene.materials, point, footprint, places))
-
+    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of)
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
