@@ -17,6 +17,7 @@ from clsim.scene.usd_stage import Stage
 I64 = npt.NDArray[np.int64]
 MAX_KEPT = 1 << 21
 """Matrices that are remembered."""
+MATRIX_BYTES = 128
 _PLACES = ("positions", "orientations", "orientationsf", "scales", "velocities", "accelerations", "angularVelocities")
 
 
@@ -89,4 +90,8 @@ def copies(stage: Stage, prim: Any, warn: Callable[[str], None], most: int) -> C
     shown = source.ComputeMaskAtTime(Usd.TimeCode(stage.start))
     if shown:
         which = np.where(np.array(shown, bool), which, -1)
-    return Copies(stage, prim, prototypes, which)
+    found = Copies(stage, prim, prototypes, which)
+    if not stage.claim(len(which) * len(found.codes) * MATRIX_BYTES):
+        warn(f"the copies of {name} are left out: their places at all times take too much memory")
+        return None
+    return found

@@ -17,7 +17,7 @@ from clsim.scene.files import named_file
 from clsim.scene.motion import Matrix
 
 MAX_BYTES = 1 << 30
-"""Largest picture within a package, and most that shapes which change may take in all."""
+"""Largest picture within a package, and most that shapes which change, and places of copies, may take in all."""
 
 
 class Stage:
@@ -128,7 +128,7 @@ class Stage:
         return [self.start, *(code for code in sampled if self.start < code < self.end), self.end]
 
     def claim(self, size: int) -> bool:
-        """Take memory for shapes that change; False where there would be too much in all."""
+        """Take memory for what changes; False where there would be too much in all."""
         self._left -= size
         return self._left >= 0
 

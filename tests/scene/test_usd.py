@@ -26,6 +26,8 @@ string inputs:diffuseColor = "red" } }"""
 VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
 point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
 
+MOVING_COPIES = VANISHING.replace("[(1, 2, 3)]", "[(1, 2, 3), (3, 2, 1)]")
+
 
 def moving(inside):
     return f'def Xform "arm" {{ {ARM}\ndef Xform "hand" {{ {HAND}\n{inside} }} }}\n'
@@ -299,6 +301,15 @@ def test_numbers_that_cannot_be_are_told_in_one_sentence(tmp_path, text, said):
     with pytest.raises(InputError) as caught:
         load_world(usda(tmp_path, text, f"{METRES}\n    {SECONDS}"))
     assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
+    path = usda(tmp_path, mesh() + MOVING_COPIES, f"{METRES}\n    {SECONDS}")
+    for most, count in ((512, 3), (511, 1)):
+        monkeypatch.setattr("clsim.scene.usd_stage.MAX_BYTES", most)
+        world = load_world(path)
+        assert len(world.instances) == count
+    assert any("the copies of twice are left out: their places" in warning for warning in world.warnings)
 
 
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):

@@ -10,6 +10,7 @@ from clsim.scene import (
     CheckerTexture,
     ImageTexture,
     Instance,
+    Lens,
     Material,
     Sensor,
     SphereLight,
@@ -56,6 +57,7 @@ def test_a_good_world_passes():
 @pytest.mark.parametrize(
     ("world", "parts"),
     [
+        (with_camera(lens=Lens(principal_point=(np.nan, 0.0))), ["camera", "principal_point is (nan, 0.0)"]),
         (with_mesh(vertices=BAD_VERTICES), ["mesh floor", "vertices[1]", "(1, nan, 0)"]),
         (with_mesh(vertices=np.full((4, 3), np.inf, np.float32)), ["mesh floor", "vertices[0]", "inf"]),
         (with_mesh(normals=np.full((4, 3), np.nan, np.float32)), ["mesh floor", "normals[0]"]),
