@@ -194,9 +194,8 @@ exposure, each of their places gets that mean: there is no stroboscope within a 
 
 **Frames must be fast enough.** A lamp at 120 Hz looks constant at 120 frames per second. A warning then says which
 `--fps` will do: ten frames a period of a sine, two for the shorter of on and off, two from keyframe to keyframe, one
-for each picture of a film. A sine
-of depth .6 then has as many events as its closed form, each within 1.5 % of a period, and with four times as many
-frames within .1 %. An edge of PWM is timed to the frame.
+for each picture of a film. A sine of depth .6 then has as many events as its closed form, each within 1.5 % of a
+period, and with four times as many frames within .1 %. An edge of PWM is timed to the frame.
 
 In such a scene no light is kept on surfaces, and a pixel gets all its paths in every frame whose light is another. The
 gate `delta-r`, and so `--quality published`, does not see light that changes; a warning says so. `--time adaptive`
