@@ -228,7 +228,8 @@ Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warni
 Units, the axis that points up, and time codes are the file's. A lamp's intensity is its radiance, with `normalize` over
 its area in the file's units, as renderers take it. Surfaces have two sides. Surfaces that shall be subdivided are shown
 as they are, with smooth normals. Materials of MaterialX or MDL alone are grey, with a warning. A file may name other
-files anywhere, as Mitsuba's may. A camera's shutter is not read: pixels of an event camera have none.
+files anywhere, as Mitsuba's may. A camera's shutter is not read: pixels of an event camera have none. What appears or
+vanishes, and parts that move within a point instancer's copies, are as at the start, with a warning.
 
 ## From Blender
 

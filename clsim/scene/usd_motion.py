@@ -91,10 +91,13 @@ class Shapes:
         return vertices, np.ascontiguousarray(upright, np.float32)
 
 
-def moving_codes(stage: Stage, prim: Any) -> list[float]:
-    """Return the time codes, with both ends, at which something places a prim anew; [] where it stands still."""
+def moving_codes(stage: Stage, prim: Any, within: Any = None) -> list[float]:
+    """Return the time codes, with both ends, at which something places a prim anew; [] where it stands still.
+
+    What moves ``within`` as a whole, one of the prims that it is in, does not count.
+    """
     found: set[float] = set()
-    while prim and not prim.IsPseudoRoot():
+    while prim and not prim.IsPseudoRoot() and prim != within:
         shape = UsdGeom.Xformable(prim)
         if shape:
             for operation in shape.GetOrderedXformOps():

@@ -291,6 +291,8 @@ class _Reader:
                     if part.IsA(UsdGeom.PointInstancer):
                         self.warn(f"copies within copies are left out (first {part.GetName()})")
                     continue
+                if moving_codes(self.stage, part, root.GetParent()):
+                    self.warn(f"parts that move within copies stand as at the start (first {part.GetName()})")
                 inside = found.inside(part, root)
                 for k in chosen.tolist():
                     self._place_at(index, f"{_own(prim)}/{k}/{part.GetName()}", found.codes, found.place(k, inside))

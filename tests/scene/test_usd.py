@@ -26,6 +26,7 @@ string inputs:diffuseColor = "red" } }"""
 VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
 point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
 
+TIMED = f"{METRES}\n    {SECONDS}"
 MOVING_COPIES = VANISHING.replace("[(1, 2, 3)]", "[(1, 2, 3), (3, 2, 1)]")
 
 
@@ -52,7 +53,7 @@ def points_of_usd(path, prim, code, unit=1.0):
 @pytest.mark.parametrize("scale", ["(1, 1, 1)", "(1, 3, -1)"], ids=["rigid", "stretched"])
 def test_things_move_as_usd_moves_them_at_all_times(tmp_path, scale):
     text = moving(mesh(placed(f"float3 xformOp:scale = {scale}"))) + CAMERA
-    path = usda(tmp_path, text, f"{METRES}\n    {SECONDS}")
+    path = usda(tmp_path, text, TIMED)
     world = load_world(path)
     (instance,) = world.instances
     assert world.duration_s == 1.0
@@ -63,7 +64,7 @@ def test_things_move_as_usd_moves_them_at_all_times(tmp_path, scale):
 
 def test_whole_turns_between_two_samples_are_turns(tmp_path):
     turning = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 720 }")
-    path = usda(tmp_path, mesh(turning) + CAMERA, f"{METRES}\n    {SECONDS}")
+    path = usda(tmp_path, mesh(turning) + CAMERA, TIMED)
     world = load_world(path)
     for code in (10, 13, 16, 22, 28):
         expected = points_of_usd(path, "/square", code)
@@ -72,7 +73,7 @@ def test_whole_turns_between_two_samples_are_turns(tmp_path):
 
 def test_what_shears_in_time_is_a_deformation(tmp_path):
     shearing = placed("float3 xformOp:scale.timeSamples = { 10: (1, 1, 1), 34: (1, 4, 0.5) }")
-    path = usda(tmp_path, moving(mesh(shearing)) + CAMERA, f"{METRES}\n    {SECONDS}")
+    path = usda(tmp_path, moving(mesh(shearing)) + CAMERA, TIMED)
     world = load_world(path)
     for code in (10, 22, 34):
         expected = points_of_usd(path, "/arm/hand/square", code)
@@ -155,7 +156,7 @@ def test_copies_stand_where_usd_puts_them(tmp_path):
         def "kinds" {{ {mesh(name="a")} def Xform "b" {{ {larger} {mesh(name="inner")} }} }}
     }}
     """
-    path = usda(tmp_path, text + CAMERA, f"{METRES}\n    {SECONDS}")
+    path = usda(tmp_path, text + CAMERA, TIMED)
     world = load_world(path)
     assert sorted(instance.name for instance in world.instances) == ["many/0/a", "many/1/inner", "many/2/a"]
     stage = Usd.Stage.Open(str(path))
@@ -198,7 +199,7 @@ def test_skins_are_followed(tmp_path):
         }}
     }}
     """
-    world = load_world(usda(tmp_path, rig + CAMERA, f"{METRES}\n    {SECONDS}"))
+    world = load_world(usda(tmp_path, rig + CAMERA, TIMED))
     assert points_at(world, world.instances[0], 0.5)[:, 1] == pytest.approx(2.0)
 
 
@@ -299,17 +300,28 @@ def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
 )
 def test_numbers_that_cannot_be_are_told_in_one_sentence(tmp_path, text, said):
     with pytest.raises(InputError) as caught:
-        load_world(usda(tmp_path, text, f"{METRES}\n    {SECONDS}"))
+        load_world(usda(tmp_path, text, TIMED))
     assert said in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
-    path = usda(tmp_path, mesh() + MOVING_COPIES, f"{METRES}\n    {SECONDS}")
+    path = usda(tmp_path, mesh() + MOVING_COPIES, TIMED)
     for most, count in ((512, 3), (511, 1)):
         monkeypatch.setattr("clsim.scene.usd_stage.MAX_BYTES", most)
         world = load_world(path)
         assert len(world.instances) == count
     assert any("the copies of twice are left out: their places" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize("moving", ["square", "all"])
+def test_parts_that_move_within_copies_are_told(tmp_path, moving):
+    """What the prototype is in moves it too, but not its copies."""
+    turn = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }")
+    inner, outer = (turn, "") if moving == "square" else ("", turn)
+    text = f'def Xform "all" {{ {outer}\n{mesh(inner)} }}\n' + MOVING_COPIES.replace("</square>", "</all/square>")
+    world = load_world(usda(tmp_path, text, TIMED))
+    told = [warning for warning in world.warnings if "parts that move within copies" in warning]
+    assert len(told) == (moving == "square")
 
 
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):
