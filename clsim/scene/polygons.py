@@ -48,9 +48,11 @@ def _ears(points: F64) -> I64:
     if axis == 1:
         flat[:, 0] *= -1.0
     left = list(range(len(points)))
-    found = []
+    found, k = [], 0
     while len(left) > 3:
-        k = next((k for k in range(len(left)) if _is_ear(flat, left, k)), 0)
+        # Where one ear was, the next one often is.
+        turns = ((k - 1 + step) % len(left) for step in range(len(left)))
+        k = next((each for each in turns if _is_ear(flat, left, each)), 0)
         found.append((left[k - 1], left[k], left[(k + 1) % len(left)]))
         del left[k]
     return np.array([*found, tuple(left)], np.int64)
