@@ -25,6 +25,10 @@ from clsim.render.light_tree import LightChoice, LightTree, Receiver, make_light
 from clsim.render.lights_punctual import Punctual, make_punctual
 from clsim.render.sampling import cone, cosine_hemisphere, uniform_triangle
 
+_UNCERTAIN = wp.constant(1.0e-6)
+"""Some ten roundings: by so many the place where a ray meets a triangle errs for each size of it that the way has."""
+_MOST_UNCERTAIN = wp.constant(0.01)
+
 
 @wp.struct
 class Lamp:
@@ -233,8 +237,11 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                     # The shadow ray ends before the lamp, by roundings of the way there and of the lamp's own place.
                     reach_m = wp.max(lamp.reach_m, wp.sqrt(distance2))
                     shadow = offset_origin(lamp.position, lamp.normal, reach_m) - sample.origin
-                    sample.distance = wp.length(shadow)
-                    sample.direction = shadow / sample.distance
+                    distance = wp.length(shadow)
+                    sample.direction = shadow / distance
+                    # A small triangle that is far away is met less exactly than roundings tell.
+                    uncertain = wp.min(_UNCERTAIN * wp.sqrt(distance2 / lamp.area), _MOST_UNCERTAIN)
+                    sample.distance = distance * (1.0 - uncertain)
         if wp.static(features.sphere_lights):
             if light >= lights.first_sphere and light < lights.first_punctual:
                 index = light - lights.first_sphere

@@ -175,7 +175,7 @@ def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     assert pixels < adaptive["paths"] < pixels * 8 and 0 < adaptive["first_hit_rays_traced"] <= pixels * 16
     assert {row["label"] for row in results["settings"]} == {
         "4 spp common, radiance K13", "4 spp common sobol, radiance K13",
-        "1 to 8 spp common sobol + 16 first hits, irradiance K7 rule linear-light",
+        "1 to 8 spp each 2 frames common sobol + 16 first hits, irradiance K7 rule linear-light",
     }  # fmt: skip
 
 
