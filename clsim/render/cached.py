@@ -175,7 +175,7 @@ def make_cached(
     settings_type: Any,
     options: Any,
 ) -> Any:
-    """Return the kernel; a thread is a pixel, or a corner of pixels in the pass that fills ``corners``.
+    """Return the kernel; a thread is ``pixels`` pixels, or corners of pixels in the pass that fills ``corners``.
 
     Kept from frame to frame: ``own``, vec3 ``[H·W]``, the irradiance that a pixel's own paths found last, ``traced``,
     int32 ``[H·W]``, how many paths it ever had, and ``learnt``, float ``[H·W]``, by how much its log luminance has
@@ -197,6 +197,7 @@ def make_cached(
         camera: view_type,
         settings: settings_type,
         first_pixel: int,
+        pixels: int,
         corner_pass: bool,
         corners: wp.array(dtype=Sample),
         steering: Gathering,
@@ -214,66 +215,69 @@ def make_cached(
         out_lights: wp.array2d(dtype=wp.vec3),
         out_spent: wp.array2d(dtype=int),
     ):
-        pixel = (first_pixel + wp.tid()) * wp.max(again, 1)
-        state = sampling.absorb(settings.stream, pixel)
-        if again > 0:
-            state = sampling.absorb(state, _AGAIN)
-        stream = sampling.Stream()
-        corner = wp.where(corner_pass, pixel, -1)
-        nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
-        row = settings.width + 1
+        # Room is made, and arguments are copied, once for all pixels of a thread.
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
-        if corner_pass:
-            return
-        lit = _light(cells, things, seen.things, steering, settings.spectral)
-        if again > 0:
-            lit = _finished(lit, own[pixel], own_before[pixel], settings.spectral)
-            learnt_then = learnt[pixel]
-            if steering.earlier:
-                learnt_then = learnt_before[pixel]
-            seen_again = _shown(lit, steering.earlier, learnt_then)
-            out_again[first_pixel + wp.tid()] = brightness(seen_again, settings.spectral)
-            return
-        wanted = int(settings.samples)
-        if lit.known >= steering.known:
-            turn = pixel % settings.width + pixel // settings.width + steering.turn
-            wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
-        if lit.covered == 0.0:
-            wanted = 0
-        before = own[pixel]
-        radiance = wp.vec3(0.0, 0.0, 0.0)
-        albedo = wp.vec3(0.0, 0.0, 0.0)
-        if wp.static(sobol):
-            stream.scrambling = sampling.stream_key(sampling.absorb(state, -2))
-        for i in range(wanted):
-            where = wp.vec4(0.0, 0.0, 0.0, 0.0)
-            number = traced[pixel] + i
+        first = first_pixel + wp.tid() * pixels
+        for number in range(first, first + pixels):
+            pixel = number * wp.max(again, 1)
+            state = sampling.absorb(settings.stream, pixel)
+            if again > 0:
+                state = sampling.absorb(state, _AGAIN)
+            stream = sampling.Stream()
+            corner = wp.where(corner_pass, pixel, -1)
+            nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
+            row = settings.width + 1
+            seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
+            if corner_pass:
+                continue
+            lit = _light(cells, things, seen.things, steering, settings.spectral)
+            if again > 0:
+                lit = _finished(lit, own[pixel], own_before[pixel], settings.spectral)
+                learnt_then = learnt[pixel]
+                if steering.earlier:
+                    learnt_then = learnt_before[pixel]
+                seen_again = _shown(lit, steering.earlier, learnt_then)
+                out_again[number] = brightness(seen_again, settings.spectral)
+                continue
+            wanted = int(settings.samples)
+            if lit.known >= steering.known:
+                turn = pixel % settings.width + pixel // settings.width + steering.turn
+                wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
+            if lit.covered == 0.0:
+                wanted = 0
+            before = own[pixel]
+            radiance = wp.vec3(0.0, 0.0, 0.0)
+            albedo = wp.vec3(0.0, 0.0, 0.0)
             if wp.static(sobol):
-                stream.reversed_index = reverse_bits(wp.uint32(number))
-            stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
-            sample = shoot(scene, camera, settings, pixel, 0, stream)
-            if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
-                reflected = sample.radiance - sample.emission
-                p = sample.position
-                where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
-                out_normals[i, pixel] = sample.normal
-                out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
-                radiance = radiance + reflected
-                albedo = albedo + lit_albedo(sample)
-            out_positions[i, pixel] = where
-        if albedo[0] > 0.0:
-            own[pixel] = wp.cw_div(radiance, albedo)
-        traced[pixel] = traced[pixel] + wanted
-        lit = _finished(lit, own[pixel], before, settings.spectral)
-        learnt_so_far = learnt[pixel]
-        if settings.samples > 0:
-            learnt[pixel] = learnt_so_far + _gain(lit, settings.spectral)
-            out_spent[1, pixel] = wanted
-        if not steering.earlier:
+                stream.scrambling = sampling.stream_key(sampling.absorb(state, -2))
+            for i in range(wanted):
+                where = wp.vec4(0.0, 0.0, 0.0, 0.0)
+                number = traced[pixel] + i
+                if wp.static(sobol):
+                    stream.reversed_index = reverse_bits(wp.uint32(number))
+                stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
+                sample = shoot(scene, camera, settings, pixel, 0, stream)
+                if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    reflected = sample.radiance - sample.emission
+                    p = sample.position
+                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
+                    out_normals[i, pixel] = sample.normal
+                    out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
+                    radiance = radiance + reflected
+                    albedo = albedo + lit_albedo(sample)
+                out_positions[i, pixel] = where
+            if albedo[0] > 0.0:
+                own[pixel] = wp.cw_div(radiance, albedo)
+            traced[pixel] = traced[pixel] + wanted
+            lit = _finished(lit, own[pixel], before, settings.spectral)
             learnt_so_far = learnt[pixel]
-        shown = _shown(lit, steering.earlier, learnt_so_far)
-        store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
-        out_spent[0, pixel] = seen.rays
+            if settings.samples > 0:
+                learnt[pixel] = learnt_so_far + _gain(lit, settings.spectral)
+                out_spent[1, pixel] = wanted
+            if not steering.earlier:
+                learnt_so_far = learnt[pixel]
+            shown = _shown(lit, steering.earlier, learnt_so_far)
+            store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
+            out_spent[0, pixel] = seen.rays
 
     return render_cached

@@ -49,6 +49,7 @@ class Tiles:
         size: int | None,
         threads: int | None,
         on_cpu: bool,
+        count: str | None = None,
     ) -> None:
         """Record a launch for each thread, since its arguments change.
 
@@ -59,9 +60,12 @@ class Tiles:
             size: pixels in a launch; None takes all.
             threads: at most so many; None takes one a core.
             on_cpu: whether the device is a CPU; else there is one thread.
+            count: the kernel's argument that tells how many pixels one of its threads takes, one after the other: all
+                of a tile on a CPU, else 1. None where each has a thread of the kernel.
         """
         self.size = min(size or pixels, pixels)
         self._offset = offset
+        self._count = count if on_cpu else None
         wanted = (threads or usable_cores()) if on_cpu else 1
         self._launches = [make_launch(self.size) for _ in range(min(wanted, -(-pixels // self.size)))]
         # The calling thread renders too.
@@ -108,6 +112,9 @@ class Tiles:
         for first in tiles:
             if self.cancelled:
                 return
-            launch.set_dim(min(self.size, pixels - first))
+            size = min(self.size, pixels - first)
+            if self._count is not None:
+                launch.set_param_by_name(self._count, size)
+            launch.set_dim(size if self._count is None else 1)
             launch.set_param_by_name(self._offset, first)
             launch.launch()

@@ -109,7 +109,7 @@ def make_steered(
     settings_type: Any,
     options: Any,
 ) -> Any:
-    """Return the kernel; a thread is a pixel, or a corner of pixels in the pass that fills ``corners``.
+    """Return the kernel; a thread is ``pixels`` pixels, or corners of pixels in the pass that fills ``corners``.
 
     ``grades`` is uint8 ``[H·W]``: 0 where the probe will do and may wait for its turn, else 1 more than how often it is
     doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. Kept from frame to frame:
@@ -124,6 +124,7 @@ def make_steered(
         camera: view_type,
         settings: settings_type,
         first_pixel: int,
+        pixels: int,
         corner_pass: bool,
         corners: wp.array(dtype=Sample),
         steering: Steering,
@@ -134,67 +135,69 @@ def make_steered(
         out_planes: wp.array2d(dtype=float),
         out_spent: wp.array2d(dtype=int),
     ):
-        pixel = first_pixel + wp.tid()
-        state = sampling.absorb(settings.stream, pixel)
-        corner = wp.where(corner_pass, pixel, -1)
-        nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
-        row = settings.width + 1
+        # Room is made, and arguments are copied, once for all pixels of a thread.
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
-        if corner_pass:
-            return
-        grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
-        wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
-        # Diagonals, so that each who waits has neighbours on all sides who do not.
-        turn = pixel % settings.width + pixel // settings.width + steering.turn
-        if grades[pixel] == wp.uint8(0) and steering.before == 0 and turn % steering.every != 0:
-            wanted = int(0)
-        # The grade whose correction is added: none where that of another number of paths is.
-        base = wp.min(grade, known[pixel] - 1)
-        if known[pixel] == 0:
-            base = grade
-        if steering.before > 0:
-            base = int(-1)
-        kept = correction[wp.max(base, 0), pixel]
-        last = irradiance[pixel]
-        e = irradiance[pixel]
-        traced = int(0)
-        next_paths = int(steering.probe)
-        sums = Reflected()
-        paths = int(0)
-        stream = sampling.Stream()
-        if wp.static(sobol):
-            stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
-        for i in range(wanted):
+        first = first_pixel + wp.tid() * pixels
+        for pixel in range(first, first + pixels):
+            state = sampling.absorb(settings.stream, pixel)
+            corner = wp.where(corner_pass, pixel, -1)
+            nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
+            row = settings.width + 1
+            seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
+            if corner_pass:
+                continue
+            grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
+            wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
+            # Diagonals, so that each who waits has neighbours on all sides who do not.
+            turn = pixel % settings.width + pixel // settings.width + steering.turn
+            if grades[pixel] == wp.uint8(0) and steering.before == 0 and turn % steering.every != 0:
+                wanted = int(0)
+            # The grade whose correction is added: none where that of another number of paths is.
+            base = wp.min(grade, known[pixel] - 1)
+            if known[pixel] == 0:
+                base = grade
+            if steering.before > 0:
+                base = int(-1)
+            kept = correction[wp.max(base, 0), pixel]
+            last = irradiance[pixel]
+            e = irradiance[pixel]
+            traced = int(0)
+            next_paths = int(steering.probe)
+            sums = Reflected()
+            paths = int(0)
+            stream = sampling.Stream()
             if wp.static(sobol):
-                stream.reversed_index = reverse_bits(wp.uint32(i))
-            stream.key = sampling.stream_key(sampling.absorb(state, i))
-            sample = shoot(scene, camera, settings, pixel, 0, stream)
-            # A sample that is not finite is dropped whole.
-            if sampling.finite(sample.normal) and sampling.finite(sample.radiance):
-                sums = _reflect(sums, sample)
-            paths = paths + 1
-            if paths == steering.before:
-                e = _irradiance(sums, last - kept)
-            if paths == next_paths and traced <= steering.top:
-                if traced == base:
+                stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+            for i in range(wanted):
+                if wp.static(sobol):
+                    stream.reversed_index = reverse_bits(wp.uint32(i))
+                stream.key = sampling.stream_key(sampling.absorb(state, i))
+                sample = shoot(scene, camera, settings, pixel, 0, stream)
+                # A sample that is not finite is dropped whole.
+                if sampling.finite(sample.normal) and sampling.finite(sample.radiance):
+                    sums = _reflect(sums, sample)
+                paths = paths + 1
+                if paths == steering.before:
                     e = _irradiance(sums, last - kept)
-                # Until the picture's irradiance is known, that of the grade.
-                correction[traced, pixel] = _irradiance(sums, last)
-                traced = traced + 1
-                next_paths = _paths_of(traced, steering, settings.samples)
+                if paths == next_paths and traced <= steering.top:
+                    if traced == base:
+                        e = _irradiance(sums, last - kept)
+                    # Until the picture's irradiance is known, that of the grade.
+                    correction[traced, pixel] = _irradiance(sums, last)
+                    traced = traced + 1
+                    next_paths = _paths_of(traced, steering, settings.samples)
 
-        if paths > 0:
-            e = _beside(e, kept)
-            for i in range(traced):
-                correction[i, pixel] = e - correction[i, pixel]
-            if steering.before == 0:
-                traced = wp.max(traced, known[pixel])
-            known[pixel] = traced
-            irradiance[pixel] = e
-        shown = _lit(things, seen.things, e)
-        store_things(things, seen.things, seen.rays + paths, shown, settings.spectral, pixel, out_planes)
-        out_spent[0, pixel] = seen.rays
-        out_spent[1, pixel] = paths
+            if paths > 0:
+                e = _beside(e, kept)
+                for i in range(traced):
+                    correction[i, pixel] = e - correction[i, pixel]
+                if steering.before == 0:
+                    traced = wp.max(traced, known[pixel])
+                known[pixel] = traced
+                irradiance[pixel] = e
+            shown = _lit(things, seen.things, e)
+            store_things(things, seen.things, seen.rays + paths, shown, settings.spectral, pixel, out_planes)
+            out_spent[0, pixel] = seen.rays
+            out_spent[1, pixel] = paths
 
     return render_steered

@@ -87,7 +87,9 @@ def same_colour(a: Sample, b: Sample) -> bool:
 def begin_thing(things: wp.array(dtype=Thing), number: int, sample: Sample) -> int:
     """Add a thing, of which no ray counts yet; return the number of things then."""
     if number < _THINGS:
-        things[number].first = sample
+        thing = Thing()
+        thing.first = sample
+        things[number] = thing
     return wp.min(number + 1, _THINGS)
 
 

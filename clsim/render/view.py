@@ -135,7 +135,8 @@ class View:
         self._targets: dict[int, tuple[Any, Any]] = {}
         tile = options.tile_pixels or tile_size(options.probe_spp or options.spp, self._device)
         pixels, on_cpu = camera.width * camera.height, self._device.is_cpu
-        self._tiles = Tiles(self._record, "first_pixel", pixels, tile, options.threads, on_cpu)
+        count = "pixels" if self._steerer is not None else None
+        self._tiles = Tiles(self._record, "first_pixel", pixels, tile, options.threads, on_cpu, count)
 
     def fill(self, index: int, out: Frame) -> None:
         """Render frame ``index`` (from 0; beyond the motion's end it goes on as the motion does) into ``out``.
@@ -286,7 +287,7 @@ class View:
         if self._steerer is None:
             arguments["out_bits"] = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
         else:
-            arguments |= {"corner_pass": False, "corners": self._corners} | self._steerer.arguments
+            arguments |= {"pixels": 1, "corner_pass": False, "corners": self._corners} | self._steerer.arguments
         return record(self._kernel, tile, self._device, **arguments)
 
     def _render(self, changed: dict[str, Any], count: int) -> None:
