@@ -14,8 +14,8 @@ import warp as wp
 from clsim.render.bvh8_build import FARTHEST, fit, grow
 from clsim.render.bvh8_list import BLOCK_FLOATS
 from clsim.render.bvh8_traverse import CORNER_FLOATS, NODE_FLOATS
+from clsim.render.large_pages import spread
 
-_ALIGNMENT = 64
 _FAR_OFF = 4.0
 """A list farther from the origin than so many times its size has coordinates from its middle."""
 
@@ -41,25 +41,25 @@ class Bvh8:
         triangles = len(indices) // 3
         self._indices = indices
         # Untouched pages cost nothing: the arrays are made for the worst case and then cut.
-        scratch = _aligned(8 * triangles)
-        nodes = _aligned(NODE_FLOATS * (triangles // 2 + 1))
+        scratch = spread(8 * triangles, np.float32)
+        nodes = spread(NODE_FLOATS * (triangles // 2 + 1), np.float32)
         order = np.empty(triangles + 8, np.int32)
         counts = np.zeros(3, np.int32)
         arrays = [_wrap(a) for a in (scratch, nodes, order, counts)]
         wp.launch(grow, dim=1, inputs=[vertices, indices, arrays[0]], outputs=arrays[1:], device="cpu")
         node_count, triangle_count, self.levels = (int(n) for n in counts)
         del scratch, arrays
-        self._nodes = _aligned(NODE_FLOATS * node_count)
+        self._nodes = spread(NODE_FLOATS * node_count, np.float32)
         self._nodes[:] = nodes[: NODE_FLOATS * node_count]
         del nodes
         self._order = order[:triangle_count].copy()
         del order
         blocks = 0 if node_count else triangle_count // 8
         if blocks:
-            self._corners = _aligned(BLOCK_FLOATS * blocks)
+            self._corners = spread(BLOCK_FLOATS * blocks, np.float32)
         else:
             # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
-            self._corners = _aligned(CORNER_FLOATS * (triangle_count + 1) + 8)
+            self._corners = spread(CORNER_FLOATS * (triangle_count + 1) + 8, np.float32)
             self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
         # Nodes, corners, extent, blocks, three floats: from where the coordinates of a list's edges count, and what may
@@ -100,12 +100,6 @@ def _middle(corners: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     low, high = usable.min(axis=0), usable.max(axis=0)
     far = np.abs(low + high).max() > 2 * _FAR_OFF * (high - low).max()
     return ((low + high) / 2 if far else np.zeros(3)).astype(np.float32)
-
-
-def _aligned(floats: int) -> npt.NDArray[np.float32]:
-    memory = np.empty(4 * floats + _ALIGNMENT, np.uint8)
-    start = -memory.ctypes.data % _ALIGNMENT
-    return memory[start : start + 4 * floats].view(np.float32)
 
 
 def _wrap(values: npt.NDArray[np.float32] | npt.NDArray[np.int32]) -> Any:

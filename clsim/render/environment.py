@@ -13,6 +13,8 @@ and where to look in a cumulative distribution is guessed by a table, as good as
 
 import warp as wp
 
+from clsim.render.native import native_code
+
 STEPS = 1 << 24
 """Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
 STEP = wp.constant(1.0 / STEPS)
@@ -138,6 +140,28 @@ def _within(parts: _Parts, left: float) -> wp.vec2:
             drawn = wp.vec2(float(k), wp.min((place - float(before)) / float(parts[k]), 1.0))
         before += parts[k]
     return drawn
+
+
+@wp.func_native(native_code("prefetch.h"))
+def _ask_for_columns(array: wp.array(dtype=float), index: int): ...
+
+
+@wp.func_native(native_code("prefetch.h"))
+def _ask_for_shares(array: wp.array(dtype=wp.uint64), index: int): ...
+
+
+@wp.func
+def foresee_environment(image: EnvironmentImage, random: wp.vec2):
+    """Say that a direction will be drawn soon: what that reads comes from far away in memory.
+
+    The block is the one that is guessed, which is right more often than not.
+    """
+    block_row = _find(image.rows, 0, image.row_guide, 0, image.row_guide.shape[0], random[1])
+    guesses = image.column_guide.shape[0] // image.rows.shape[0]
+    guess = int(image.column_guide[block_row * guesses + int(random[0] * float(guesses))])
+    block = block_row * ((image.radiance.shape[1] + SIDE - 1) // SIDE) + guess
+    _ask_for_columns(image.columns, block)
+    _ask_for_shares(image.shares, block * SIDE)
 
 
 @wp.func

@@ -46,7 +46,7 @@ class EnvironmentTables:
 def upload_environment(tables: EnvironmentTables, to_world: F64, device: Any) -> Any:
     """Return the ``EnvironmentImage`` on a device."""
     image = EnvironmentImage()
-    image.radiance = wp.array(tables.radiance, dtype=wp.vec3, device=device)
+    image.radiance = array(tables.radiance, wp.vec3, device)
     image.rows = array(tables.rows, wp.float32, device)
     image.columns = array(tables.columns.ravel(), wp.float32, device)
     image.row_guide = array(guide(tables.rows), wp.uint16, device)

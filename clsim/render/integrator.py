@@ -19,6 +19,7 @@ from clsim.render.bsdf_kinds import DIFFUSE
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options
 from clsim.render.corners import make_flat_surfaces
+from clsim.render.environment import foresee_environment
 from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
@@ -131,6 +132,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         apart = bool(False)
         others = float(1.0)
         for depth in range(settings.max_depth):
+            if wp.static(features.environment_map and by_light and not only_look):
+                foreseen = uniform2(stream, (depth + 1) * _DIMENSIONS + sampling.LIGHT)
+                foresee_environment(scene.lights.environment_image, foreseen)
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
             if wp.static(features.absorption):
                 if hit.triangle >= 0 or hit.sphere >= 0:
