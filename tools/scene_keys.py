@@ -213,6 +213,7 @@ turbidity = 3.0             # 2 is very clear air, 10 hazy
 The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3, to
 2 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
 that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
+Mitsuba's files before version 3 have the sun of that time, Preetham's (SIGGRAPH 1999), and a ground that reflects .2.
 Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warning says so.
 
 ## USD

@@ -17,6 +17,7 @@ from importlib.resources import as_file, files
 import numpy as np
 import numpy.typing as npt
 
+from clsim.scene import preetham
 from clsim.scene.motion import Matrix, Static, compose
 from clsim.scene.world import F32, SphereLight, Vec3
 
@@ -43,11 +44,13 @@ class Daylight:
         to_sun: unit direction to the sun, +y up.
         turbidity: how hazy the air is, 1 … 10: 2 very clear, 3 clear, 6 warm and moist, 10 hazy.
         ground: reflectance of the ground, which lights the sky; 0 … 1.
+        preetham: whether the sun is Preetham's, as in Mitsuba 0.6.
     """
 
     to_sun: Vec3
     turbidity: float = 3.0
     ground: float = 0.3
+    preetham: bool = False
 
     @property
     def is_night(self) -> bool:
@@ -97,6 +100,8 @@ def sun_radiance(day: Daylight) -> Vec3:
     """Return the mean radiance of the sun's disk seen through the air, as that of `sky`; 0 below the horizon."""
     if day.to_sun[1] <= 0:
         return 0.0, 0.0, 0.0
+    if day.preetham:
+        return preetham.sun_radiance(math.asin(min(day.to_sun[1], 1.0)), day.turbidity)
     _, table = _tables()
     # Air weakens light exponentially: logs are nearly straight between the table's places.
     logs = np.log(np.maximum(table, 1e-6))

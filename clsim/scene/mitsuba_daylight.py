@@ -28,14 +28,15 @@ def read_daylight(emitter: Plugin, turn: Matrix, legacy: bool) -> tuple[Daylight
     Args:
         emitter: of one of ``KINDS``.
         turn: the rotation of its ``to_world``.
-        legacy: whether the file is of version 0.6.
+        legacy: whether the file is of version 0.6, which has a darker ground and Preetham's sun.
 
     Raises:
         InputError: the date, the direction to the sun or the ground's reflectance is none.
     """
     to_world = turn if legacy else turn @ _LATER_UP
     albedo = emitter.values.get("albedo")
-    ground = float(np.mean(albedo.rgb)) if isinstance(albedo, Color) else emitter.get("albedo", 0.3)
+    usual = 0.2 if legacy else 0.3
+    ground = float(np.mean(albedo.rgb)) if isinstance(albedo, Color) else emitter.get("albedo", usual)
     if "sun_direction" in emitter.values:
         direction = emitter.get("sun_direction", np.zeros(3))
         length = float(np.linalg.norm(direction))
@@ -56,13 +57,16 @@ def read_daylight(emitter: Plugin, turn: Matrix, legacy: bool) -> tuple[Daylight
             raise InputError(f"{emitter.place}: there is no such date and time: {reason}") from None
         if not legacy:  # since version 3 the south is along +x, and the west along +y
             x, y, z = z, y, x
-    return Daylight((x, y, z), emitter.get("turbidity", 3.0), ground), to_world
+    return Daylight((x, y, z), emitter.get("turbidity", 3.0), ground, preetham=legacy), to_world
 
 
 def scales(emitter: Plugin) -> tuple[float, float]:
-    """Return by how much the sky and the sun are brighter than they are; 0 where there is none."""
+    """Return by how much the sky and the sun are brighter than they are; 0 where there is none.
+
+    ``scale``, which version 0.6 has, is of what has no scale of its own.
+    """
     scale = emitter.get("scale", 1.0)
-    sky, sun = emitter.get("sky_scale", 1.0) * scale, emitter.get("sun_scale", 1.0) * scale
+    sky, sun = emitter.get("sky_scale", scale), emitter.get("sun_scale", scale)
     return (0.0 if emitter.type == "sun" else sky), (0.0 if emitter.type == "sky" else sun)
 
 

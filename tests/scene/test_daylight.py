@@ -203,3 +203,35 @@ def test_mitsubas_nights_have_no_daylight(tmp_path: Path) -> None:
     night = load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{below}</emitter>'))
     assert night.environment_map is None and [light.name for light in night.sphere_lights] != ["sun"]
     assert any("the sun is below the horizon, so there is no daylight" in text for text in night.warnings)
+
+
+@pytest.mark.parametrize(
+    ("height_deg", "turbidity", "expected"),
+    # The paper's tables, 5 nm apart and with ozone between 355 and 445 nm, under the CIE's own curves.
+    [
+        (60.0, 2.0, (22458, 19297, 16890)),
+        (30.0, 3.0, (16468, 12925, 9466.6)),
+        (45.0, 5.0, (15179, 11787, 8715.6)),
+        (10.0, 8.0, (633.01, 215.2, 24.932)),
+    ],
+)
+def test_preethams_sun_is_the_papers(height_deg: float, turbidity: float, expected: tuple[float, ...]) -> None:
+    found = sun_radiance(day(height_deg, turbidity=turbidity, preetham=True))
+    np.testing.assert_allclose(found, expected, rtol=0.02)
+
+
+def test_older_files_have_the_sky_and_sun_of_their_time(tmp_path: Path) -> None:
+    """Mitsuba 0.6 has a ground of .2 instead of .3 and Preetham's sun; ``scale`` is of what has none of its own."""
+    above = '<vector name="sunDirection" x="0" y="1" z="1"/><float name="turbidity" value="5"/>'
+    scales = '<float name="scale" value="50"/><float name="sunScale" value="2"/>'
+    world = load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{above}{scales}</emitter>', "0.5.0"))
+    then = Daylight((0.0, 0.5**0.5, 0.5**0.5), 5.0, 0.2, preetham=True)
+    assert world.environment_map is not None
+    np.testing.assert_allclose(world.environment_map.radiance, 50 * sky(then), rtol=1e-4, atol=1e-9)
+    np.testing.assert_allclose(world.sphere_lights[0].radiance, 2 * np.array(sun_radiance(then)), rtol=1e-6)
+    alone = load_world(
+        mitsuba(tmp_path, f'<emitter type="sun">{above}<float name="scale" value="3"/></emitter>', "0.6.0")
+    )
+    np.testing.assert_allclose(alone.sphere_lights[0].radiance, 3 * np.array(sun_radiance(then)), rtol=1e-6)
+    today = load_world(mitsuba(tmp_path, f'<emitter type="sunsky">{above}</emitter>'.replace("sunD", "sun_d")))
+    assert today.sphere_lights[0].radiance[1] > 1.3 * sun_radiance(then)[1]
