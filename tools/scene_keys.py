@@ -256,7 +256,7 @@ a second and core (8 paths a pixel, 96×72; 1 million triangles: .43 GB, 4 s, 1.
 - Mitsuba: `diffuse`, `plastic`, `conductor`, `dielectric`, `thindielectric` and their rough kin with the microfacets
   of GGX and Beckmann, `principled`, `blendbsdf`, `mask`, `twosided` (also with two sides of their own), `normalmap`,
   `bumpmap`, `null`; homogeneous media that absorb and do not scatter, in glass. Roughness may differ along u and v.
-  With a warning: `pplastic` without polarisation, and Mitsuba 0.6's `phong` as diffuse with a rough lobe.
+  With a warning: `pplastic` without polarisation, and Mitsuba 0.6's `phong` and `ward` as diffuse with a rough lobe.
 - glTF: metallic-roughness with clearcoat, specular, index of refraction, transmission (a thin wall), volume (solid
   glass that refracts and absorbs), emissive strength and unlit.
 - pbrt: `diffuse`, `coateddiffuse`, `conductor`, `dielectric` and `thindielectric`, with the microfacets of GGX.

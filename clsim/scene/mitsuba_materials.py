@@ -143,21 +143,31 @@ class MaterialReader:
         exponent = max(bsdf.get("exponent", 30.0), 0.0)
         if bsdf.child("exponent") is not None:
             self._warn("the texture of the exponent of the bsdf phong is left out; 30 stands in")
+        # By half vectors the angle is half as wide, and cosⁿ as narrow as exp(−tan² / α²) of α² = 2 / (4n + 2).
+        alpha = max(math.sqrt(2.0 / (4.0 * exponent + 2.0)), LEAST_ALPHA)
+        return self._with_lobe(bsdf, base, specular, Material(alpha=alpha))
+
+    def _read_ward(self, bsdf: Plugin) -> Material:
+        """Ward's lobe is Beckmann's distribution of half vectors, without masking."""
+        specular = _reflectance(self.textures.color(bsdf, "specular_reflectance", 0.2, plain=True)[0])
+        facets = self._roughened(Material(), bsdf)
+        return self._with_lobe(bsdf, self._diffuse(bsdf, "diffuse_reflectance"), specular, facets)
+
+    def _with_lobe(self, bsdf: Plugin, base: Material, specular: Vec3, facets: Material) -> Material:
+        """Return a matt surface with a share of a mirror that is as rough as ``facets``."""
         whole = max(base.color) + max(specular)
         if max(specular) < 1e-9:
             return base
         if base.texture >= 0 or whole > 1.0:
-            self._warn("the bsdf phong is rendered as diffuse")
+            self._warn(f"the bsdf {bsdf.type} is rendered as diffuse")
             return base
-        self._warn("the bsdf phong is rendered as diffuse with a lobe of Beckmann's microfacets")
-        # By half vectors the angle is half as wide, and cosⁿ as narrow as exp(−tan² / α²) of α² = 2 / (4n + 2).
-        alpha = math.sqrt(2.0 / (4.0 * exponent + 2.0))
+        self._warn(f"the bsdf {bsdf.type} is rendered as diffuse with a lobe of Beckmann's microfacets")
         share = max(specular) / whole
-        lobe = Material(
+        lobe = replace(
+            facets,
             kind="conductor",
             color=WHITE,
             back="black",
-            alpha=max(alpha, LEAST_ALPHA),
             distribution="beckmann",
             eta=BLACK,
             k=WHITE,

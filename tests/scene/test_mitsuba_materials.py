@@ -235,6 +235,20 @@ def test_phongs_lobe_and_base_keep_their_reflectances(tmp_path):
         assert found.blend_with == -1 and found.color == (0.5, 0.5, 0.5) and not world.warnings
 
 
+def test_wards_lobe_is_of_beckmanns_microfacets(tmp_path):
+    colors = '<spectrum name="diffuseReflectance" value="0"/><rgb name="specularReflectance" value="0.6, 0.4, 0.3"/>'
+    found, world = material(tmp_path, f'<bsdf type="ward">{colors}<float name="alpha" value="0.4"/></bsdf>', "0.6.0")
+    lobe, share = world.materials[found.blend_with], found.blend_share
+    np.testing.assert_allclose(share * np.array(lobe.specular_color), (0.6, 0.4, 0.3))
+    assert (1 - share) * max(found.color) == 0 and "diffuse with a lobe of Beckmann's" in world.warnings[0]
+    assert (lobe.kind, lobe.distribution, lobe.alpha, lobe.stretch) == ("conductor", "beckmann", 0.4, 1.0)
+    both = '<float name="alphaU" value="0.4"/><float name="alphaV" value="0.1"/>'
+    found, world = material(tmp_path, f'<bsdf type="ward">{both}</bsdf>', "0.6.0")
+    lobe, share = world.materials[found.blend_with], found.blend_share
+    assert (lobe.alpha, lobe.stretch) == pytest.approx((0.2, 2.0))
+    assert (share * lobe.specular_color[0], (1 - share) * found.color[0]) == pytest.approx((0.2, 0.5))
+
+
 def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path):
     """The mean of Fresnel's reflectance over diffuse light has a closed form (Walsh 1926)."""
     n = 1.5
