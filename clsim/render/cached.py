@@ -1,4 +1,5 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, RUF046
 """The kernel that takes light from what is kept on surfaces, and traces paths to know it better.
 
 A pixel's first-hit rays see what is there, by the same random numbers in every frame. Each takes the light at its own
@@ -21,7 +22,7 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.film import Sample
-from clsim.render.first_hits import Looks
+from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_cache import Asked, Cell, Kept, look_up
 from clsim.render.sampling import brightness
 from clsim.render.sobol import reverse_bits
@@ -34,9 +35,12 @@ _AGAIN = wp.constant(-3)
 _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(1.0)
+_THINGS = wp.constant(THINGS)
 _CLOSE = wp.constant(0.5)
 """Widths of a pixel within which first hits of one surface have the same light."""
 _SAME_NORMAL = wp.constant(0.98)
+_SHARE_ERROR = wp.constant(0.02)
+"""Part of a pixel's brightness by which counted shares may be wrong; beyond, more rays count them."""
 
 
 @wp.struct
@@ -69,6 +73,7 @@ class Lit:
     """Sums over what a pixel shows: light sent out and reflected, the latter as known before, and what is dark as yet.
 
     ``covered`` is the share of the pixel where a surface is seen, ``before`` the luminance of ``earlier``.
+    ``brightness`` and ``squares`` are means over the pixel of the luminance of things and of its square.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
     """
 
@@ -80,10 +85,12 @@ class Lit:
     unlit: wp.vec3
     unlit_before: wp.vec3
     known: float
+    brightness: float
+    squares: float
 
 
 @wp.func
-def _light(
+def light_of(
     cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: int, gathering: Gathering, weights: wp.vec3
 ) -> Lit:
     """Look up the light of each thing that a pixel shows, in the middle of what it shows of it."""
@@ -94,7 +101,8 @@ def _light(
     facing = wp.vec3()
     for k in range(number):
         first = things[k].first
-        s.emission += things[k].emission * things[k].share
+        radiance = things[k].emission
+        s.emission += radiance * things[k].share
         if first.hit:
             footprint_m = first.depth * gathering.looks.pixel_angle
             apart_m = wp.length(things[k].position - at)
@@ -106,6 +114,7 @@ def _light(
             s.known = wp.min(s.known, kept.known)
             albedo = things[k].albedo * things[k].share
             reflected = wp.cw_mul(albedo, kept.light)
+            radiance += wp.cw_mul(things[k].albedo, kept.light)
             if kept.known > 0.0:
                 s.light += reflected
             else:
@@ -116,7 +125,35 @@ def _light(
                 s.before += brightness(earlier, weights)
             else:
                 s.unlit_before += albedo
+        luminance = brightness(radiance, weights)
+        s.brightness += luminance * things[k].share
+        s.squares += luminance * luminance * things[k].share
     return s
+
+
+@wp.func
+def _rays_wanted(lit: Lit, seen: Seen, looks: Looks) -> int:
+    """Return with how many rays the shares of things are known well enough, by how different these are in brightness.
+
+    The error of points that are spread evenly falls nearly as their number to the power of 3/4.
+    """
+    spread = wp.sqrt(wp.max(lit.squares - lit.brightness * lit.brightness, 0.0))
+    needed = wp.pow(spread / (_SHARE_ERROR * wp.max(lit.brightness, _DARKEST)), 4.0 / 3.0)
+    wanted = int(looks.most)
+    if seen.counted:
+        # Where there may be more things than are told apart, nobody knows how different they are.
+        while wanted < looks.at_contrast and (float(wanted) < needed or seen.things == _THINGS):
+            wanted = wanted * 2
+    return wanted
+
+
+@wp.func
+def look_closer(lit: Lit, seen: Seen, gathering: Gathering, looks: Looks) -> Looks:
+    """Return the looks with as many rays as the first look at a pixel asks for."""
+    closer = looks
+    if looks.most == gathering.looks.most:
+        closer.most = _rays_wanted(lit, seen, looks)
+    return closer
 
 
 @wp.func
@@ -152,18 +189,10 @@ def _shown(lit: Lit, earlier: bool, learnt: float) -> wp.vec3:
 
 @wp.func
 def seen_light(
-    cells: wp.array(dtype=Cell),
-    things: wp.array(dtype=Thing),
-    number: int,
-    gathering: Gathering,
-    own: wp.vec3,
-    own_before: wp.vec3,
-    learnt: float,
-    weights: wp.vec3,
+    lit: Lit, gathering: Gathering, own: wp.vec3, own_before: wp.vec3, learnt: float, weights: wp.vec3
 ) -> wp.vec3:
-    """Return the radiance of a pixel that shows those things, by what a frame knew and had learnt that it shows."""
-    lit = _finished(_light(cells, things, number, gathering, weights), own, own_before, weights)
-    return _shown(lit, gathering.earlier, learnt)
+    """Return the radiance of a pixel in the light of what it shows, by what a frame had learnt that shows it."""
+    return _shown(_finished(lit, own, own_before, weights), gathering.earlier, learnt)
 
 
 def make_cached(
@@ -227,10 +256,21 @@ def make_cached(
             corner = wp.where(corner_pass, pixel, -1)
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
-            seen = look(scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, things)
+            looks = steering.looks
+            rays = int(0)
+            lit = Lit()
+            seen = Seen()
+            last = int(0)
+            while looks.most > last:
+                last = looks.most
+                seen = look(scene, camera, settings, pixel, 0, state, looks, corner, corners, nearest, row, things)
+                if corner_pass:
+                    break
+                rays = rays + seen.rays
+                lit = light_of(cells, things, seen.things, steering, settings.spectral)
+                looks = look_closer(lit, seen, steering, looks)
             if corner_pass:
                 continue
-            lit = _light(cells, things, seen.things, steering, settings.spectral)
             if again > 0:
                 lit = _finished(lit, own[pixel], own_before[pixel], settings.spectral)
                 learnt_then = learnt[pixel]
@@ -277,7 +317,7 @@ def make_cached(
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]
             shown = _shown(lit, steering.earlier, learnt_so_far)
-            store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
-            out_spent[0, pixel] = seen.rays
+            store_things(things, seen.things, rays + wanted, shown, settings.spectral, pixel, out_planes)
+            out_spent[0, pixel] = rays
 
     return render_cached

@@ -30,6 +30,10 @@ _IN_SHADOW = 8
 """Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
 _IN_SHADOW_KEPT = 3
 """The same where other light is kept on surfaces, and such pixels take much of the time."""
+_AT_CONTRAST = 16
+"""Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
+_ENOUGH_FOR_CONTRAST = 16
+"""… if there are so many of these rays."""
 ENOUGH_FOR_EDGES = 8
 """First-hit rays from which on corners are looked at, and edges placed."""
 _AHEAD = DELAY + 0.5
@@ -83,6 +87,8 @@ def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool =
     looks: Any = Looks()
     looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
+    if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
+        looks.at_contrast = _AT_CONTRAST * first_hit_rays
     looks.in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
     if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if lamps else first_hit_rays

@@ -53,6 +53,7 @@ class Looks:
         in_shadow: largest number where lamps light a part of what is seen.
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
+        at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
     """
 
     most: int
@@ -62,14 +63,16 @@ class Looks:
     in_shadow: int
     texels: int
     pixel_angle: float
+    at_contrast: int
 
 
 @wp.struct
 class Seen:
-    """How many things a pixel shows, and how many rays it took."""
+    """How many things a pixel shows, how many rays it took, and whether shares are counted by them."""
 
     things: int
     rays: int
+    counted: bool
 
 
 @wp.func
@@ -380,6 +383,7 @@ def make_look(
         seen = Seen()
         seen.things = number
         seen.rays = edge.rays + inside
+        seen.counted = number > 1 and not edge.straight
         return seen
 
     return look

@@ -1,4 +1,5 @@
 # Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018, RUF046
 """The kernels that trace chosen pixels at chosen times, with the random numbers that these pixels have in every frame.
 
 So a pixel has the same bits at the same time, whether a frame or a request asked for it.
@@ -9,7 +10,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.cached import Gathering, seen_light
+from clsim.render.cached import Gathering, Lit, light_of, look_closer, seen_light
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_cache import Cell
@@ -108,10 +109,18 @@ def make_retraced(
         request = first + wp.tid()
         pixel = pixels[request]
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look_around(scene, camera, settings, pixel, instants[request], steering.looks, things)
-        shown = seen_light(
-            cells, things, seen.things, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral
-        )
-        store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
+        looks = steering.looks
+        rays = int(0)
+        lit = Lit()
+        seen = Seen()
+        last = int(0)
+        while looks.most > last:
+            last = looks.most
+            seen = look_around(scene, camera, settings, pixel, instants[request], looks, things)
+            rays = rays + seen.rays
+            lit = light_of(cells, things, seen.things, steering, settings.spectral)
+            looks = look_closer(lit, seen, steering, looks)
+        shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
+        store_things(things, seen.things, rays, shown, settings.spectral, request, out_planes)
 
     return retrace_paths, retrace_first_hits, retrace_in_kept_light

@@ -9,7 +9,7 @@ from test_steered import LUMINANCE, Run, log_brightness, textured_world
 from test_tracer import LAMP, moving_world
 
 from clsim.errors import InputError
-from clsim.render import Effort, PathTracer, RenderOptions, light_keeper, light_stands_still
+from clsim.render import Effort, PathTracer, RenderOptions, effort, light_keeper, light_stands_still
 from clsim.scene.drift import drifting
 
 pytestmark = pytest.mark.usefixtures("ordinary")
@@ -62,6 +62,22 @@ def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing
     assert np.median(np.abs(np.log(again / first))) < 0.003
     with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`"):
         RenderOptions(look_again=3)
+
+
+def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
+    """A lamp before a floor and the sky: the shares of what lies in one pixel are counted well."""
+    world = textured_world()
+
+    def seen(rays):
+        return Run(world, **CACHED, first_hit_rays=rays).fill(0)
+
+    truth, closer = log_brightness(seen(512)), seen(16)
+    monkeypatch.setattr(effort, "_AT_CONTRAST", 0)
+    plain = seen(16)
+    asked = closer.plane("Samples") > plain.plane("Samples") + 16
+    assert 0.01 < asked.mean() < 0.3
+    errors = [np.abs(log_brightness(run) - truth)[asked].mean() for run in (closer, plain)]
+    assert errors[0] < 0.5 * errors[1], errors
 
 
 @pytest.mark.slow
