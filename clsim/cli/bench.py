@@ -12,6 +12,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.bench_tradeoff import tradeoff
 from clsim.cli.options import JSON, OPENCL
+from clsim.errors import InputError
 
 bench = typer.Typer(help="Measure speed and accuracy on this machine.", no_args_is_help=True)
 bench.command()(tradeoff)
@@ -62,6 +63,8 @@ def _scenes(scenes: list[str]) -> dict[str, Any]:
             figures[scene] = scene_throughput(scene)
         else:
             typer.echo(f"{scene}: left out, for there is no such file", err=True)
+    if not figures:
+        raise InputError("nothing is measured, for none of these scenes is there")
     return figures
 
 

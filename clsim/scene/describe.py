@@ -25,6 +25,11 @@ def describe(world: World) -> dict[str, Any]:
     deforming = {k for k, mesh in enumerate(world.meshes) if mesh.deformation and mesh.deformation.duration_s > 0}
     moving = [i for i in world.instances if i.motion.duration_s > 0 or i.mesh in deforming]
     used = {int(k) for instance in world.instances for k in np.unique(world.meshes[instance.mesh].material_ids)}
+    while others := {world.materials[k].blend_with for k in used} - used - {-1}:
+        used |= others
+    textures = {getattr(world.materials[k], key) for k in used for key in TEXTURES}
+    textures |= {light.picture for light in world.punctual_lights}
+    textures -= {-1}
     return {
         "name": world.name,
         "resolution": [camera.width, camera.height],
@@ -41,7 +46,7 @@ def describe(world: World) -> dict[str, Any]:
         "triangles": sum(triangles),
         "materials": len(used),
         "material_kinds": sorted({world.materials[k].kind for k in used}),
-        "textures": len({getattr(world.materials[k], key) for k in used for key in TEXTURES} - {-1}),
+        "textures": len(textures),
         "area_light_triangles": sum(area_lights),
         "sphere_lights": len(world.sphere_lights),
         "punctual_lights": len(world.punctual_lights),
@@ -53,7 +58,7 @@ def describe(world: World) -> dict[str, Any]:
         "thresholds": {"on": world.sensor.threshold_on, "off": world.sensor.threshold_off},
         "spectral": world.sensor.spectral,
         "needs": {
-            "textures": any(getattr(world.materials[k], key) >= 0 for k in used for key in TEXTURES),
+            "textures": bool(textures),
             "transparency": any(world.materials[k].alpha_mode != "opaque" for k in used),
             "moving_objects": bool(moving),
             "smooth_normals": any(world.meshes[i.mesh].normals is not None for i in world.instances),

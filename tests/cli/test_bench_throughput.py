@@ -17,3 +17,8 @@ def test_scenes_are_measured_and_what_is_missing_is_told(clsim, monkeypatch, tmp
         scene: {"paths_per_cpu_second": {"clsim": 7.0}} for scene in (given[0], "cornell")
     }
     assert outcome.stderr.strip() == f"{given[1]}: left out, for there is no such file"
+
+
+def test_missing_scenes_alone_are_an_error(clsim, tmp_path):
+    outcome = clsim("bench", "throughput", "--scene", str(tmp_path / "missing.toml"))
+    assert outcome.status == 2 and "none of these scenes is there" in outcome.stderr

@@ -8,8 +8,9 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import bundled_names, bundled_scenes, describe, load_world
+from clsim.scene.motion import Static
 from clsim.scene.parts import with_textures_from
-from clsim.scene.world import Material
+from clsim.scene.world import Material, PunctualLight
 
 
 def poses(world, time_s):
@@ -123,6 +124,18 @@ def test_a_mesh_that_stands_twice_counts_twice_but_is_stored_once():
     world = load_world("cornell")
     facts = describe(replace(world, instances=world.instances * 2))
     assert facts["triangles"] == 2 * facts["mesh_triangles"] == 2 * describe(world)["triangles"]
+
+
+def test_describe_counts_textures_of_lamps_and_of_what_blends():
+    world = load_world("cornell")
+    assert describe(world)["textures"] == 0 and not describe(world)["needs"]["textures"]
+    spot = PunctualLight("spot", (1.0, 1.0, 1.0), Static(np.eye(4)), picture=2)
+    lit = describe(replace(world, punctual_lights=(spot,)))
+    assert lit["textures"] == 1 and lit["needs"]["textures"]
+    (first, *rest), n = world.materials, len(world.materials)
+    inner = Material(texture=1, blend_with=n + 1)
+    blended = (replace(first, texture=0, blend_with=n), *rest, inner, Material(normal_texture=3))
+    assert describe(replace(world, materials=blended, punctual_lights=(spot,)))["textures"] == 4
 
 
 def test_describe_counts_the_cornell_box():
