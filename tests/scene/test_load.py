@@ -127,14 +127,15 @@ def test_a_mesh_that_stands_twice_counts_twice_but_is_stored_once():
 
 
 def test_describe_counts_textures_of_lamps_and_of_what_blends():
-    world = load_world("cornell")
+    world = replace(load_world("cornell"), textures=load_world("two-boxes").textures * 2)
     assert describe(world)["textures"] == 0 and not describe(world)["needs"]["textures"]
     spot = PunctualLight("spot", (1.0, 1.0, 1.0), Static(np.eye(4)), picture=2)
     lit = describe(replace(world, punctual_lights=(spot,)))
     assert lit["textures"] == 1 and lit["needs"]["textures"]
-    (first, *rest), n = world.materials, len(world.materials)
-    inner = Material(texture=1, blend_with=n + 1)
-    blended = (replace(first, texture=0, blend_with=n), *rest, inner, Material(normal_texture=3))
+    materials, n = list(world.materials), len(world.materials)
+    used = int(world.meshes[world.instances[0].mesh].material_ids[0])
+    materials[used] = replace(materials[used], texture=0, blend_with=n)
+    blended = (*materials, Material(texture=1, blend_with=n + 1), Material(normal_texture=3))
     assert describe(replace(world, materials=blended, punctual_lights=(spot,)))["textures"] == 4
 
 
