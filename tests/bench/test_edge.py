@@ -28,6 +28,7 @@ def test_what_is_rendered_is_the_closed_form(kind):
     assert abs(np.mean(errors)) < 1e-4
 
 
+@pytest.mark.slow
 def test_an_edge_is_timed_and_events_are_paired_with_true_ones():
     """True events have times of their own, and what 64 rays find is nearer to them than what 4 find."""
     found = {quality: measure_edge(edge_scene("geometric", 30.0, *SIZE, 120.0), quality, 120.0)

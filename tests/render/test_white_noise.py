@@ -36,7 +36,9 @@ def truth():
     return hw.render(SCENE, spp=16384, seed=1234567, threads=2).plane("G").astype(float)
 
 
-@pytest.fixture(scope="module", params=[pytest.param("seeds", marks=pytest.mark.slow), "frames", "sobol"])
+@pytest.fixture(
+    scope="module", params=[*(pytest.param(kind, marks=pytest.mark.slow) for kind in ("seeds", "frames")), "sobol"]
+)
 def errors(request, truth):
     """Errors ``[renders, height, width]`` of unit variance; every sampler, seed and frame has its own noise."""
     options = {"sampler": "sobol"} if request.param == "sobol" else {}
