@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, step_beyond
+from clsim.render.geometry import Geometry, Hit, make_shading_row, step_beyond
 from clsim.render.materials import OPAQUE, Materials
 from clsim.render.sampling import uniform_of
 
@@ -27,12 +27,13 @@ def make_alpha(
     The first gives the nearest hit that stops a ray, the second what is left of a shadow ray, 0 to 1.
     ``chance(word, layer)`` is the number below which opacity stops a ray.
     """
+    shading_row = make_shading_row(features)
 
     @wp.func
     def share(geometry: Geometry, materials: Materials, hit: Hit, time: float) -> float:
         """Return the opacity where a ray hit a triangle."""
         opaque = float(1.0)
-        if materials.rows[geometry.material_ids[hit.triangle]].alpha_mode != OPAQUE:
+        if materials.rows[shading_row(geometry, hit.triangle, 0).material].alpha_mode != OPAQUE:
             opaque = opacity(materials, surface_of(geometry, hit, time))
         return opaque
 
@@ -40,7 +41,7 @@ def make_alpha(
     def unseen(geometry: Geometry, materials: Materials, hit: Hit, direction: wp.vec3, time: float) -> bool:
         """Whether a ray meets the back of a surface that is culled."""
         culled = bool(False)
-        if materials.rows[geometry.material_ids[hit.triangle]].culled != 0:
+        if materials.rows[shading_row(geometry, hit.triangle, 0).material].culled != 0:
             culled = wp.dot(surface_of(geometry, hit, time).normal, direction) > 0.0
         return culled
 

@@ -87,6 +87,11 @@ class SceneFeatures:
     deforming_blur: bool
     instants: bool
 
+    @property
+    def shading_rows(self) -> bool:
+        """Whether what shading needs of a triangle's corners lies side by side: it is something, and stands still."""
+        return not self.two_level and (self.smooth_normals or self.textures or self.anisotropic)
+
 
 @dataclass(frozen=True)
 class Features(SceneFeatures):

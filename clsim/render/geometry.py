@@ -34,13 +34,26 @@ class Place:
 
 
 @wp.struct
+class ShadingRow:
+    """What shading needs of a triangle of what stands still, side by side: a line of the processor's cache."""
+
+    normal0: wp.vec3
+    normal1: wp.vec3
+    normal2: wp.vec3
+    uv0: wp.vec2
+    uv1: wp.vec2
+    uv2: wp.vec2
+    material: int
+
+
+@wp.struct
 class Geometry:
     """The triangles of all meshes one after the other, their instances and the analytic spheres.
 
     Without motion blur instances have ``to_world`` and ``to_object``, one after the other for each instant, with it
     ``places``, likewise for each key of the interval, and so have spheres, with ``sphere_steps``. Where deforming
     meshes blur, each has a mesh for each key, which differ in their vertices alone, and ``instance_mesh`` goes on for
-    each key.
+    each key. ``normals`` and ``uvs`` are empty where there are ``shading_rows``.
     """
 
     mesh_handles: wp.array(dtype=wp.uint64)
@@ -52,6 +65,7 @@ class Geometry:
     uvs: wp.array(dtype=wp.vec2)
     colors: wp.array(dtype=wp.vec3)
     material_ids: wp.array(dtype=int)
+    shading_rows: wp.array(dtype=ShadingRow)
     instance_tree: wp.uint64
     instance_mesh: wp.array(dtype=int)
     to_world: wp.array(dtype=mat34)
@@ -178,6 +192,35 @@ def hit_sphere(sphere: wp.vec4, origin: wp.vec3, direction: wp.vec3) -> float:
     if half_chord2 > 0.0 and wp.dot(to_centre, to_centre) > sphere[3] * sphere[3]:
         t = along - wp.sqrt(half_chord2)
     return t
+
+
+def make_shading_row(features: Features) -> Any:
+    """Return the Warp function ``shading_row(geometry, triangle, first_vertex)``; what a scene lacks is 0.
+
+    ``first_vertex`` is that of the triangle's mesh.
+    """
+
+    @wp.func
+    def shading_row(geometry: Geometry, triangle: int, first_vertex: int) -> ShadingRow:
+        row = ShadingRow()
+        if wp.static(features.shading_rows):
+            row = geometry.shading_rows[triangle]
+        else:
+            row.material = geometry.material_ids[triangle]
+            i = first_vertex + geometry.indices[3 * triangle]
+            j = first_vertex + geometry.indices[3 * triangle + 1]
+            k = first_vertex + geometry.indices[3 * triangle + 2]
+            if wp.static(features.smooth_normals):
+                row.normal0 = geometry.normals[i]
+                row.normal1 = geometry.normals[j]
+                row.normal2 = geometry.normals[k]
+            if wp.static(features.textures or features.anisotropic):
+                row.uv0 = geometry.uvs[i]
+                row.uv1 = geometry.uvs[j]
+                row.uv2 = geometry.uvs[k]
+        return row
+
+    return shading_row
 
 
 def make_row(features: Features) -> Any:

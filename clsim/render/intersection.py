@@ -23,6 +23,7 @@ from clsim.render.geometry import (
     hit_sphere,
     largest,
     make_placement,
+    make_shading_row,
     make_sphere_at,
     reach_of,
     transform_normal,
@@ -121,6 +122,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
     closest_in_mesh, any_in_mesh = make_search(tree, features.alpha)
     sphere_at = make_sphere_at(features)
     to_world_at, to_object_at, mesh_at = make_placement(features)
+    shading_row = make_shading_row(features)
 
     @wp.func
     def closest(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, time: float) -> Hit:
@@ -194,10 +196,15 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         return any_in_mesh(geometry, 0, origin, direction, far)
 
     @wp.func
-    def vertex_numbers(geometry: Geometry, instance: int, triangle: int, time: float) -> wp.vec3i:
+    def first_vertex(geometry: Geometry, instance: int, time: float) -> int:
         first = int(0)
         if wp.static(features.two_level):
             first = geometry.mesh_first_vertex[mesh_at(geometry, instance, time)]
+        return first
+
+    @wp.func
+    def vertex_numbers(geometry: Geometry, instance: int, triangle: int, time: float) -> wp.vec3i:
+        first = first_vertex(geometry, instance, time)
         return wp.vec3i(
             first + geometry.indices[3 * triangle],
             first + geometry.indices[3 * triangle + 1],
@@ -229,23 +236,17 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
         point.area = 0.5 * wp.length(wp.cross(p1 - p0, p2 - p0))
         point.position = p0 * hit.weight0 + p1 * hit.weight1 + p2 * weight2
         point.shading_normal = point.normal
+        row = shading_row(geometry, hit.triangle, first_vertex(geometry, hit.instance, time))
+        point.material = row.material
         if wp.static(features.smooth_normals):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
-            blend = (
-                geometry.normals[at[0]] * hit.weight0
-                + geometry.normals[at[1]] * hit.weight1
-                + geometry.normals[at[2]] * weight2
-            )
+            blend = row.normal0 * hit.weight0 + row.normal1 * hit.weight1 + row.normal2 * weight2
             if wp.dot(blend, blend) > 1.0e-12:
                 if wp.static(features.two_level):
                     point.shading_normal = transform_normal(to_object_at(geometry, hit.instance, time), blend)
                 else:
                     point.shading_normal = wp.normalize(blend)
         if wp.static(features.textures):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
-            point.uv = (
-                geometry.uvs[at[0]] * hit.weight0 + geometry.uvs[at[1]] * hit.weight1 + geometry.uvs[at[2]] * weight2
-            )
+            point.uv = row.uv0 * hit.weight0 + row.uv1 * hit.weight1 + row.uv2 * weight2
         if wp.static(features.vertex_colors):
             at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
             point.tint = (
@@ -254,14 +255,12 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 + geometry.colors[at[2]] * weight2
             )
         if wp.static(features.normal_maps or features.anisotropic):
-            at = vertex_numbers(geometry, hit.instance, hit.triangle, time)
-            uv1 = geometry.uvs[at[1]] - geometry.uvs[at[0]]
-            uv2 = geometry.uvs[at[2]] - geometry.uvs[at[0]]
+            uv1 = row.uv1 - row.uv0
+            uv2 = row.uv2 - row.uv0
             determinant = uv1[0] * uv2[1] - uv1[1] * uv2[0]
             if wp.abs(determinant) > 1.0e-30:
                 point.tangent = ((p1 - p0) * uv2[1] - (p2 - p0) * uv1[1]) / determinant
                 point.bitangent = ((p2 - p0) * uv1[0] - (p1 - p0) * uv2[0]) / determinant
-        point.material = geometry.material_ids[hit.triangle]
         return point
 
     @wp.func

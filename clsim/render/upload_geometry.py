@@ -13,11 +13,11 @@ import warp as wp
 from clsim.render.bvh8 import Bvh8
 from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth
 from clsim.render.features import SceneFeatures
-from clsim.render.geometry import Geometry, Place, Tree, mat34
+from clsim.render.geometry import Geometry, Place, ShadingRow, Tree, mat34
 from clsim.render.placement import Placement, uvs
 from clsim.render.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
 from clsim.render.upload_arrays import array, write
-from clsim.scene import Motion, SphereLight
+from clsim.scene import Mesh, Motion, SphereLight
 from clsim.scene.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
@@ -65,9 +65,12 @@ class GeometryData:
         geometry.vertices = array(np.concatenate([mesh.vertices for mesh in shapes]), wp.vec3, device)
         geometry.indices = array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32, device)
         geometry.material_ids = array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32, device)
-        if features.smooth_normals:
+        rows = None
+        if features.shading_rows:
+            geometry.shading_rows = rows = array(_shading_rows(meshes[0], features), ShadingRow, device)
+        elif features.smooth_normals:
             geometry.normals = array(np.concatenate([flat_or_smooth(mesh) for mesh in shapes]), wp.vec3, device)
-        if features.textures or features.anisotropic:
+        if not features.shading_rows and (features.textures or features.anisotropic):
             geometry.uvs = array(np.concatenate([uvs(mesh) for mesh in shapes]), wp.vec2, device)
         if features.vertex_colors:
             geometry.colors = array(np.concatenate([colors_of(mesh) for mesh in shapes]), wp.vec3, device)
@@ -77,7 +80,7 @@ class GeometryData:
             own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
             vertices = geometry.vertices[own]
             indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
-            search = partial(Bvh8, may_pass=may_pass[mesh.material_ids]) if tree == "bvh8" else wp.Mesh
+            search = partial(Bvh8, may_pass=may_pass[mesh.material_ids], rows=rows) if tree == "bvh8" else wp.Mesh
             if deforms(mesh):
                 normals = geometry.normals[own] if features.smooth_normals else None
                 deforming = DeformingMesh(mesh, search, vertices, indices, normals)
@@ -186,6 +189,18 @@ class GeometryData:
         rows = np.concatenate([centres, radii[..., None]], axis=2).reshape(-1, 4)
         steps = self._steps(motions, times_s, centres).reshape(-1, 3)
         return rows.astype(np.float32), steps.astype(np.float32)
+
+
+def _shading_rows(mesh: Mesh, features: SceneFeatures) -> npt.NDArray[np.void]:
+    """Return the table of ``ShadingRow`` of the one mesh that holds all that stands still."""
+    rows = np.zeros(len(mesh.triangles), ShadingRow.numpy_dtype())
+    normals, at = flat_or_smooth(mesh), uvs(mesh)
+    for corner, vertices in enumerate(mesh.triangles.T):
+        if features.smooth_normals:
+            rows[f"normal{corner}"] = normals[vertices]
+        rows[f"uv{corner}"] = at[vertices]
+    rows["material"] = mesh.material_ids
+    return rows
 
 
 def _matrices(poses: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -45,6 +45,8 @@ for (;;) {
                 nearest_count = count;
                 nearest_u = u[i];
                 nearest_v = v[i];
+                const int number = ((const int*)nearest)[9 * count] - FIRST_NUMBER;
+                if (rows) __builtin_prefetch(rows + ROW_BYTES * (long long)number);
             }
         }
     }

@@ -13,6 +13,7 @@ const float* corners = (const float*)tree[1];
 const float extent = *(const float*)&tree[2];
 const int blocks = (int)tree[3];
 const float* middle = (const float*)&tree[4];
+const char* rows = (const char*)tree[7];
 
 const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
 const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
