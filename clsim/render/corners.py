@@ -11,7 +11,7 @@ from clsim.render.film import Sample
 from clsim.render.geometry import Surface
 from clsim.render.kernel_input import Scene
 from clsim.render.textures import Footprint, uv_in
-from clsim.render.things import Thing, same_surface
+from clsim.render.things import Thing, lit_albedo, same_surface
 
 _OFF_UV = wp.constant(0.02)
 """Share of a pixel's extent on a flat surface by which a ray may end elsewhere than the corners tell."""
@@ -53,6 +53,13 @@ def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: 
 @wp.func
 def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample), nearest: int, row: int):
     """Put the one thing that a pixel shows where its corners see it on average: few rays inside are off the middle."""
+    if things[0].rays <= 0.0:
+        things[0].emission = wp.vec3()
+        things[0].albedo = wp.vec3()
+        for i in range(4):
+            corner = corners[nearest + (i & 1) + (i // 2) * row]
+            things[0].emission += 0.25 * corner.emission
+            things[0].albedo += 0.25 * lit_albedo(corner)
     p = corners[nearest].position + corners[nearest + 1].position
     things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
     n = corners[nearest].normal + corners[nearest + 1].normal

@@ -74,24 +74,39 @@ class Effort:
         return min((-(-self.spp // self.probe_spp) - 1).bit_length(), GRADES - 1)
 
 
-def looks_of(first_hit_rays: int, pixel_angle: float, sharp: bool, lamps: bool = False, kept: bool = False) -> Any:
+@dataclass(frozen=True)
+class Sight:
+    """What first-hit rays see of a scene, however many there are.
+
+    Attributes:
+        pixel_angle: width of a pixel seen from the camera [rad].
+        sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
+        lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
+        smallest_m: no thing is narrower [m].
+    """
+
+    pixel_angle: float
+    sharp: bool
+    lamps: bool = False
+    smallest_m: float = 0.0
+
+
+def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
-        pixel_angle: width of a pixel seen from the camera [rad].
-        sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
-        lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
+        sight: what they see.
         kept: whether light is kept on surfaces.
     """
     looks: Any = Looks()
-    looks.most, looks.pixel_angle = first_hit_rays, pixel_angle
+    looks.most, looks.pixel_angle, looks.smallest_m = first_hit_rays, sight.pixel_angle, sight.smallest_m
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
         looks.at_contrast = _AT_CONTRAST * first_hit_rays
     looks.in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
-    if sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        beside_corners = first_hit_rays // 4 if lamps else first_hit_rays
+    if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
+        beside_corners = first_hit_rays // 4 if sight.lamps else first_hit_rays
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
         looks.by_edge = first_hit_rays // 3
         looks.steps = (first_hit_rays - 1).bit_length()
@@ -113,15 +128,13 @@ class Steerer:
         width: int,
         height: int,
         effort: Effort,
-        pixel_angle: float,
-        sharp: bool,
-        lamps: bool,
+        sight: Sight,
         board: InterestBoard | None,
         device: Any,
     ) -> None:
-        """Allocate what is kept from frame to frame; see `looks_of` for ``pixel_angle``, ``sharp`` and ``lamps``."""
+        """Allocate what is kept from frame to frame."""
         pixels = width * height
-        self._looks_at = pixel_angle, sharp, lamps
+        self._sight = sight
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -157,7 +170,7 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, *self._looks_at)
+        steering.looks = looks_of(effort.first_hit_rays, self._sight)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:

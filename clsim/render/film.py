@@ -18,7 +18,8 @@ class Sample:
 
     ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
     filled in where first hits are sampled apart, and so is ``position``, where the features are. There ``uv`` and
-    ``front`` tell where on its surface that is, and ``material`` is its number from 1, 0 where a mirror showed it.
+    ``front`` tell where on its surface that is; ``material`` is its number from 1, and ``triangle`` tells the triangle
+    from others, both 0 where a mirror showed it.
 
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``.
@@ -34,6 +35,7 @@ class Sample:
     uv: wp.vec2
     front: bool
     material: int
+    triangle: int
     lamp: bool
     lamp_all: float
     lamp_lit: float

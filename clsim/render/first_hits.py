@@ -37,6 +37,8 @@ from clsim.render.things import (
 
 _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
+_WIDE_PX = wp.constant(2.0)
+"""What is wider hides between no corners of a pixel, but for its own corners [pixels]."""
 _CORNER = wp.constant(-3)
 """Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
 
@@ -54,6 +56,7 @@ class Looks:
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
+        smallest_m: no thing is narrower [m].
     """
 
     most: int
@@ -64,6 +67,7 @@ class Looks:
     texels: int
     pixel_angle: float
     at_contrast: int
+    smallest_m: float
 
 
 @wp.struct
@@ -88,6 +92,7 @@ class _Edge:
     """What the corners tell, and how far the edge is placed.
 
     ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside may tell that too.
+    ``whole`` is that all see one triangle, and that nothing is so small that it may hide before it.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
     and the row ``second`` of the corners has the other. ``marks`` has a bit for each corner that sees the second.
@@ -102,6 +107,7 @@ class _Edge:
     straight: bool
     by_colour: bool
     flat: bool
+    whole: bool
     shaded: bool
     marks: int
     rays: int
@@ -232,12 +238,16 @@ def make_look(
         colours = int(0)
         third = bool(False)
         one_material = bool(True)
+        one_triangle = first.triangle > 0
+        farthest = float(first.depth)
         for i in range(1, 4):
             place = corner_at(i)
             other = nearest + int(place[0]) + int(place[1]) * row
             sample = corners[other]
             sound = sound and _sound(sample)
             one_material = one_material and sample.material == first.material
+            one_triangle = one_triangle and sample.triangle == first.triangle
+            farthest = wp.max(farthest, sample.depth)
             same = same_surface(sample, first, looks.pixel_angle)
             if same and not same_light(sample, first):
                 edge.shaded = True
@@ -260,6 +270,7 @@ def make_look(
             edge.marks = colours
         edge.plain = sound and edge.marks == 0
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
+        edge.whole = one_triangle and looks.smallest_m > _WIDE_PX * farthest * looks.pixel_angle
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
         return edge
@@ -317,7 +328,7 @@ def make_look(
             if corner < 0 and not places:
                 wanted = looks.most - edge.rays
                 if edge.plain or edge.flat:
-                    wanted = looks.inside
+                    wanted = wp.where(edge.whole, 0, looks.inside)
                 if edge.straight and not varied:
                     wanted = looks.by_edge
                 wanted = wp.min(wanted, looks.most)
@@ -372,13 +383,15 @@ def make_look(
                     edge.shaded = edge.shaded or not same_light(sample, things[k].first)
                     add_to_thing(things, k, sample)
         finish_things(things, number, edge.straight, edge.area)
+        # Where no ray looked inside, the corners tell all.
+        if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
+            if inside == 0 or wp.static(light_things is not None):
+                centre_thing(things, corners, nearest, row)
         if wp.static(edges):
             if edge.flat:
                 albedo = mean_albedo(scene, corners[nearest], footprint, looks.texels)
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
         if wp.static(light_things is not None):
-            if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
-                centre_thing(things, corners, nearest, row)
             light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
         seen = Seen()
         seen.things = number

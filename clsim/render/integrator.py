@@ -211,6 +211,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.uv = point.uv
                     sample.front = point.front
                     sample.material = wp.where(depth == 0, point.material + 1, 0)
+                    sample.triangle = wp.where(depth == 0, 1 + hit.triangle + hit.instance * 65537, 0)
                 if wp.static(features.lamp_light):
                     apart = looked_at and not looking and bsdf.kind == DIFFUSE
                     sample.lamp = sample.lamp or apart

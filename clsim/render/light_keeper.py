@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from clsim.render.cached import Gathering
-from clsim.render.effort import Effort, looks_of
+from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.launch import record
 from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, add_to_cells, average, move_cells, open_cells
 
@@ -57,9 +57,7 @@ class LightKeeper:
         width: int,
         height: int,
         effort: Effort,
-        pixel_angle: float,
-        sharp: bool,
-        lamps: bool,
+        sight: Sight,
         pace_hz: float | None,
         look_again: int,
         device: Any,
@@ -70,9 +68,7 @@ class LightKeeper:
             width: of the frames [pixels].
             height: of the frames [pixels].
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
-            pixel_angle: width of a pixel seen from the camera [rad].
-            sharp: whether the picture has no blur.
-            lamps: whether light straight from lamps is found apart, and not kept.
+            sight: what first-hit rays see.
             pace_hz: see `RenderOptions.light_hz`.
             look_again: see there too.
             device: Warp's device.
@@ -82,7 +78,7 @@ class LightKeeper:
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
-        self._looks_at = pixel_angle, sharp, lamps
+        self._sight = sight
         self._pace_hz = pace_hz
         self._tick = 0
         self._learns = True
@@ -140,11 +136,11 @@ class LightKeeper:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, *self._looks_at, kept=True)
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._sight, kept=True)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
-        self._gathering.cell_angle = _CELL_PX * self._looks_at[0]
+        self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
         changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}

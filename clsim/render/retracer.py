@@ -13,7 +13,7 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import looks_of
+from clsim.render.effort import Sight, looks_of
 from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.motion_field import build_motion_field, pass_over
@@ -81,7 +81,8 @@ class Retracer:
         self._camera = CameraData(camera, features, data.origin_m, self._device)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
-        self._looks_at = math.radians(camera.fov_deg) / camera.width, features.sharp, features.lamp_light
+        pixel_angle = math.radians(camera.fov_deg) / camera.width
+        self._sight = Sight(pixel_angle, features.sharp, features.lamp_light, data.smallest_m)
         if self._first_hits:
             self._settings.samples = self._first_hits
         # Most pixels need few of their first-hit rays.
@@ -186,7 +187,7 @@ class Retracer:
         elif self._in_kept_light and view is not None:
             changed |= view.light_keeper.shown
         elif view is not None:
-            changed["looks"] = looks_of(view.effort.first_hit_rays, *self._looks_at)
+            changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
         if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()
@@ -210,7 +211,7 @@ class Retracer:
 
             arguments |= nothing_shown(self._device)
         elif self._first_hits:
-            arguments["looks"] = looks_of(self._first_hits, *self._looks_at)
+            arguments["looks"] = looks_of(self._first_hits, self._sight)
         else:
             arguments["out_bits"] = bits
         return record(self._kernel, tile, self._device, **arguments)

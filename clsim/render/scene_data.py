@@ -22,6 +22,7 @@ from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
+from clsim.render.smallest import smallest_width
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
 from clsim.render.upload_materials import upload_materials
@@ -46,6 +47,7 @@ class SceneData:
         light_changes: whether light changes by itself.
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
+        smallest_m: no thing is narrower [m]; 0 where that is unknown.
         poses: those that were asked for, where there are several instants.
     """
 
@@ -90,6 +92,7 @@ class SceneData:
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
         self.instance_objects, self.triangle_objects = placement.instance_objects, placement.triangle_objects
+        self.smallest_m = 0.0 if self.features.alpha else smallest_width(placement, world.sphere_lights)
         may_pass = np.array([material.alpha_mode != "opaque" for material in world.materials] or [False])
         self._geometry = GeometryData(
             placement, may_pass, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose

@@ -12,7 +12,7 @@ import warp as wp
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import Effort, Steerer
+from clsim.render.effort import Effort, Sight, Steerer
 from clsim.render.features import light_stands_still
 from clsim.render.film import Sample
 from clsim.render.integrator import build_kernel
@@ -115,17 +115,15 @@ class View:
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
             size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
-            sharp, lamps = features.sharp, features.lamp_light
+            sight = Sight(pixel_angle, features.sharp, features.lamp_light, data.smallest_m)
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
-                self._steerer = LightKeeper(
-                    *size, effort, pixel_angle, sharp, lamps, options.light_hz, options.look_again, self._device
-                )
+                self._steerer = LightKeeper(*size, effort, sight, options.light_hz, options.look_again, self._device)
             else:
-                self._steerer = Steerer(*size, effort, pixel_angle, sharp, lamps, board, self._device)
+                self._steerer = Steerer(*size, effort, sight, board, self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass

@@ -10,7 +10,7 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.render import RenderOptions, SceneData, light_stands_still
-from clsim.render.effort import GRADES, Effort, Steerer
+from clsim.render.effort import GRADES, Effort, Sight, Steerer
 from clsim.render.light_list import small_lights
 from clsim.render.view import View
 from clsim.scene import EnvironmentMap, ImageTexture, Material, World
@@ -103,7 +103,7 @@ def test_where_light_changes_none_is_kept() -> None:
 
 
 def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left() -> None:
-    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), 0.01, True, False, None, "cpu")
+    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), Sight(0.01, sharp=True), None, "cpu")
 
     def wanted(index: int) -> set[int]:
         steerer.arguments["correction"].fill_(7.0)
