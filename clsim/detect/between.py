@@ -89,7 +89,7 @@ class Between(ABC):
             frame: the frame.
             references: levels of the last events, ``[H, span]``; NaN where there is none.
         """
-        self._levels.advance(frame)
+        self._advance(frame)
         self._frames += 1
         if self._frames == 1:
             return path
@@ -100,6 +100,10 @@ class Between(ABC):
             return path
         self._levels.begin(self._image(path.start), self._image(path.end), ways)
         return self._find(path, Motion(ways, halves), references)
+
+    def _advance(self, frame: Frame) -> None:
+        """Take notice of a frame."""
+        self._levels.advance(frame)
 
     @abstractmethod
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:

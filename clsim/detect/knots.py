@@ -6,7 +6,7 @@ frames' times: so the same scene is asked at the same times at any frame rate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -71,6 +71,20 @@ class Knots:
         kept = self.pixels[chosen], self.times[chosen], self.levels[chosen], self.bulges[chosen]
         return Knots(*kept, self.linear_light)
 
+    def renumbered(self, numbers: I64) -> Knots:
+        """Return the same with other numbers of pixels, rising, for those from 0 on."""
+        return replace(self, pixels=numbers[self.pixels])
+
+    def at(self, time: int) -> F64:
+        """Return the level of each pixel at a time [ticks] within the step."""
+        if not len(self.pixels):
+            return np.zeros(0)
+        later = int(self.times.max()) + 1
+        last = np.searchsorted(self.pixels * later + self.times, np.arange(self.pixels[-1] + 1) * later + time)
+        first = last - 1
+        share = (time - self.times[first]) / (self.times[last] - self.times[first])
+        return self._on_line(self.levels[first], self.levels[last], share)
+
     def guess_bulges(self) -> None:
         """Take what is not known of a piece from how the slope changes at both its ends."""
         inside = ~self.firsts
@@ -100,7 +114,7 @@ class Knots:
     def _on_line(self, first: F64, last: F64, share: F64) -> F64:
         if self.linear_light:
             return np.asarray(first + np.log1p(share * np.expm1(last - first)))
-        return first + share * (last - first)
+        return np.asarray(first + share * (last - first))
 
     def walk(self, references: F64, on: float, off: float) -> tuple[F64, I64]:
         """Let ideal pixels fire, brightness being linear between knots.

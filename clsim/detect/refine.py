@@ -15,9 +15,10 @@ import numpy.typing as npt
 
 from clsim.detect.between import F32, I64, Between, Motion
 from clsim.detect.config import DetectorConfig
+from clsim.detect.flat_pixels import FlatPixels
 from clsim.detect.forecast import MOMENTS, Forecast
 from clsim.detect.knots import TICKS_PER_S, Knots, join, ticks, vague
-from clsim.frames import PixelTracer
+from clsim.frames import Frame, PixelTracer
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
@@ -56,26 +57,44 @@ class Refiner(Between):
         self.tolerance_us = tolerance_us
         self._linear_light = config.event_rule == "linear-light"
         self._forecast = Forecast(place, self._on, self._off, self._linear_light)
+        self._flat = FlatPixels(config, names, self._shape)
         self._images: list[Buffer] = []
+
+    def reset(self) -> None:
+        """Forget the last frame."""
+        super().reset()
+        self._flat.reset()
+
+    def _advance(self, frame: Frame) -> None:
+        super()._advance(frame)
+        self._flat.advance(frame, self._tracer)
 
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:
         start, end, ref = (self._image(buffer).ravel() for buffer in (path.start, path.end, references))
-        touched = (np.abs(motion.ways) + np.abs(motion.halves)).max(axis=(0, 1)) > 0
-        times, levels = self._pictures(path, motion.longest_px, touched, start, end)
+        flat = self._flat.find(path, self._tracer, motion.ways, (start, end), self.tolerance_us)
+        traced = np.where(flat.known, np.nan, ref).astype(np.float32)
+        touched = np.any(motion.ways, axis=(0, 1)) | np.any(motion.halves, axis=(0, 1))
+        times, levels = self._pictures(path, motion.longest_px, touched.ravel() & ~flat.known, start, end)
+        for level, time in zip(levels[1:-1], times[1:-1], strict=True):
+            level[flat.pixels] = flat.knots.at(int(time))
         with np.errstate(invalid="ignore"):
-            reached = (levels[1:] - ref >= self._on) | (ref - levels[1:] >= self._off)
+            reached = (levels[1:] - traced >= self._on) | (traced - levels[1:] >= self._off)
         may = np.asarray(reached.any(axis=0), np.bool_)
-        marked, marks = self._marks(path, references, times, levels, motion.ways)
+        marked, marks = self._marks(path, self._uploaded(2, traced), times, levels, motion.ways)
         may[marked] = True
-        active = np.flatnonzero(may & np.isfinite(levels[0]) & np.isfinite(levels[-1]) & np.isfinite(ref))
-        if not len(active):
-            return path
+        active = np.flatnonzero(may & np.isfinite(levels[0]) & np.isfinite(levels[-1]) & np.isfinite(traced))
         place = np.full(len(ref), -1, np.int64)
         place[active] = np.arange(len(active))
         inside = place[marked] >= 0
         knots = self._first_knots(path, active, (place[marked[inside]], marks[inside]), times, levels[:, active])
         knots = self._sharpen(path, active, knots, ref[active].astype(np.float64))
-        return self._with_knots(path, knots, active)
+        flat = flat.that_fire(ref, self._on, self._off)
+        every = np.union1d(active, flat.pixels)
+        if not len(every):
+            return path
+        parts = (knots, active), (flat.knots, flat.pixels)
+        both = join([part.renumbered(np.searchsorted(every, own)) for part, own in parts])
+        return self._with_knots(path, both, every)
 
     def _pictures(
         self, path: BrightnessPath, longest_px: float, touched: npt.NDArray[np.bool_], start: F32, end: F32
@@ -88,7 +107,7 @@ class Refiner(Between):
         times = np.linspace(ticks(path.start_us), ticks(path.end_us), parts + 1).round().astype(np.int64)
         levels = np.linspace(start, end, parts + 1, dtype=np.float32)
         levels[-1] = end
-        pixels = np.flatnonzero(touched.ravel())
+        pixels = np.flatnonzero(touched)
         if parts > 1 and len(pixels):
             found = self._trace(path, np.tile(pixels, parts - 1), np.repeat(times[1:-1], len(pixels)))
             levels[1:-1, pixels] = found.reshape(parts - 1, -1)
@@ -148,7 +167,7 @@ class Refiner(Between):
     def _uploaded(self, number: int, levels: F32) -> Buffer:
         """Return an image on the device that holds levels ``[H·W]``."""
         height, width = self._shape
-        if len(self._images) <= number:
+        while len(self._images) <= number:
             self._images.append(self._place.allocate(self._place.layout.image_shape))
         image = np.zeros(self._place.layout.image_shape, self._place.real)
         image[:, :width] = levels.reshape(height, width)

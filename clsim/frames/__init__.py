@@ -22,8 +22,10 @@ from clsim.frames.planes import (
     rendered_planes,
 )
 from clsim.frames.protocols import (
+    Albedos,
     Cancellable,
     CountsRays,
+    Fineness,
     FrameSource,
     PixelTracer,
     Renoising,
@@ -46,8 +48,10 @@ __all__ = [
     "SAMPLES",
     "TRUTH_PLANES",
     "VARIANCE_PLANES",
+    "Albedos",
     "Cancellable",
     "CountsRays",
+    "Fineness",
     "FloatArray",
     "Frame",
     "FrameRing",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -39,6 +40,44 @@ class FrameSource(Protocol):
         ...
 
 
+@dataclass(frozen=True)
+class Albedos:
+    """Mean albedos of pixels at times of their own, in a step; between two of a pixel they are straight in time.
+
+    Attributes:
+        known: y·width + x of those of which something is known, rising.
+        pixels: those whose albedo changes, rising, ``[P]``; that of others stays as it is.
+        firsts: the i-th pixel has the rows ``firsts[i]`` to ``firsts[i + 1] - 1``, ``[P + 1]``.
+        shares: of the step that have passed, from 0 to 1 in each pixel, ``[K]``.
+        albedos: R, G, B, ``[K, 3]``.
+    """
+
+    known: npt.NDArray[np.int64]
+    pixels: npt.NDArray[np.int64]
+    firsts: npt.NDArray[np.int64]
+    shares: FloatArray
+    albedos: FloatArray
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How far albedos may leave the lines between the times at which they are told.
+
+    Attributes:
+        least: share of the albedo that will do.
+        late: share of the step within which an albedo comes to what it should be, which will do as well.
+        longest: log of the ratio of two albedos, one after the other, at most.
+        finest: times are no nearer to each other than this share of the step.
+        linear: whether albedo is linear in time on a line; else its logarithm is.
+    """
+
+    least: float
+    late: float
+    longest: float
+    finest: float
+    linear: bool
+
+
 class PixelTracer(Protocol):
     """What traces chosen pixels at chosen times, as in the frames of those times."""
 
@@ -56,6 +95,20 @@ class PixelTracer(Protocol):
 
         Of what a pixel sees at the start, of what it sees at the end, and the longest way over it. None where
         nothing moves.
+        """
+        ...
+
+    def bounds(self) -> npt.NDArray[np.bool_] | None:
+        """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
+
+        None where that is not known, or things move by themselves.
+        """
+        ...
+
+    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
+        """Return the albedos of some pixels from one time to that of the last frame, ``end_s``; see `bounds`.
+
+        They show one flat surface meanwhile.
         """
         ...
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.frames import PixelTracer
+from clsim.frames import Albedos, Fineness, PixelTracer
 from clsim.frames.frame import FloatArray
 
 
@@ -61,6 +61,13 @@ class NotingTracer:
     def motion(self, start_s: float, end_s: float) -> FloatArray | None:
         """Return how far things go on the image from one time to another."""
         return self._tracer.motion(start_s, end_s)
+
+    def bounds(self) -> None:
+        """Know no flat surfaces, so that all that is looked at is traced, and noted."""
+
+    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
+        """Return the albedos of pixels that show one flat surface."""
+        return self._tracer.albedos(pixels, start_s, end_s, fineness)
 
     def take(self) -> Requests:
         """Return what was traced since this was asked for last."""

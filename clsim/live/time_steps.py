@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.frames import PixelTracer
+from clsim.frames import Albedos, Fineness, PixelTracer
 from clsim.live.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -101,6 +101,17 @@ class Looping:
         """Return the planes ``[C, N]`` of pixels at times of the run [s]."""
         planes: npt.NDArray[np.float32] = self._tracer.trace(pixels, times_s - self._shift_s)
         return planes
+
+    def bounds(self) -> npt.NDArray[np.bool_] | None:
+        """Return where more is seen in the last frame than one flat surface, ``[H, W]``."""
+        bounds: npt.NDArray[np.bool_] | None = self._tracer.bounds()
+        return bounds
+
+    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
+        """Return the albedos of pixels that show one flat surface, between two times of the run [s]."""
+        start_s, end_s = start_s - self._shift_s, end_s - self._shift_s
+        albedos: Albedos = self._tracer.albedos(pixels, start_s, end_s, fineness)
+        return albedos
 
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise an error soon; safe from any thread."""

@@ -11,9 +11,10 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.frames import rendered_planes
+from clsim.frames import Albedos, Fineness, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.effort import Sight, looks_of
+from clsim.render.flat_pixels import INSTANTS
 from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.motion_field import build_motion_field, pass_over
@@ -23,6 +24,7 @@ from clsim.render.scene_data import SceneData
 from clsim.render.view import RenderCancelled, settings_of
 
 if TYPE_CHECKING:
+    from clsim.render.flat_follower import FlatFollower
     from clsim.render.view import View
 
 _MOST_INSTANTS = 64
@@ -89,6 +91,8 @@ class Retracer:
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
+        self._threads = options.threads
+        self._follower: FlatFollower | None = None
 
     def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Return the planes ``[C, N]`` of N requests.
@@ -150,13 +154,43 @@ class Retracer:
         alike = result.repeat(self._apart, axis=2).repeat(self._apart, axis=3)
         return np.ascontiguousarray(alike[:, :, :height, :width])
 
+    def bounds(self) -> npt.NDArray[np.bool_] | None:
+        """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
+
+        None where that is not known, since no rays look through pixels' corners, or things move by themselves.
+        """
+        corners = self._corners
+        if corners is None:
+            return None
+        if self._follower is None:
+            from clsim.render.flat_follower import FlatFollower
+            from clsim.render.flat_pixels import build_flat_pixels
+
+            camera = self._camera.at_instants(np.zeros(1), self._data.poses)
+            given = {"scene": self._data.scene, "settings": self._settings, "camera": camera, "corners": corners}
+            kernels = build_flat_pixels(self._features)
+            self._follower = FlatFollower(kernels, self._shape, given, self._device, self._threads)
+        return self._follower.bounds(corners)
+
+    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
+        """Return the albedos of some pixels from one time to that of the last frame; see `PixelTracer.albedos`."""
+        assert self._follower is not None and self._view is not None, "bounds are asked for first"
+        instants_s = np.linspace(start_s, end_s, INSTANTS)
+        camera = self._camera.at_instants(instants_s, self._data.poses)
+        texels = looks_of(self._view().effort.first_hit_rays, self._sight).texels
+        return self._follower.albedos(pixels, self._corners, camera, texels, fineness)
+
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
         self._tiles.cancel()
+        if self._follower is not None:
+            self._follower.cancel()
 
     def close(self) -> None:
         """End the threads; safe to call twice."""
         self._tiles.close()
+        if self._follower is not None:
+            self._follower.close()
 
     def _last_of(self, first: int, ends: npt.NDArray[np.int64], done: int) -> int:
         """Return the end of the run of instants, from ``first`` on, that one launch traces."""
@@ -215,6 +249,12 @@ class Retracer:
         else:
             arguments["out_bits"] = bits
         return record(self._kernel, tile, self._device, **arguments)
+
+    @property
+    def _corners(self) -> Any:
+        """What the corners of the last frame's pixels saw; None where flat surfaces cannot be told by them."""
+        told = self._in_kept_light and self._data.still and self._features.textures and self._view is not None
+        return self._view().corners if told and self._view is not None else None
 
     @property
     def _places(self) -> tuple[tuple[float, float], ...]:

@@ -189,8 +189,66 @@ def _square(corner: wp.vec3, scale: float) -> wp.vec2:
 
 
 @wp.func
+def _share_below(a: float, b: float, c: float, d: float) -> float:
+    """Return the share of a square in which a linear function is negative, by its values at corners, all around."""
+    values = wp.vec4(a, b, c, d)
+    twice = float(0.0)
+    begun = bool(False)
+    first = wp.vec2()
+    last = wp.vec2()
+    before = float(d)
+    from_x = float(0.0)
+    from_y = float(1.0)
+    for i in range(4):
+        x = wp.where(i == 1 or i == 2, 1.0, 0.0)
+        y = wp.where(i >= 2, 1.0, 0.0)
+        value = values[i]
+        if (before < 0.0) != (value < 0.0):
+            t = before / (before - value)
+            cut = wp.vec2(from_x + (x - from_x) * t, from_y + (y - from_y) * t)
+            if begun:
+                twice += last[0] * cut[1] - last[1] * cut[0]
+            else:
+                first = cut
+            begun = True
+            last = cut
+        if value < 0.0:
+            corner = wp.vec2(x, y)
+            if begun:
+                twice += last[0] * corner[1] - last[1] * corner[0]
+            else:
+                first = corner
+            begun = True
+            last = corner
+        before = value
+        from_x = x
+        from_y = y
+    twice += last[0] * first[1] - last[1] * first[0]
+    return 0.5 * wp.abs(twice)
+
+
+@wp.func
+def _beyond(corner: wp.vec3, edge: float, axis: int, scale: float) -> float:
+    """Return by how much a corner lies beyond an edge between columns, 0, or rows, 1; times 1 over its distance."""
+    return corner[axis] * scale - edge * corner[2]
+
+
+@wp.func
+def square_shown(row: TextureRow, footprint: Footprint) -> wp.vec3:
+    """Return the column and the row of the one square that a pixel shows of a checkerboard, and 1; else the last is 0.
+
+    A pixel that moves straight from one place in a square to another stays in it: squares are convex.
+    """
+    square = _square(footprint.top_left, row.scale)
+    off = wp.length_sq(_square(footprint.top_right, row.scale) - square)
+    off += wp.length_sq(_square(footprint.bottom_left, row.scale) - square)
+    off += wp.length_sq(_square(footprint.bottom_right, row.scale) - square)
+    return wp.vec3(square[0], square[1], wp.where(off == 0.0, 1.0, 0.0))
+
+
+@wp.func
 def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
-    """Return the mean colour of a checkerboard over a pixel, exact along each of so many lines.
+    """Return the mean colour of a checkerboard over a pixel: exact where one edge crosses it, else along many lines.
 
     They run across the edges of squares that the pixel shows, as far as they can: along an edge, a line would see all
     of one side or of the other.
@@ -203,7 +261,20 @@ def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
     columns = wp.abs(off_right[0]) + wp.abs(off_below[0]) + wp.abs(off_both[0]) > 0.0
     rows = wp.abs(off_right[1]) + wp.abs(off_below[1]) + wp.abs(off_both[1]) > 0.0
     share = wp.where((int(square[0]) + int(square[1])) & 1 == 0, 1.0, 0.0)
-    if columns or rows:
+    axis = wp.where(columns, 0, 1)
+    off = wp.vec3(off_right[axis], off_below[axis], off_both[axis])
+    if columns != rows and wp.max(off) - wp.min(off) <= 1.0 and wp.max(wp.abs(off)) == 1.0:
+        # One edge crosses the pixel. What lies before it has the colour of the lower number.
+        edge = square[axis] + wp.where(wp.min(off) < 0.0, 0.0, 1.0)
+        share = _share_below(
+            _beyond(footprint.top_left, edge, axis, row.scale),
+            _beyond(footprint.top_right, edge, axis, row.scale),
+            _beyond(footprint.bottom_right, edge, axis, row.scale),
+            _beyond(footprint.bottom_left, edge, axis, row.scale),
+        )
+        if (int(edge) - 1 + int(square[1 - axis])) & 1 != 0:
+            share = 1.0 - share
+    elif columns or rows:
         middle = uv_in(footprint, 0.5, 0.5)
         right = uv_in(footprint, 1.0, 0.5) - middle
         down = uv_in(footprint, 0.5, 1.0) - middle

@@ -12,7 +12,7 @@ import warp as wp
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
-from clsim.render.effort import Effort, Sight, Steerer
+from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
 from clsim.render.features import light_stands_still
 from clsim.render.film import Sample
 from clsim.render.integrator import build_kernel
@@ -115,6 +115,7 @@ class View:
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
             size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
+            self._sharp = features.sharp
             sight = Sight(pixel_angle, features.sharp, features.lamp_light, data.smallest_m)
             if options.light_cache:
                 if not light_stands_still(data.world):
@@ -232,6 +233,12 @@ class View:
         """What keeps the light that its frames are seen in, where it is kept on surfaces."""
         assert self._options.light_cache
         return cast("LightKeeper", self._steerer)
+
+    @property
+    def corners(self) -> Any:
+        """What rays at the corners of pixels saw in the last frame, on the device; None where there are none."""
+        looked_at = self._sharp and self.effort.first_hit_rays >= ENOUGH_FOR_EDGES
+        return self._corners if looked_at else None
 
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
         """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then."""

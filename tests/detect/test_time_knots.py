@@ -123,3 +123,14 @@ def test_bends_of_light_are_guessed_as_those_of_its_logarithm():
     # In the middle of a piece a parabola of light is h²/4 below its chord.
     off = np.log1p((0.25**2 / 4) / (1 + middle**2))
     assert np.all(knots.bulges[1:] >= 0.75 * CAUTION * off) and np.all(knots.bulges[1:] <= 1.5 * CAUTION * off)
+
+
+@pytest.mark.parametrize("linear_light", [False, True])
+def test_levels_at_a_time_lie_on_the_lines_between_knots(linear_light):
+    levels = np.array([0.0, 1.0, 0.5, -1.0, 3.0])
+    knots = Knots(np.array([0, 0, 0, 1, 1]), np.array([10, 20, 40, 10, 40]), levels, np.zeros(5), linear_light)
+    shape = np.exp if linear_light else np.asarray
+    for time in (15, 20, 33):
+        one, other = (np.interp(time, knots.times[mine], shape(levels[mine])) for mine in (slice(3), slice(3, 5)))
+        np.testing.assert_allclose(shape(knots.at(time)), [one, other])
+    assert knots.renumbered(np.array([4, 7])).pixels.tolist() == [4, 4, 4, 7, 7]

@@ -1,0 +1,182 @@
+"""Brightness of pixels that show one flat surface all through a step: albedo is known, and light changes little.
+
+Nothing is traced for them. Whether something else comes over a pixel within the step is told by what surrounds it: all
+that could is somewhere around it in the frames at both ends, no farther than things go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.features import luminance_weights
+from clsim.detect.knots import Knots, ticks
+from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Fineness, Frame, PixelTracer
+from clsim.opencl.path import BrightnessPath
+
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
+
+_TILE_PX, _EVERY_PX = 8, 2
+"""Ways are alike in squares so wide: where the camera alone moves they are those of every other pixel (retracer.py)."""
+_SHADOW = 0.2
+"""Difference of the log of light, as a mean over nine pixels, between neighbours from which on there is an edge."""
+_MOST_LIGHT = 0.25
+"""Change of the log of light in a step that may be taken for a straight line."""
+_SAME_ALBEDO = 0.02
+"""Relative difference from the frames' albedo, beyond which a pixel shows something else too."""
+_LEAST = 0.005
+"""Share of a threshold by which brightness may leave the lines between knots."""
+_PROMPT = 0.5
+"""Share of the error in time that will do, by which it may be late."""
+_LONGEST = 2.5
+"""Thresholds that brightness may go from knot to knot."""
+
+
+@dataclass(frozen=True)
+class FlatBrightness:
+    """What is known of pixels that show one flat surface in a step.
+
+    Attributes:
+        known: where it is known, ``[H·W]``.
+        pixels: those of them where it does not go straight from its start to its end, rising, ``[P]``.
+        knots: theirs, numbered from 0.
+    """
+
+    known: Mask
+    pixels: I64
+    knots: Knots
+
+    def that_fire(self, references: F32, on: float, off: float) -> FlatBrightness:
+        """Return those pixels that leave the thresholds around their references ``[H·W]``, and come to be known."""
+        if not len(self.pixels):
+            return self
+        firsts = np.flatnonzero(self.knots.firsts)
+        highest, lowest = (extreme.reduceat(self.knots.levels, firsts) for extreme in (np.maximum, np.minimum))
+        ref = references[self.pixels]
+        fires = (highest - ref >= on) | (ref - lowest >= off)
+        knots = self.knots.of(fires[self.knots.pixels])
+        return FlatBrightness(self.known, self.pixels[fires], knots.renumbered(np.cumsum(fires) - 1))
+
+
+class FlatPixels:
+    """Finds them, and their brightness within a step."""
+
+    def __init__(self, config: DetectorConfig, names: tuple[str, ...], shape: tuple[int, int]) -> None:
+        """Prepare for frames with those planes, and that height and width."""
+        self._linear = config.event_rule == "linear-light"
+        self._threshold = min(config.threshold_on, config.threshold_off)
+        self._scale, self._floor, self._shape = config.scale, config.floor, shape
+        self._weights = np.array(luminance_weights(config), np.float32)
+        self._planes = [names.index(name) for name in (*RADIANCE, *ALBEDO, *COVERAGE) if name in names]
+        self._told = len(self._planes) == 7
+        self._ends: list[tuple[F32, F32, Mask]] = []
+
+    def reset(self) -> None:
+        """Forget all frames."""
+        self._ends.clear()
+
+    def advance(self, frame: Frame, tracer: PixelTracer) -> None:
+        """Take notice of the light and of the bounds of surfaces in a frame."""
+        bounds = tracer.bounds() if self._told else None
+        if bounds is None:
+            self._ends.clear()
+            return
+        planes = frame.planes.reshape(len(frame.names), -1)[self._planes]
+        radiance, albedo, coverage = planes[:3], planes[3:6], planes[6]
+        light = np.where(coverage > 0.999, radiance / np.maximum(albedo, 1e-6), np.nan)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bright = _blurred(np.log(self._weights @ light).reshape(self._shape))
+            apart = ~(np.abs(np.diff(bright, axis=1, append=bright[:, -1:])) < _SHADOW)
+            apart |= ~(np.abs(np.diff(bright, axis=0, append=bright[-1:])) < _SHADOW)
+        self._ends = [*self._ends[-1:], (light, self._weights @ albedo, bounds | apart)]
+
+    def find(
+        self, path: BrightnessPath, tracer: PixelTracer, ways: F32, ends: tuple[F32, F32], tolerance_us: float
+    ) -> FlatBrightness:
+        """Return what is known of a step.
+
+        Args:
+            path: of the step.
+            tracer: what knows albedos.
+            ways: where things go, ``[3, 2, H, W]`` [pixels].
+            ends: levels at both ends, ``[H·W]``.
+            tolerance_us: error of an event's time that will do [µs].
+        """
+        known = np.zeros(self._shape[0] * self._shape[1], np.bool_)
+        nowhere, nothing = np.zeros(0, np.int64), np.zeros(0)
+        none = FlatBrightness(known, nowhere, Knots(nowhere, nowhere, nothing, nothing, self._linear))
+        if len(self._ends) < 2:
+            return none
+        (light, before, bounds), (later, after, later_bounds) = self._ends
+        lowest, highest = _reach(ways)
+        calm = _free(bounds, -highest, -lowest) & _free(later_bounds, lowest, highest)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steady = np.abs(np.log((self._weights @ later) / (self._weights @ light))) < _MOST_LIGHT
+        pixels = np.flatnonzero(calm.ravel() & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))
+        if not len(pixels):
+            return none
+        start, end = ticks(path.start_us), ticks(path.end_us)
+        late, finest = _PROMPT * tolerance_us / (path.end_us - path.start_us), 4.0 / (end - start)
+        fineness = Fineness(_LEAST * self._threshold, late, _LONGEST * self._threshold, finest, self._linear)
+        found = tracer.albedos(pixels, path.start_us * 1e-6, path.end_us * 1e-6, fineness)
+        known[found.known] = True
+        firsts, lasts = found.firsts[:-1], found.firsts[1:] - 1
+        reflected = found.albedos @ self._weights
+        like = np.abs(reflected[firsts] / before[found.pixels] - 1.0) < _SAME_ALBEDO
+        like &= np.abs(reflected[lasts] / after[found.pixels] - 1.0) < _SAME_ALBEDO
+        known[found.pixels[~like]] = False
+        lengths = np.diff(found.firsts)
+        number = np.repeat(np.arange(len(lengths)), lengths)
+        at, shares = found.pixels[number], found.shares[:, None]
+        shown = (self._weights * found.albedos * (light.T[at] * (1.0 - shares) + later.T[at] * shares)).sum(axis=1)
+        levels = np.log(np.maximum(self._scale * shown, self._floor)).astype(np.float64)
+        levels[firsts], levels[lasts] = ends[0][found.pixels], ends[1][found.pixels]
+        times = np.round(start + found.shares.astype(np.float64) * (end - start)).astype(np.int64)
+        kept = like[number]
+        order = np.cumsum(like) - 1
+        knots = Knots(order[number[kept]], times[kept], levels[kept], np.zeros(int(kept.sum())), self._linear)
+        return FlatBrightness(known, found.pixels[like], knots)
+
+
+def _reach(ways: F32) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return how far left and up, and right and down, things near each pixel go in a step, ``[2, H, W]`` [pixels]."""
+    height, width = ways.shape[2:]
+    ways = ways[:, :, ::_EVERY_PX, ::_EVERY_PX]
+    rows, columns, part = -(-height // _TILE_PX), -(-width // _TILE_PX), _TILE_PX // _EVERY_PX
+    more = ((0, 0), (0, 0), (0, rows * part - ways.shape[2]), (0, columns * part - ways.shape[3]))
+    tiled = np.pad(ways, more, mode="edge").reshape(3, 2, rows, part, columns, part)
+    # Nothing farther away than the longest way comes over a pixel.
+    near = int(np.ceil(np.abs(ways).max() / _TILE_PX))
+    found = []
+    for extreme, sign in ((tiled.max(axis=(0, 3, 5)), 1), (-tiled.min(axis=(0, 3, 5)), -1)):
+        padded = np.pad(np.maximum(extreme, 0.0), ((0, 0), (near, near), (near, near)), mode="edge")
+        around = np.lib.stride_tricks.sliding_window_view(padded, (2 * near + 1, 2 * near + 1), axis=(1, 2))
+        farthest = sign * np.ceil(around.max(axis=(3, 4))).astype(np.int64)
+        found.append(farthest.repeat(_TILE_PX, axis=1).repeat(_TILE_PX, axis=2)[:, :height, :width])
+    return found[1], found[0]
+
+
+def _blurred(image: F32) -> F32:
+    """Return the mean of each pixel and its eight neighbours, ``[H, W]``."""
+    padded = np.pad(image, 1, mode="edge")
+    rows = padded[:-2] + padded[1:-1] + padded[2:]
+    return np.asarray((rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9, np.float32)
+
+
+def _free(bounds: Mask, lowest: npt.NDArray[np.int64], highest: npt.NDArray[np.int64]) -> Mask:
+    """Return which pixels have no bound from ``lowest`` to ``highest``, ``[2, H, W]``, away; there are some outside."""
+    height, width = bounds.shape
+    sums = np.zeros((height + 1, width + 1), np.int32)
+    sums[1:, 1:] = bounds.cumsum(axis=0, dtype=np.int32).cumsum(axis=1)
+    left, top = np.arange(width) + lowest[0], np.arange(height)[:, None] + lowest[1]
+    right, bottom = np.arange(width) + highest[0] + 1, np.arange(height)[:, None] + highest[1] + 1
+    inside = (left >= 0) & (top >= 0) & (right <= width) & (bottom <= height)
+    left, right = np.clip(left, 0, width), np.clip(right, 0, width)
+    top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
+    count = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
+    return np.asarray(inside & (count == 0), np.bool_)

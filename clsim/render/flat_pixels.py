@@ -1,0 +1,302 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102, UP018, RUF046
+"""The albedo of pixels that show one flat, textured surface while the camera moves, at any time, as Warp kernels.
+
+What a ray at a pixel's corner meets on a plane that does not move is known without looking for it. So the corners of a
+frame tell for each of them where it lies on the surface at a few instants of a step; in between that place is a
+polynomial in time. The mean of the texture between four corners is the pixel's albedo, and it is found at as many times
+as it takes until lines between them will do.
+"""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from clsim.render.bsdf import make_bsdf
+from clsim.render.camera import CameraState, make_camera
+from clsim.render.compiler import kernel_options
+from clsim.render.corners import make_flat_surfaces
+from clsim.render.features import Features
+from clsim.render.film import Sample
+from clsim.render.kernel_input import Scene, Settings
+from clsim.render.materials import make_materials
+from clsim.render.sampling import brightness
+from clsim.render.textures import Footprint, square_shown, uv_in
+from clsim.render.things import DARK
+
+INSTANTS = 5
+"""Instants of a step at which corners are placed, both ends among them."""
+MOST_KNOTS = 40
+"""Times of a pixel at most; where more are needed nothing is told of it."""
+_COEFFICIENTS = wp.types.matrix(shape=(INSTANTS, INSTANTS), dtype=wp.float32)(
+    np.linalg.inv(np.vander(np.linspace(0.0, 1.0, INSTANTS), increasing=True)).tolist()
+)
+"""From what a polynomial is at the instants of a step to its coefficients, from the constant one on."""
+_INSTANTS, _MOST_KNOTS = wp.constant(INSTANTS), wp.constant(MOST_KNOTS)
+_STRIDE = wp.constant(4)
+"""Corners from which a surface's uv are read lie so far apart, where it reaches so far: float32 asks for it."""
+_DEPTH = 18
+_DEEPEST = wp.constant(_DEPTH - 1)
+"""How often a step is halved."""
+_OFF_UV = wp.constant(0.02)
+_SAME_NORMAL = wp.constant(0.99999)
+_OFF_PLANE = wp.constant(1.0e-4)
+"""Share of the distance by which what is seen may leave a plane."""
+
+
+@wp.struct
+class Plane:
+    """A flat surface around a corner of a pixel: a point, the normal, and how u and v grow in space.
+
+    ``known`` is whether there is one, as far as the corner's neighbours on the right and below.
+    """
+
+    known: bool
+    position: wp.vec3
+    normal: wp.vec3
+    uv: wp.vec2
+    u_grows: wp.vec3
+    v_grows: wp.vec3
+
+
+@wp.func
+def _same_plane(a: Sample, b: Sample) -> bool:
+    same = b.hit and b.material == a.material and b.front == a.front and wp.dot(a.normal, b.normal) > _SAME_NORMAL
+    return same and wp.abs(wp.dot(b.position - a.position, a.normal)) < _OFF_PLANE * a.depth
+
+
+@wp.func
+def _plane_through(corners: wp.array(dtype=Sample), corner: int, right: int, below: int) -> Plane:
+    """Return the plane on which a corner and three more lie: ``right`` and ``below`` tell how far on they stand."""
+    plane = Plane()
+    a = corners[corner]
+    b = corners[corner + right]
+    c = corners[corner + below]
+    d = corners[corner + right + below]
+    if _same_plane(a, b) and _same_plane(a, c) and _same_plane(a, d):
+        along = b.position - a.position
+        down = c.position - a.position
+        xx = wp.dot(along, along)
+        xy = wp.dot(along, down)
+        yy = wp.dot(down, down)
+        determinant = xx * yy - xy * xy
+        if determinant > 0.0:
+            by_along = (along * yy - down * xy) / determinant
+            by_down = (down * xx - along * xy) / determinant
+            u_along = b.uv - a.uv
+            u_down = c.uv - a.uv
+            plane.position = a.position
+            plane.normal = a.normal
+            plane.uv = a.uv
+            plane.u_grows = by_along * u_along[0] + by_down * u_down[0]
+            plane.v_grows = by_along * u_along[1] + by_down * u_down[1]
+            # Where surfaces of one plane meet, their uv need not.
+            off = wp.length(_uv_on(plane, d.position) - d.uv)
+            plane.known = off <= _OFF_UV * (wp.length(u_along) + wp.length(u_down)) + 1.0e-6
+    return plane
+
+
+@wp.func
+def _uv_on(plane: Plane, position: wp.vec3) -> wp.vec2:
+    away = position - plane.position
+    return plane.uv + wp.vec2(wp.dot(plane.u_grows, away), wp.dot(plane.v_grows, away))
+
+
+@cache
+def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
+    """Return the kernels ``bound``, ``place`` and ``follow``.
+
+    A thread of the first two is a corner of pixels, of which a row has one more than there are pixels; ``corners`` is
+    what each saw in a frame. ``out_bounds``, uint8, is 0 where a corner and its neighbours on the right and below see
+    one flat surface whose albedo its texture tells, and which sends out no light. ``out_places``, vec3
+    ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
+    is: uv over distance, and 1 over distance.
+
+    A thread of ``follow`` is a pixel of the list ``pixels``. It writes up to `MOST_KNOTS` times, as shares of the step,
+    and albedos, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between them are
+    as right as `clsim.frames.Fineness` says.
+    """
+    _, _, _, textured, resolve_mean, *_ = make_materials(features)
+    *_, albedo_of = make_bsdf(features)
+    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of)
+    camera_ray = make_camera(features)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
+    def bound(
+        scene: Scene,
+        settings: Settings,
+        first: int,
+        rows: int,
+        corners: wp.array(dtype=Sample),
+        out_bounds: wp.array(dtype=wp.uint8),
+    ):
+        corner = first + wp.tid()
+        row = settings.width + 1
+        bounds = wp.uint8(1)
+        if corner % row < row - 1 and corner // row < rows - 1:
+            if flat(scene, corners[corner]) and wp.length_sq(corners[corner].emission) == 0.0:
+                plane = _plane_through(corners, corner, 1, row)
+                if plane.known:
+                    bounds = wp.uint8(0)
+        out_bounds[corner] = bounds
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
+    def place(
+        camera: CameraState,
+        settings: Settings,
+        first: int,
+        rows: int,
+        corners: wp.array(dtype=Sample),
+        bounds: wp.array(dtype=wp.uint8),
+        out_places: wp.array2d(dtype=wp.vec3),
+    ):
+        corner = first + wp.tid()
+        if bounds[corner] != wp.uint8(0):
+            return
+        row = settings.width + 1
+        x = corner % row
+        y = corner // row
+        plane = Plane()
+        if x + _STRIDE < row and y + _STRIDE < rows:
+            plane = _plane_through(corners, corner, _STRIDE, _STRIDE * row)
+        if not plane.known:
+            plane = _plane_through(corners, corner, 1, row)
+        powers = wp.zeros(shape=wp.static(INSTANTS), dtype=wp.vec3)
+        for k in range(_INSTANTS):
+            ray = camera_ray(camera, float(x), float(y), wp.vec2(), float(k))
+            facing = wp.dot(ray.direction, plane.normal)
+            distance = wp.dot(plane.position - ray.origin, plane.normal) / wp.where(facing == 0.0, 1.0e-12, facing)
+            uv = _uv_on(plane, ray.origin + ray.direction * distance)
+            at = wp.vec3(uv[0], uv[1], 1.0) / distance
+            for j in range(_INSTANTS):
+                powers[j] += at * wp.static(_COEFFICIENTS)[j, k]
+        for j in range(_INSTANTS):
+            out_places[corner, j] = powers[j]
+
+    @wp.func
+    def place_at(places: wp.array2d(dtype=wp.vec3), corner: int, share: float) -> wp.vec3:
+        at = places[corner, _INSTANTS - 1]
+        for k in range(1, _INSTANTS):
+            at = at * share + places[corner, _INSTANTS - 1 - k]
+        return at
+
+    @wp.func
+    def footprint_at(places: wp.array2d(dtype=wp.vec3), corner: int, row: int, share: float) -> Footprint:
+        f = Footprint()
+        f.top_left = place_at(places, corner, share)
+        f.top_right = place_at(places, corner + 1, share)
+        f.bottom_left = place_at(places, corner + row, share)
+        f.bottom_right = place_at(places, corner + row + 1, share)
+        return f
+
+    @wp.func
+    def albedo_at(scene: Scene, like: Sample, footprint: Footprint, texels: int) -> wp.vec3:
+        albedo = mean_albedo(scene, like, footprint, texels)
+        return wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+
+    @wp.func
+    def square_of(scene: Scene, like: Sample, footprint: Footprint) -> wp.vec3:
+        """Return `square_shown`, the last number of which is 0 where there is no checkerboard."""
+        square = wp.vec3()
+        if wp.static(features.checkers):
+            texture = scene.materials.textures.rows[scene.materials.rows[like.material - 1].texture]
+            if texture.first < 0:
+                square = square_shown(texture, footprint)
+        return square
+
+    @wp.func
+    def coarse_of(start: Footprint, end: Footprint) -> float:
+        """Return the share of a step in which a pixel goes about half its width."""
+        middle = uv_in(start, 0.5, 0.5)
+        right = uv_in(start, 1.0, 0.5) - middle
+        down = uv_in(start, 0.5, 1.0) - middle
+        way = uv_in(end, 0.5, 0.5) - middle
+        area = wp.abs(right[0] * down[1] - right[1] * down[0])
+        along = wp.abs(way[0] * down[1] - way[1] * down[0])
+        across = wp.abs(way[0] * right[1] - way[1] * right[0])
+        # Right and down are half a pixel.
+        return area / wp.max(wp.length(wp.vec2(along, across)), 1.0e-20)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
+    def follow(
+        scene: Scene,
+        settings: Settings,
+        first: int,
+        corners: wp.array(dtype=Sample),
+        places: wp.array2d(dtype=wp.vec3),
+        pixels: wp.array(dtype=int),
+        texels: int,
+        least: float,
+        late: float,
+        longest: float,
+        finest: float,
+        linear: bool,
+        out_counts: wp.array(dtype=int),
+        out_knots: wp.array2d(dtype=wp.vec4),
+    ):
+        number = first + wp.tid()
+        pixel = pixels[number]
+        row = settings.width + 1
+        corner = pixel + pixel // settings.width
+        like = corners[corner]
+        shares = wp.zeros(shape=wp.static(_DEPTH), dtype=float)
+        albedos = wp.zeros(shape=wp.static(_DEPTH), dtype=wp.vec3)
+        squares = wp.zeros(shape=wp.static(_DEPTH), dtype=wp.vec3)
+        start = footprint_at(places, corner, row, 0.0)
+        end = footprint_at(places, corner, row, 1.0)
+        square = square_of(scene, like, start)
+        squares[0] = square_of(scene, like, end)
+        if square[2] > 0.0 and wp.length_sq(square - squares[0]) == 0.0:
+            out_counts[number] = 0
+            return
+        coarse = coarse_of(start, end)
+        left = float(0.0)
+        albedo = albedo_at(scene, like, start, texels)
+        luminance = float(brightness(albedo, settings.spectral))
+        out_knots[number, 0] = wp.vec4(0.0, albedo[0], albedo[1], albedo[2])
+        shares[0] = 1.0
+        albedos[0] = albedo_at(scene, like, end, texels)
+        count = int(1)
+        still = bool(True)
+        top = int(0)
+        while top >= 0:
+            right = shares[top]
+            there = brightness(albedos[top], settings.spectral)
+            known = bool(True)
+            uniform = square[2] > 0.0 and wp.length_sq(square - squares[top]) == 0.0
+            if not uniform and top < _DEEPEST and right - left > 2.0 * finest:
+                middle = 0.5 * (left + right)
+                between = footprint_at(places, corner, row, middle)
+                found = albedo_at(scene, like, between, texels)
+                halfway = brightness(found, settings.spectral)
+                straight = 0.5 * (luminance + there)
+                if not linear:
+                    straight = wp.sqrt(luminance * there)
+                change = wp.abs(wp.log(there / luminance))
+                allowed = wp.max(least, late * change / (right - left)) * halfway
+                if wp.abs(halfway - straight) > allowed or change > longest or right - left > coarse:
+                    top = top + 1
+                    shares[top] = middle
+                    albedos[top] = found
+                    squares[top] = square_of(scene, like, between)
+                    known = False
+            if known:
+                # A line that goes on needs no knot.
+                same = there == luminance
+                if not (same and still and count > 1):
+                    count = count + 1
+                still = same
+                left = right
+                luminance = there
+                square = squares[top]
+                if count > _MOST_KNOTS:
+                    top = 0
+                else:
+                    found = albedos[top]
+                    out_knots[number, count - 1] = wp.vec4(right, found[0], found[1], found[2])
+                top = top - 1
+        out_counts[number] = wp.where(count > _MOST_KNOTS, -1, wp.where(count == 2 and still, 0, count))
+
+    return bound, place, follow

@@ -1,0 +1,64 @@
+"""The albedo of pixels that show one flat surface, at any time, against rays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.detect.flat_pixels import FlatPixels
+from clsim.frames import ALBEDO, Fineness
+from clsim.score.matching import Sampling, one_to_one
+
+SIZE = (64, 48)
+START_S, END_S = 0.0333333, 0.0666667
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("linear", [True, False])
+def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear):
+    """Lines between the times that are told stay within what was asked for, and its ends are the frames'."""
+    options = {"resolution": SIZE, "quality": "balanced", "time": "adaptive", "fps": 30.0}
+    found, find = [], FlatPixels.find
+    monkeypatch.setattr(FlatPixels, "find", lambda *given: found.append(find(*given)) or found[-1])
+    with clsim.Simulator("two-boxes", **options) as simulator:
+        simulator.step(66_667)
+        tracer = simulator._eye.detector._tracer
+        pixels = np.flatnonzero(found[-1].known)
+        fineness = Fineness(least=0.002, late=0.0, longest=0.5, finest=1e-4, linear=linear)
+        told = tracer.albedos(pixels, START_S, END_S, fineness)
+        assert len(told.known) > 500 and 100 < len(told.pixels) < len(told.known)
+        assert (told.shares[told.firsts[:-1]] == 0).all() and (told.shares[told.firsts[1:] - 1] == 1).all()
+        random = np.random.default_rng(1)
+        chosen = random.choice(len(told.pixels), 200)
+        shares = random.uniform(0, 1, 200)
+        rows = [slice(*told.firsts[i : i + 2]) for i in chosen]
+        shape = (lambda a: a, lambda a: a) if linear else (np.log, np.exp)
+        lines = [
+            shape[1](np.interp(share, told.shares[row], shape[0](told.albedos[row, 1])))
+            for share, row in zip(shares, rows, strict=True)
+        ]
+        planes = tracer.trace(told.pixels[chosen].astype(np.int32), START_S + shares * (END_S - START_S))
+        seen = planes[[tracer.names.index(name) for name in ALBEDO]][1]
+        assert all(np.abs(np.diff(np.log(told.albedos[row, 1]))).max() < 0.51 for row in rows)
+        # Beside the lines there is what float32 leaves of places on far surfaces.
+        assert np.quantile(np.abs(lines / seen - 1), 0.95) < 0.004 and np.abs(lines / seen - 1).max() < 0.02
+        # What stays as it is looks so to rays.
+        rest = np.setdiff1d(told.known, told.pixels)[:100].astype(np.int32)
+        ends = [tracer.trace(rest, np.full(len(rest), time))[tracer.names.index(ALBEDO[1])] for time in (START_S, 0.05)]
+        np.testing.assert_allclose(*ends, rtol=1e-4)
+
+
+@pytest.mark.slow
+def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
+    def run():
+        options = {"resolution": SIZE, "quality": "balanced", "time": "adaptive", "time_tolerance_us": 10.0}
+        with clsim.Simulator("two-boxes", fps=30.0, **options) as simulator:
+            events = simulator.step(100_000)
+            return events, simulator._eye.detector.between.stats.requests
+
+    events, few = run()
+    monkeypatch.setattr(FlatPixels, "advance", lambda *_: None)
+    traced, many = run()
+    apart = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
+    assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced)) and np.median(apart) < 20
