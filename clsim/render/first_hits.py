@@ -57,6 +57,7 @@ class Looks:
         pixel_angle: width of a pixel seen from the camera [rad].
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
         smallest_m: no thing is narrower [m].
+        few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
     """
 
     most: int
@@ -68,6 +69,7 @@ class Looks:
     pixel_angle: float
     at_contrast: int
     smallest_m: float
+    few_ask: bool
 
 
 @wp.struct
@@ -92,7 +94,7 @@ class _Edge:
     """What the corners tell, and how far the edge is placed.
 
     ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside may tell that too.
-    ``whole`` is that all see one triangle, and that nothing is so small that it may hide before it.
+    ``whole`` is that all see one triangle, or none, and that nothing is so small that it may hide before it.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
     and the row ``second`` of the corners has the other. ``marks`` has a bit for each corner that sees the second.
@@ -227,7 +229,12 @@ def make_look(
 
     @wp.func
     def judge_corners(
-        scene: scene_type, looks: Looks, corners: wp.array(dtype=Sample), nearest: int, row: int
+        scene: scene_type,
+        settings: settings_type,
+        looks: Looks,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
     ) -> _Edge:
         edge = _Edge()
         edge.side = 4
@@ -238,19 +245,22 @@ def make_look(
         colours = int(0)
         third = bool(False)
         one_material = bool(True)
-        one_triangle = first.triangle > 0
-        farthest = float(first.depth)
+        one_triangle = first.triangle > 0 or not first.hit
+        farthest = wp.where(first.hit, first.depth, settings.reach_m)
+        asker = int(nearest)
         for i in range(1, 4):
             place = corner_at(i)
             other = nearest + int(place[0]) + int(place[1]) * row
             sample = corners[other]
             sound = sound and _sound(sample)
             one_material = one_material and sample.material == first.material
-            one_triangle = one_triangle and sample.triangle == first.triangle
+            one_triangle = one_triangle and sample.triangle == first.triangle and sample.hit == first.hit
             farthest = wp.max(farthest, sample.depth)
             same = same_surface(sample, first, looks.pixel_angle)
-            if same and not same_light(sample, first):
+            if same and not same_light(sample, corners[asker]):
                 edge.shaded = True
+            if corners[asker].lamp_all <= 0.0:
+                asker = other
             if not same:
                 if edge.by_colour:
                     # Colours matter on one surface only.
@@ -299,7 +309,7 @@ def make_look(
         edge.side = 4
         if wp.static(edges):
             if looks.steps > 0 and corner < 0:
-                edge = judge_corners(scene, looks, corners, nearest, row)
+                edge = judge_corners(scene, settings, looks, corners, nearest, row)
                 if edge.flat:
                     footprint = footprint_of(corners, nearest, row)
                 if edge.plain or edge.flat:
@@ -349,6 +359,8 @@ def make_look(
                     # Each of a pixel's four corners asks another place.
                     line = corner // (settings.width + 1)
                     to_lamps = ((corner - line * (settings.width + 1)) & 1) + 2 * (line & 1)
+                    if looks.few_ask and (to_lamps == 1 or to_lamps == 2):
+                        to_lamps = AT_NONE
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps)
             if wp.static(edges):
                 if corner >= 0:

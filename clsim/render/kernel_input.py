@@ -12,7 +12,7 @@ class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
 
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
-    what pixels see of R, G and B.
+    what pixels see of R, G and B. Nothing is farther away than ``reach_m``, if that is finite.
     """
 
     samples: int
@@ -23,6 +23,7 @@ class Settings:
     opens: float
     lasts: float
     spectral: wp.vec3
+    reach_m: float
     stream: wp.uint64
 
 

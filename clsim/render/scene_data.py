@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from typing import Any
 
@@ -88,6 +89,7 @@ class SceneData:
         if ahead is not None:
             self._compile(ahead)
         self._time_s: float | None = None
+        self._moves = not self.still  # asked once: there may be many things
         self.poses = PoseCache()
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
@@ -153,6 +155,14 @@ class SceneData:
             if len(times_s) != 1:
                 raise ValueError(f"what deforms is at one instant at a time, got {len(times_s)}")
             self.move(float(times_s[0]))
+
+    def farthest_m(self, place: npt.NDArray[np.float64]) -> float:
+        """Return a distance beyond which nothing lies, from a place in the world; infinite where anything moves."""
+        if self._moves:
+            return math.inf
+        middle, radius = self.origin_m + self._geometry.middle_m, self._geometry.radius_m
+        balls = [(light.motion.pose(0.0)[:3, 3], light.radius_m) for light in self.world.sphere_lights]
+        return float(max(np.linalg.norm(place - at) + size for at, size in [(middle, radius), *balls]))
 
     @property
     def still(self) -> bool:

@@ -43,6 +43,7 @@ def settings_of(options: RenderOptions, width: int, spectral: Spectral) -> Any:
     settings.max_depth = options.max_depth
     settings.roulette_start = options.roulette_start
     settings.width = width
+    settings.reach_m = math.inf
     settings.spectral = wp.vec3(*spectral_weights(spectral))
     return settings
 
@@ -105,6 +106,7 @@ class View:
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
         self._camera = CameraData(camera, features, data.origin_m, self._device)
+        self._motion, self._sky_differs = camera.motion, features.environment_map
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
@@ -168,6 +170,8 @@ class View:
         self._settings.stream = stream_state(
             self._options.seed, index + self.noise_offset if self._options.noise == "independent" else None
         )
+        if not self._sky_differs:
+            self._settings.reach_m = self._data.farthest_m(self._motion.pose(time_s)[:3, 3])
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)

@@ -57,6 +57,7 @@ def test_no_ray_looks_for_what_cannot_be_there():
     (plain, few), (sought, many) = seen(floor, lamp), seen(floor, lamp, crumb)
     whole = plain.plane("Samples") < sought.plane("Samples")
     assert whole.mean() > 0.2
+    assert whole[plain.plane("Coverage") == 0].mean() > 0.9
     assert many - few == (sought.plane("Samples") - plain.plane("Samples")).sum()
     for name in ("G", "Albedo.G", "Depth", "Ny"):
         np.testing.assert_allclose(plain.plane(name)[whole], sought.plane(name)[whole], rtol=1e-3)
