@@ -103,9 +103,10 @@ def sun_radiance(day: Daylight) -> Vec3:
     if day.preetham:
         return preetham.sun_radiance(math.asin(min(day.to_sun[1], 1.0)), day.turbidity)
     _, table = _tables()
-    # Air weakens light exponentially: logs are nearly straight between the table's places.
+    # Air weakens light exponentially: logs are straight lines over how much air there is.
     logs = np.log(np.maximum(table, 1e-6))
-    ways = _between(TURBIDITIES, day.turbidity), _between(HEIGHTS, _height(day))
+    passed, at = (-preetham.air_mass(0.5 * math.pi * height**3) for height in (HEIGHTS, _height(day)))
+    ways = _between(TURBIDITIES, day.turbidity), _between(passed, float(at))
     r, g, b = np.exp(sum(p * q * logs[i, j] for (i, p), (j, q) in itertools.product(*ways))).tolist()
     return r, g, b
 

@@ -5,13 +5,13 @@ Mitsuba 0.6 has this sun. In hazy air, and low over the horizon, it is up to sev
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+import numpy.typing as npt
 
 from clsim.scene.spectra import rgb_of_light
 from clsim.scene.world import Vec3
 
+F64 = npt.NDArray[np.float64]
 _WAVELENGTHS_NM = np.arange(380.0, 751.0, 10.0)
 _OUTSIDE = """
 16559.0 16233.7 21127.5 25888.2 25829.1 24232.3 26760.5 29658.3 30545.4 30057.5 30663.7 28830.4 28712.1
@@ -28,6 +28,15 @@ _OZONE_CM, _VAPOUR_CM = 0.35, 2.0
 """How much of each there is over the ground."""
 
 
+def air_mass(height_rad: npt.ArrayLike) -> F64:
+    """Return the way of light through the air, as a multiple of that from the zenith (Kasten, 1966).
+
+    Args:
+        height_rad: over the horizon.
+    """
+    return np.asarray(1.0 / (np.sin(height_rad) + 0.15 * (np.degrees(height_rad) + 3.885) ** -1.253), np.float64)
+
+
 def sun_radiance(height_rad: float, turbidity: float) -> Vec3:
     """Return the radiance of the sun's disk through the air [W·sr⁻¹·m⁻²·nm⁻¹], the mean over what eyes see.
 
@@ -37,8 +46,7 @@ def sun_radiance(height_rad: float, turbidity: float) -> Vec3:
     """
     outside, ozone = (np.array([float(word) for word in table.split()]) for table in (_OUTSIDE, _OZONE))
     vapour = np.array([_VAPOUR.get(wavelength, 0.0) for wavelength in _WAVELENGTHS_NM]) * _VAPOUR_CM
-    height_deg = math.degrees(height_rad)
-    mass = 1.0 / (math.sin(height_rad) + 0.15 * (height_deg + 3.885) ** -1.253)
+    mass = air_mass(height_rad)
     um = _WAVELENGTHS_NM / 1000.0
     haze = (0.04608365822050 * turbidity - 0.04586025928522) * um**-1.3
     depth = mass * (0.008735 * um**-4.08 + haze + ozone * _OZONE_CM)
