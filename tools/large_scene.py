@@ -1,6 +1,6 @@
 """What a height field of many triangles costs: python -m tools.large_scene TRIANGLES FOLDER
 
-Writes it into FOLDER as a binary PLY and a scene, and prints as JSON: the file's size; processor and clock seconds until
+Writes it into FOLDER as a binary PLY and a scene, and prints as JSON: the file's size; processor and clock seconds to
 the first event, with all that comes before it (`--quality draft`, 96×72); memory at its peak; and paths per second of
 processor time, of at most 8 edges.
 """
