@@ -1,13 +1,15 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046, SIM102
-"""Which of many lights is drawn for a point: by what each may send there, down a binary tree of lights.
+"""Which of many lights is drawn for a point: by what each may send there, down a tree of lights.
 
 A node bounds its lights: by a box, by a cone that holds the directions in which they face, and by the sum of what they
-send out. At each node one of both halves is drawn, by an estimate of the irradiance that it gives the point; so a near
-lamp is drawn more often than a far one, one that faces away never, and a hundred lamps cost little more than ten
+send out. At each node one of its eight parts is drawn, by an estimate of the irradiance that it gives the point; so a
+near lamp is drawn more often than a far one, one that faces away never, and a hundred lamps cost little more than ten
 (Conty Estevez and Kulla, "Importance Sampling of Many Lights with Adaptive Tree Splitting", 2018).
 
-Nodes stand as in a heap: the halves of node i are 2i and 2i + 1, the root is 1, and the lights are the last row.
+Nodes stand as in a heap: the halves of node i are 2i and 2i + 1, the root is 1, and the lights are the last row. So the
+parts of node i, three rows below, are 8i to 8i + 7. They lie side by side in a group, whose number is i, and are looked
+at at once. Where the rows do not come out even, the first step is to two or four parts, in the group 0.
 """
 
 from typing import Any
@@ -18,19 +20,25 @@ from clsim.render.bsdf_kinds import CONDUCTOR, PLASTIC, PRINCIPLED
 from clsim.render.features import Features
 from clsim.render.materials import Bsdf
 from clsim.render.microfacet import SMOOTH
+from clsim.render.native import native_code
 from clsim.render.sampling import luminance
 
 _FRESH = wp.constant(1.0 / 4096.0)
 """Where a branch is so rare, a number of 24 bits is used up, and another one goes on."""
 
-_LEAST = wp.constant(0.01)
+_BELOW_1 = wp.constant(1.0 - 2.0**-24)
+_LEAST = 0.01
 """Cosine below which no light is thought to be seen: spots may shine at more than a right angle to their axis."""
 _LEAST_MATT = wp.constant(0.001)
 
 
+Eight = wp.types.vector(length=8, dtype=wp.float32)
+_Eight3 = wp.types.matrix(shape=(3, 8), dtype=wp.float32)
+
+
 @wp.struct
-class LightNode:
-    """What is known of some lights.
+class LightGroup:
+    """What is known of the lights of eight nodes.
 
     Attributes:
         middle, radius_m: of the sphere about the box around them [m].
@@ -38,30 +46,31 @@ class LightNode:
         axis: the middle of the directions in which they face.
         facing, facing_sine: cosine and sine of the angle to the axis within which all face; −1 where they shine around.
         reach: cosine of the angle beyond which none of them shines, from where it faces.
-        both: whether one of them shines from its back too.
+        both: 1 where one of them shines from its back too.
     """
 
-    middle: wp.vec3
-    radius_m: float
-    axis: wp.vec3
-    intensity: float
-    facing: float
-    facing_sine: float
-    reach: float
-    both: int
+    middle: _Eight3
+    radius_m: Eight
+    axis: _Eight3
+    intensity: Eight
+    facing: Eight
+    facing_sine: Eight
+    reach: Eight
+    both: Eight
 
 
 @wp.struct
 class LightTree:
     """The nodes; ``lights`` are those of the last row, whose first node is ``leaves``, and ``slots`` where lights are.
 
-    A light that is not in the tree has the slot −1.
+    A light that is not in the tree has the slot −1. The root has ``parts``: 2, 4 or 8.
     """
 
-    nodes: wp.array(dtype=LightNode)
+    nodes: wp.array(dtype=LightGroup)
     lights: wp.array(dtype=int)
     slots: wp.array(dtype=int)
     leaves: int
+    parts: int
     probability: float
 
 
@@ -119,57 +128,25 @@ def make_receiver(features: Features) -> Any:
     return receiver
 
 
-@wp.func
-def _nearer(cosine: float, by_cosine: float, by_sine: float) -> float:
-    """Return the cosine of an angle that is smaller by another one, but not below 0."""
-    near = float(1.0)
-    if cosine < by_cosine:
-        near = cosine * by_cosine + wp.sqrt(wp.max(1.0 - cosine * cosine, 0.0)) * by_sine
-    return near
+@wp.func_native(native_code("light_importance.h", {"LEAST": _LEAST}))
+def _importances(
+    nodes: wp.array(dtype=LightGroup), group: int, first: int, end: int, to: Receiver, glossy: bool, transmission: bool
+) -> Eight:
+    """Estimate what of each node's light a point sends on, never 0 where that may be something."""
+    ...
 
 
 def make_light_tree(features: Features) -> tuple[Any, Any]:
     """Return the Warp functions ``draw(tree, to, u, finer)``, of uniform numbers, and ``pdf(tree, light, to)``."""
     glossy = features.kinds != ("diffuse",)
+    transmission = features.transmission
 
     @wp.func
-    def importance(node: LightNode, to: Receiver) -> float:
-        """Estimate what of a node's light a point sends on, never 0 where that may be something."""
-        value = float(0.0)
-        if node.intensity > 0.0:
-            away = node.middle - to.position
-            distance2 = wp.max(wp.dot(away, away), 1.0e-30)
-            distance = wp.sqrt(distance2)
-            toward = away / distance
-            # Sine and cosine of half the angle under which the node is seen; all around from inside.
-            seen_sine = wp.min(node.radius_m / distance, 1.0)
-            seen = float(-1.0)
-            if seen_sine < 1.0:
-                seen = wp.sqrt(1.0 - seen_sine * seen_sine)
-            leaving = float(1.0)
-            if node.facing > -1.0:
-                leaving = -wp.dot(node.axis, toward)
-                if node.both != 0:
-                    leaving = wp.abs(leaving)
-                leaving = _nearer(_nearer(leaving, node.facing, node.facing_sine), seen, seen_sine)
-            if leaving > node.reach:
-                leaving = wp.max(leaving, _LEAST)
-                arriving = wp.dot(to.normal, toward)
-                if wp.static(features.transmission):
-                    arriving = wp.abs(arriving)
-                # Between what its middle sends and the most that any part may.
-                arriving = 0.5 * (wp.max(arriving, 0.0) + wp.max(_nearer(arriving, seen, seen_sine), 0.0))
-                sent_on = arriving
-                if wp.static(glossy):
-                    sent_on = arriving * to.matt
-                    if to.gloss > 0.0 and arriving > 0.0:
-                        # The lobe, as wide as the node's lights make it; angles to the half vector are half as large.
-                        alpha2 = wp.min(to.alpha2 + 0.25 * seen_sine * seen_sine, 1.0)
-                        narrow = 0.5 * (1.0 + wp.dot(to.mirror, toward)) * (alpha2 - 1.0) + 1.0
-                        sent_on = sent_on + 0.25 * to.gloss * alpha2 / (wp.pi * narrow * narrow)
-                # The mean of the squared distance to a flat or long box, which the sphere is about.
-                value = node.intensity * leaving * sent_on / (distance2 + node.radius_m * node.radius_m / 3.0)
-        return value
+    def importances(tree: LightTree, group: int, to: Receiver) -> Eight:
+        # In the group 0 only the parts of the root count.
+        first = wp.where(group == 0, tree.parts, 0)
+        end = wp.where(group == 0, 2 * tree.parts, 8)
+        return _importances(tree.nodes, group, first, end, to, wp.static(glossy), wp.static(transmission))
 
     @wp.func
     def draw(tree: LightTree, to: Receiver, u: float, finer: float) -> LightChoice:
@@ -178,19 +155,25 @@ def make_light_tree(features: Features) -> tuple[Any, Any]:
         rest = float(u)
         fresh = bool(False)
         while node < tree.leaves and probability > 0.0:
-            node = 2 * node
-            left = importance(tree.nodes[node], to)
-            right = importance(tree.nodes[node + 1], to)
-            share = left / wp.max(left + right, 1.0e-37)
-            if left + right <= 0.0:
-                probability = 0.0
-            elif rest < share:
-                probability = probability * share
-                rest = rest / share
-            else:
-                node = node + 1
-                probability = probability * (1.0 - share)
-                rest = (rest - share) / (1.0 - share)
+            group = wp.where(node == 1, tree.parts // 8, node)
+            values = importances(tree, group, to)
+            total = float(0.0)
+            for k in range(8):
+                total += values[k]
+            place = rest * total
+            before = float(0.0)
+            drawn = int(0)
+            own = float(0.0)
+            left = float(0.0)
+            for k in range(8):
+                if values[k] > 0.0 and place >= before:
+                    drawn = k
+                    own = values[k]
+                    left = place - before
+                before += values[k]
+            probability = probability * (own / wp.max(total, 1.0e-37))
+            rest = wp.min(left / wp.max(own, 1.0e-37), _BELOW_1)
+            node = 8 * group + drawn
             if probability < _FRESH and not fresh:
                 fresh = True
                 rest = finer
@@ -204,10 +187,13 @@ def make_light_tree(features: Features) -> tuple[Any, Any]:
         node = tree.leaves + tree.slots[light]
         probability = float(1.0)
         while node > 1:
-            own = importance(tree.nodes[node], to)
-            other = importance(tree.nodes[node ^ 1], to)
-            probability = probability * (own / wp.max(own + other, 1.0e-37))
-            node = node // 2
+            group = node // 8
+            values = importances(tree, group, to)
+            total = float(0.0)
+            for k in range(8):
+                total += values[k]
+            probability = probability * (values[node % 8] / wp.max(total, 1.0e-37))
+            node = wp.max(group, 1)
         return probability
 
     return draw, pdf

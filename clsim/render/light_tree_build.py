@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.light_tree import LightNode, LightTree
+from clsim.render.light_tree import LightGroup, LightTree
 from clsim.render.upload_arrays import array, write
 
 _F64 = npt.NDArray[np.float64]
@@ -20,7 +20,7 @@ BOUNDS = np.dtype(
     [("low", "f8", 3), ("high", "f8", 3), ("intensity", "f8"), ("axis", "f8", 3), ("facing", "f8"), ("reach", "f8"),
      ("both", "?")]
 )  # fmt: skip
-"""What becomes a `LightNode`: the box around the lights, and its other fields."""
+"""What becomes a node of a `LightGroup`: the box around the lights, and its other fields."""
 _SLACK = 1e-6
 """Cosines are rounded to 32 bits on the device, and bounds must hold there too."""
 
@@ -76,37 +76,40 @@ class TreeOfLights:
         here = self._order >= 0
         slots = np.full(count, -1)
         slots[lights[self._order[here]]] = np.flatnonzero(here)
-        tree.nodes = array(_nodes(self._bounds, self._order), LightNode, device)
+        tree.nodes = array(_groups(self._bounds, self._order), LightGroup, device)
         tree.lights = array(np.where(here, lights[self._order], -1), wp.int32, device)
         tree.slots = array(slots, wp.int32, device)
         tree.leaves = len(self._order)
+        tree.parts = (8, 2, 4)[(tree.leaves.bit_length() - 1) % 3]
         tree.probability = probability
 
     def refit(self, rows: _I64, bounds: _Rows) -> None:
         """Give some of the lights, by their places in the bounds, other bounds, in the kernels' array too."""
         self._bounds[rows] = bounds
-        write(self.tree.nodes, _nodes(self._bounds, self._order))
+        write(self.tree.nodes, _groups(self._bounds, self._order))
 
 
-def _nodes(bounds: _Rows, order: _I64) -> _Rows:
-    """Return the nodes, as a `LightNode` each, over lights with those bounds in that order."""
+def _groups(bounds: _Rows, order: _I64) -> _Rows:
+    """Return the nodes, as a `LightGroup` for eight of them, over lights with those bounds in that order."""
     here = order >= 0
     rows: list[_Rows] = [np.zeros(len(order), BOUNDS)]
     rows[0]["low"], rows[0]["high"] = np.inf, -np.inf
     rows[0][here] = bounds[order[here]]
     while len(rows[-1]) > 1:
         rows.append(_join(rows[-1][0::2], rows[-1][1::2]))
-    merged: _Rows = np.concatenate([np.zeros(1, BOUNDS), *rows[::-1]])
-    nodes: _Rows = np.zeros(len(merged), LightNode.numpy_dtype())
+    unused: _Rows = np.zeros(max(8 - 2 * len(order), 0), BOUNDS)
+    merged: _Rows = np.concatenate([np.zeros(1, BOUNDS), *rows[::-1], unused]).reshape(-1, 8)
+    groups: _Rows = np.zeros(len(merged), LightGroup.numpy_dtype())
     some = merged["intensity"] > 0
-    half = 0.5 * (merged["high"] - merged["low"])[some]
-    nodes["middle"][some] = merged["low"][some] + half
-    nodes["radius_m"][some] = np.linalg.norm(half, axis=1) * (1 + _SLACK)
-    nodes["facing"], nodes["reach"] = merged["facing"] - _SLACK, merged["reach"] - _SLACK
-    nodes["facing_sine"] = np.sqrt(np.maximum(1.0 - merged["facing"] ** 2, 0.0))
-    for name in ("intensity", "axis", "both"):
-        nodes[name] = merged[name]
-    return nodes
+    low, high = (np.where(some[..., None], merged[name], 0.0) for name in ("low", "high"))
+    half = 0.5 * (high - low)
+    groups["middle"] = (low + half).swapaxes(1, 2)
+    groups["axis"] = merged["axis"].swapaxes(1, 2)
+    groups["radius_m"] = np.linalg.norm(half, axis=2) * (1 + _SLACK)
+    groups["facing"], groups["reach"] = merged["facing"] - _SLACK, merged["reach"] - _SLACK
+    groups["facing_sine"] = np.sqrt(np.maximum(1.0 - merged["facing"] ** 2, 0.0))
+    groups["intensity"], groups["both"] = merged["intensity"], merged["both"]
+    return groups
 
 
 def _arrange(places: _F64) -> _I64:

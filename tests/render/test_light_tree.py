@@ -3,21 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import hand_worlds as hw
 import numpy as np
 import pytest
+import warp as wp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clsim.render import SceneData
+from clsim.render import RenderOptions, SceneData
 from clsim.render.features import scene_features, tree_follows
+from clsim.render.light_tree import LightTree, Receiver, make_light_tree
 from clsim.render.light_tree_build import TreeOfLights, around, of_triangles
 from clsim.render.upload_lights import _shares
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
 GREY = Material(color=(0.6, 0.6, 0.6))
+
+
+def nodes_of(tree):
+    """What is known of each node, by name, in the order of their numbers."""
+    groups = tree.nodes.numpy()
+    columns = {name: np.moveaxis(groups[name], -1, 1) for name in groups.dtype.names}
+    return {name: values.reshape(-1, *values.shape[2:]) for name, values in columns.items()}
+
+
+def leaves_of(tree):
+    return {name: values[tree.leaves : 2 * tree.leaves] for name, values in nodes_of(tree).items()}
 
 
 @settings(max_examples=20, deadline=None)
@@ -31,7 +45,7 @@ def test_a_node_bounds_its_lights(count, seed, spread):
     bounds = np.concatenate([bounds, lamps])
     lights = rng.permutation(2 * len(bounds))[: len(bounds)]
     tree = TreeOfLights(bounds, lights, 2 * len(bounds), 0.5, "cpu").tree
-    nodes, slots = tree.nodes.numpy(), tree.slots.numpy()
+    nodes, slots = nodes_of(tree), tree.slots.numpy()
     np.testing.assert_array_equal(np.flatnonzero(slots >= 0), np.sort(lights))
     assert len(set(slots[lights])) == len(lights)
     np.testing.assert_array_equal(tree.lights.numpy()[slots[lights]], lights)
@@ -40,7 +54,7 @@ def test_a_node_bounds_its_lights(count, seed, spread):
         rounding_m = 1e-6 * (1 + np.abs(places).max())
         node = tree.leaves + slots[light]
         while node:
-            row = nodes[node]
+            row = {name: values[node] for name, values in nodes.items()}
             assert np.linalg.norm(places - row["middle"], axis=1).max() <= row["radius_m"] + rounding_m
             assert row["reach"] <= own["reach"] and row["both"] >= own["both"]
             angle = np.arccos(np.clip(own["facing"], -1, 1)) + np.arccos(np.clip(own["axis"] @ row["axis"], -1, 1))
@@ -162,17 +176,17 @@ def test_a_tree_knows_where_lamps_and_panels_are_that_move():
     for time_s in (0.0, 1.0):
         data.move(time_s)
         tree = data.scene.lights.tree
-        nodes, slots = tree.nodes.numpy()[tree.leaves :], tree.slots.numpy()
+        nodes, slots = leaves_of(tree), tree.slots.numpy()
         assert (slots >= 0).all()
         fresh = [replace(each, motion=Static(each.motion.pose(time_s))) for each in world.instances]
         still = replace(bulb, motion=Static(turned.pose(time_s)))
         expected = SceneData(replace(world, instances=tuple(fresh), sphere_lights=(still,)))
         places = expected.scene.lights.tree
-        middles = places.nodes.numpy()[places.leaves :]["middle"] + expected.origin_m
+        middles = leaves_of(places)["middle"] + expected.origin_m
         own = nodes["middle"] + data.origin_m
         here = nodes["intensity"] > 0
         found = own[here][np.lexsort(own[here].round(4).T)]
-        wanted = middles[places.nodes.numpy()[places.leaves :]["intensity"] > 0]
+        wanted = middles[leaves_of(places)["intensity"] > 0]
         np.testing.assert_allclose(found, wanted[np.lexsort(wanted.round(4).T)], atol=1e-5)
     assert nodes["axis"][slots[0]] == pytest.approx((0, 1, 0), abs=1e-6) or nodes["axis"][slots[0]][1] == pytest.approx(
         -1
@@ -218,3 +232,52 @@ def test_both_ways_to_find_light_agree_with_scattering_alone():
     error = np.hypot(mis_error, brute_error)
     assert np.all(np.abs(mis - brute) <= 4.5 * error)
     assert abs(mis.mean() / brute.mean() - 1) < 0.01
+
+
+@cache
+def drawing():
+    """A kernel that draws lights for a point of a matt floor that shines a little."""
+    lit = hw.world(hw.quad((-5, 0, 5), (10, 0, 0), (0, 0, -10)), materials=(Material(kind="plastic", alpha=0.3),))
+    draw, pdf = make_light_tree(RenderOptions().features_of(lit))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def kernel(
+        tree: LightTree,
+        to: Receiver,
+        u: wp.array(dtype=wp.vec2),
+        lights: wp.array(dtype=int),
+        out_drawn: wp.array(dtype=int),
+        out_probability: wp.array(dtype=float),
+        out_pdf: wp.array(dtype=float),
+    ):
+        i = wp.tid()
+        choice = draw(tree, to, u[i][0], u[i][1])
+        out_drawn[i] = choice.light
+        out_probability[i] = choice.probability
+        out_pdf[i] = pdf(tree, lights[i], to)
+
+    return kernel
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 20, 100, 1000])
+def test_lights_are_drawn_as_often_as_is_said(count):
+    rng = np.random.default_rng(count)
+    corners = rng.normal(size=(count, 1, 3)) * 3 + (0, 4, 0) + 0.3 * rng.normal(size=(count, 3, 3))
+    bounds = of_triangles(corners, rng.random(count) + 0.1, rng.random(count) < 0.3)
+    tree = TreeOfLights(bounds, np.arange(count), count, 1.0, "cpu").tree
+    to = Receiver()
+    to.position, to.normal, to.mirror = wp.vec3(0.3, 0.0, 0.1), wp.vec3(0.0, 1.0, 0.0), wp.vec3(0.6, 0.8, 0.0)
+    to.matt, to.gloss, to.alpha2 = 0.2, 0.05, 0.01
+    n = 1 << 16
+    stratified = (np.arange(n) + rng.random(n)) / n
+    u = np.minimum(np.stack([stratified, rng.random(n)], axis=1), 1 - 2.0**-24).astype(np.float32)
+    arrays = [wp.array(u, dtype=wp.vec2, device="cpu"), wp.array(np.arange(n) % count, dtype=int, device="cpu")]
+    out = [wp.zeros(n, dtype=dtype, device="cpu") for dtype in (int, float, float)]
+    wp.launch(drawing(), dim=n, inputs=[tree, to, *arrays], outputs=out, device="cpu")
+    drawn, probability, pdf = (array.numpy() for array in out)
+    # Sometimes a branch seems to send something, and then none of its lights does.
+    some = drawn >= 0
+    assert pdf[:count].sum() == pytest.approx(some.mean(), abs=1e-3) and some.mean() > 0.99
+    np.testing.assert_allclose(probability[some], pdf[drawn[some]], rtol=1e-4)
+    often = np.bincount(drawn[some], minlength=count) / n
+    np.testing.assert_allclose(often, pdf[:count], atol=6 * np.sqrt(pdf[:count].max() / n))
