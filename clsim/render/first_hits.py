@@ -39,6 +39,8 @@ _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
 _WIDE_PX = wp.constant(2.0)
 """What is wider hides between no corners of a pixel, but for its own corners [pixels]."""
+_COUNTED = wp.constant(8)
+"""Rays that count shares at least, if there are so many, whatever the search for a straight edge took."""
 _CORNER = wp.constant(-3)
 """Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
 
@@ -336,7 +338,7 @@ def make_look(
                     stream.scrambling = stream.key
                     place = _on_side(edge, edge.low + edge.step)
             if corner < 0 and not places:
-                wanted = looks.most - edge.rays
+                wanted = wp.max(looks.most - edge.rays, _COUNTED)
                 if edge.plain or edge.flat:
                     wanted = wp.where(edge.whole, 0, looks.inside)
                 if edge.straight and not varied:
