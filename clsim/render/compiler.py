@@ -9,13 +9,17 @@ from __future__ import annotations
 
 import hashlib
 import sys
-from collections.abc import Sequence
-from functools import cache
+import threading
+from collections.abc import Callable, Sequence
+from functools import cache, update_wrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, ParamSpec, TypeVar
 
 import warp as wp
 
+P = ParamSpec("P")
+T = TypeVar("T")
+_DECLARING = threading.RLock()
 _LAUNCHED = 256
 """Threads of a block on a GPU, where a launch does not say."""
 
@@ -39,6 +43,30 @@ def compile_together(kernels: Sequence[Any], device: Any) -> None:
     modules = [kernel.module for kernel in kernels]
     # A block as launches ask for it; a CPU's has one thread all the same.
     wp.force_load(device, modules, block_dim=_LAUNCHED, max_workers=min(2, len(kernels)))
+
+
+def one_at_a_time(build: Callable[P, T]) -> Built[P, T]:
+    """Return a function that declares kernels: it remembers what it returned, and no two threads are in any at a time.
+
+    Warp notes in one place for all threads what the kernel that is being declared is made of. Two at a time become
+    kernels that run, and compute something else.
+    """
+    return Built(build)
+
+
+class Built(Generic[P, T]):
+    """See `one_at_a_time`."""
+
+    def __init__(self, build: Callable[P, T]) -> None:
+        """Take the function that declares them."""
+        self._known = cache(build)
+        self.cache_clear = self._known.cache_clear
+        update_wrapper(self, build)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
+        """Return the kernels for these arguments, which are hashable."""
+        with _DECLARING:
+            return self._known(*args, **kwargs)  # type: ignore[arg-type]
 
 
 def keep_headers() -> None:

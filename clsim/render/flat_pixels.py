@@ -8,7 +8,6 @@ polynomial in time. The mean of the texture between four corners is the pixel's 
 as it takes until lines between them will do.
 """
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ import warp as wp
 
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera
-from clsim.render.compiler import kernel_options
+from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.corners import make_flat_surfaces
 from clsim.render.features import Features
 from clsim.render.film import Sample
@@ -104,7 +103,7 @@ def _uv_on(plane: Plane, position: wp.vec3) -> wp.vec2:
     return plane.uv + wp.vec2(wp.dot(plane.u_grows, away), wp.dot(plane.v_grows, away))
 
 
-@cache
+@one_at_a_time
 def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     """Return the kernels ``bound``, ``place`` and ``follow``.
 

@@ -5,7 +5,6 @@
 Paths with next-event estimation and Russian roulette; both ways to light share by the power heuristic (Veach 1997).
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
@@ -17,7 +16,7 @@ from clsim.render.blends import FIRST, make_blends
 from clsim.render.bsdf import make_bsdf
 from clsim.render.bsdf_kinds import DIFFUSE
 from clsim.render.camera import CameraState, make_camera
-from clsim.render.compiler import kernel_options
+from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.corners import make_flat_surfaces
 from clsim.render.environment import foresee_environment
 from clsim.render.features import Features
@@ -39,7 +38,7 @@ _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
 
 
-@cache
+@one_at_a_time
 def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """Return the kernel ``render(scene, camera, settings, first_pixel, out_planes, out_bits)``; a thread is a pixel.
 

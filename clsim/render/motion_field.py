@@ -6,13 +6,12 @@ What the ray meets is carried to the other instant by its instance's motion, and
 the camera's rays, so that every lens has its projection. Where something deforms, the camera's motion alone is known.
 """
 
-from functools import cache
 from typing import Any
 
 import warp as wp
 
 from clsim.render.camera import CameraState, make_camera
-from clsim.render.compiler import kernel_options
+from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
 from clsim.render.intersection import make_intersection
@@ -28,7 +27,7 @@ _FRACTIONS = wp.constant(float(FRACTIONS))
 _LONGEST_PX = wp.constant(4000.0)
 
 
-@cache
+@one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
     """Return the kernel ``follow(scene, camera, settings, first, apart, start, at, out_ways)``; a thread is a block.
 

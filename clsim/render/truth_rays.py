@@ -7,7 +7,6 @@ have been moved to another time: it finds the same points there, projects them, 
 """
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import warp as wp
@@ -17,7 +16,7 @@ from clsim.render.alpha import make_alpha
 from clsim.render.blends import make_blends
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera, make_projection
-from clsim.render.compiler import kernel_options
+from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.features import Features
 from clsim.render.geometry import Geometry, Hit, Tree, make_sphere_at, xyz
 from clsim.render.intersection import face, make_intersection
@@ -65,7 +64,7 @@ def _even_odds(word: wp.uint64, layer: int) -> float:
     return 0.5
 
 
-@cache
+@one_at_a_time
 def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, Any]:
     """Return the kernels ``look`` and ``follow``; a thread is a pixel, and ``out_planes`` is ``[C, H·W]``.
 

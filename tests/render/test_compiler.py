@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
+
+from clsim.render.compiler import one_at_a_time
 
 BUILD = """
 import threading
@@ -40,3 +44,24 @@ def test_threads_and_processes_share_them(tmp_path: Path) -> None:
     assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/compiler.py"
     assert build(2) == first
     assert len(list(tmp_path.rglob("*.o"))) == 2  # both were built
+
+
+def test_no_two_threads_declare_kernels_at_a_time():
+    """What Warp notes of a kernel while it is declared would be of both."""
+    inside, most, made = [], [], []
+
+    def declare(number):
+        inside.append(number)
+        time.sleep(0.01)
+        most.append(len(inside))
+        inside.pop()
+        made.append(number)
+        return number
+
+    builders = [one_at_a_time(lambda number: declare(number)) for _ in range(2)]
+    threads = [threading.Thread(target=builder, args=(k % 2,)) for k in range(4) for builder in builders]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1] * 4 and sorted(made) == [0, 0, 1, 1]
