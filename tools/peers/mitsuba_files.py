@@ -32,7 +32,7 @@ def load_mitsuba_file(mitsuba: Any, file: Path, **parameters: str) -> Any:
         state = parser.parse_file(config, str(file), **parameters)
         parser.transform_upgrade(config, state)
         for node in state.nodes:
-            _renew(mitsuba, node)
+            renew(mitsuba, node)
         parser.transform_all(config, state)
         return parser.instantiate(config, state)
     except RuntimeError as error:
@@ -41,7 +41,7 @@ def load_mitsuba_file(mitsuba: Any, file: Path, **parameters: str) -> Any:
         mitsuba.set_file_resolver(before)
 
 
-def _renew(mitsuba: Any, node: Any) -> None:
+def renew(mitsuba: Any, node: Any) -> None:
     """Replace what Mitsuba 3 lacks in one node of a file."""
     plugin = node.props.plugin_name()
     if node.type == mitsuba.ObjectType.Integrator:
