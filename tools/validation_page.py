@@ -196,11 +196,11 @@ NOTES = """
   it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
 - `veach_mi` differs by ten pixels on the edges of its smallest lamp, of a radius of .03 and a radiance of 900. Without
   those brighter than 5, that is without one pixel in 200, the ratio is 1.0006.
-- Rendering takes longer than Mitsuba's in rooms. By `python -m tools.peers.throughput FILE`, in which both take turns
-  (32 paths, the median of three pictures, others used the machine): 1.2 times in `living-room` and 1.3 times in
-  `staircase`, for pictures whose noise is .334 and .311 of the mean, Mitsuba's .318 and .333. In `spaceship` it was
-  3.7 times. There most of it goes into the choice among lamps of 5,602 triangles: with lamps drawn by power alone it
-  renders 2.6 times as fast, and 8 % noisier.
+- In some rooms rendering takes longer than Mitsuba's. By `python -m tools.peers.throughput FILE`, in which both take
+  turns (32 paths, the median of three pictures, others used the machine): as long in `living-room`, 1.23 times in
+  `staircase`, for pictures whose noise is .334 and .311 of the mean, Mitsuba's .318 and .333. In `spaceship` it is
+  2.2 times; there the choice among lamps of 5,602 triangles takes most. Some of the table's
+  times are from before.
 - `bsdf_normalmap_with`: Mitsuba 3 darkens what a normal map bends away from the surface (Estevez et al., "A
   Microfacet-Based Shadowing Function", 2019). With its `use_shadowing_function` off it is nearer by .0025, and what
   is left, .001 to .003, the same test ball has with other materials too.
