@@ -14,6 +14,7 @@ from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
+    ALL_BY_PATHS,
     CACHED,
     DEFAULT,
     PLAIN,
@@ -204,15 +205,20 @@ class LiveOptions:
             point = replace(point, event_rule="interpolated")
         return point
 
-    def settled(self, light_stands_still: bool) -> LiveOptions:
+    def settled(self, light_stands_still: bool, all_by_paths: bool) -> LiveOptions:
         """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
 
-        That is so unless a setting is given that goes without it, or the sampling itself.
+        That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
+        paths, there are more of these, unless it is told how many.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
         if light_stands_still and fits and free == (None,) * len(free) and self.basis in CACHED:
-            return replace(self, sampling="cached")
+            kept = replace(self, sampling="cached")
+            if all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
+                probe_spp, spp = ALL_BY_PATHS[self.basis]
+                kept = replace(kept, probe_spp=probe_spp, spp=spp, probe_every=1)
+            return kept
         return self
 
     @property

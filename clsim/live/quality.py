@@ -149,6 +149,8 @@ CACHED: dict[Quality, Point] = {
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
+ALL_BY_PATHS: dict[Quality, tuple[int, int]] = {"balanced": (4, 16), "accurate": (8, 64)}
+"""Their `probe_spp` and `spp` in each frame, where paths find all light that is kept, also straight from lamps."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

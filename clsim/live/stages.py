@@ -150,14 +150,14 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
 
     Where ``lights_set`` says that lights change from outside, their light does not stand still.
     """
-    from clsim.render import RenderOptions, check_device, lamps_move, light_stands_still
+    from clsim.render import RenderOptions, check_device, lamps_move, light_is_found_apart, light_stands_still
 
     if world is None:
         world = alone(load_options_world(options))
     still = light_stands_still(world)
     by_frames = options.time == "fixed" or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
-    options = options.settled(still and not lights_set)
+    options = options.settled(still and not lights_set, not light_is_found_apart(world))
     point = options.point
     steered = point.sampling == "adaptive"
     if point.sampling == "cached" and not still:

@@ -2,7 +2,7 @@
 
 from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
-from clsim.render.features import lamps_move, light_stands_still
+from clsim.render.features import lamps_move, light_is_found_apart, light_stands_still
 from clsim.render.options import RenderOptions
 from clsim.render.scene_data import SceneData
 from clsim.render.tracer import PathTracer, describe_build
@@ -19,6 +19,7 @@ __all__ = [
     "describe_build",
     "fastest_tree",
     "lamps_move",
+    "light_is_found_apart",
     "light_stands_still",
     "list_render_devices",
 ]

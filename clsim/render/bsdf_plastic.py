@@ -40,6 +40,22 @@ def _coat_probability(b: Bsdf, passing: float) -> float:
     return coat / wp.max(coat + passing * luminance(b.color), 1.0e-20)
 
 
+@wp.func
+def base_albedo(b: Bsdf) -> wp.vec3:
+    """Return the share of white light passing the coat that the base sends back to it, and that then passes it again.
+
+    It is that of the mean over directions.
+    """
+    inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
+    return wp.cw_div(b.color, inner) * (1.0 - b.inner)
+
+
+@wp.func
+def passing_out(transmittance: wp.array(dtype=float), b: Bsdf, cosine: float) -> float:
+    """Return the share of light from the base that passes the coat in a direction."""
+    return _passing(transmittance, b, cosine)
+
+
 def make_plastic(features: Features) -> tuple[Any, Any]:
     """Return the Warp functions ``plastic_value(transmittance, bsdf, wo, wi)`` and ``plastic_sample``."""
     draw, seen, shadowing = make_facets(features)

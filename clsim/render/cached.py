@@ -36,6 +36,8 @@ _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(1.0)
 _THINGS = wp.constant(THINGS)
+_RAYS_IN_A_CROWD = wp.constant(4)
+"""Times as many rays look at a pixel that shows all the things that are told apart."""
 _CLOSE = wp.constant(0.5)
 """Widths of a pixel within which first hits of one surface have the same light."""
 _SAME_NORMAL = wp.constant(0.98)
@@ -99,6 +101,7 @@ def light_of(
     kept = Kept()
     at = wp.vec3()
     facing = wp.vec3()
+    looked_in = int(-1)
     for k in range(number):
         first = things[k].first
         radiance = things[k].emission
@@ -106,25 +109,32 @@ def light_of(
         if first.hit:
             footprint_m = first.depth * gathering.looks.pixel_angle
             apart_m = wp.length(things[k].position - at)
-            if apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL:
-                at = things[k].position
-                facing = first.normal
-                kept = look_up(cells, gathering.asked, at, facing, first.depth * gathering.cell_angle)
             s.covered += things[k].share
-            s.known = wp.min(s.known, kept.known)
-            albedo = things[k].albedo * things[k].share
-            reflected = wp.cw_mul(albedo, kept.light)
-            radiance += wp.cw_mul(things[k].albedo, kept.light)
-            if kept.known > 0.0:
-                s.light += reflected
-            else:
-                s.unlit += albedo
-            if kept.known_before:
-                earlier = wp.cw_mul(albedo, kept.before)
-                s.earlier += earlier
-                s.before += brightness(earlier, weights)
-            else:
-                s.unlit_before += albedo
+            # What lies below the coat, and then the coat.
+            for in_coat in range(wp.where(first.coat[0] > 0.0, 2, 1)):
+                whole = things[k].albedo
+                if in_coat == 1:
+                    whole = first.coat
+                apart = apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL
+                if apart or in_coat != looked_in:
+                    at = things[k].position
+                    facing = first.normal
+                    looked_in = in_coat
+                    kept = look_up(cells, gathering.asked, at, facing, in_coat, first.depth * gathering.cell_angle)
+                s.known = wp.min(s.known, kept.known)
+                albedo = whole * things[k].share
+                reflected = wp.cw_mul(albedo, kept.light)
+                radiance += wp.cw_mul(whole, kept.light)
+                if kept.known > 0.0:
+                    s.light += reflected
+                else:
+                    s.unlit += albedo
+                if kept.known_before:
+                    earlier = wp.cw_mul(albedo, kept.before)
+                    s.earlier += earlier
+                    s.before += brightness(earlier, weights)
+                else:
+                    s.unlit_before += albedo
         luminance = brightness(radiance, weights)
         s.brightness += luminance * things[k].share
         s.squares += luminance * luminance * things[k].share
@@ -141,8 +151,10 @@ def _rays_wanted(lit: Lit, seen: Seen, looks: Looks) -> int:
     needed = wp.pow(spread / (_SHARE_ERROR * wp.max(lit.brightness, _DARKEST)), 4.0 / 3.0)
     wanted = int(looks.most)
     if seen.counted:
-        # Where there may be more things than are told apart, nobody knows how different they are.
-        while wanted < looks.at_contrast and (float(wanted) < needed or seen.things == _THINGS):
+        if seen.things == _THINGS:
+            # There may be more things than are told apart, and nobody knows how different they are.
+            needed = wp.max(needed, float(_RAYS_IN_A_CROWD * looks.most))
+        while wanted < looks.at_contrast and float(wanted) < needed:
             wanted = wanted * 2
     return wanted
 
@@ -240,7 +252,7 @@ def make_cached(
         out_planes: wp.array2d(dtype=float),
         out_again: wp.array(dtype=float),
         out_positions: wp.array2d(dtype=wp.vec4),
-        out_normals: wp.array2d(dtype=wp.vec3),
+        out_normals: wp.array2d(dtype=wp.vec4),
         out_lights: wp.array2d(dtype=wp.vec3),
         out_spent: wp.array2d(dtype=int),
     ):
@@ -301,10 +313,12 @@ def make_cached(
                     reflected = sample.radiance - sample.emission
                     p = sample.position
                     where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
-                    out_normals[i, pixel] = sample.normal
+                    n = sample.normal
+                    out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], wp.where(sample.in_coat, 1.0, 0.0))
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
-                    radiance = radiance + reflected
-                    albedo = albedo + lit_albedo(sample)
+                    if not sample.in_coat:
+                        radiance = radiance + reflected
+                        albedo = albedo + lit_albedo(sample)
                 out_positions[i, pixel] = where
             if albedo[0] > 0.0:
                 own[pixel] = wp.cw_div(radiance, albedo)

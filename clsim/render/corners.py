@@ -1,3 +1,5 @@
+# Warp: wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102
 """What a pixel's four corners tell of it, as Warp functions.
 
 ``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
@@ -7,6 +9,8 @@ from typing import Any
 
 import warp as wp
 
+from clsim.render.bsdf_kinds import PLASTIC
+from clsim.render.bsdf_plastic import base_albedo
 from clsim.render.film import Sample
 from clsim.render.geometry import Surface
 from clsim.render.kernel_input import Scene
@@ -74,10 +78,10 @@ def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample),
     things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
 
 
-def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any) -> tuple[Any, Any]:
+def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any, coats: bool) -> tuple[Any, Any]:
     """Return the Warp functions ``flat(scene, sample)`` and ``mean_albedo(scene, like, footprint, places)``.
 
-    The first two arguments are of `make_materials`, the last is of `make_bsdf`.
+    The first two arguments are of `make_materials`, the third is of `make_bsdf`; ``coats`` is of `Features`.
     """
 
     @wp.func
@@ -92,6 +96,11 @@ def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any) -> tupl
         point.uv = like.uv
         point.front = like.front
         point.material = like.material - 1
-        return albedo_of(resolve_mean(scene.materials, point, footprint, places))
+        bsdf = resolve_mean(scene.materials, point, footprint, places)
+        albedo = albedo_of(bsdf)
+        if wp.static(coats):
+            if bsdf.kind == PLASTIC and not bsdf.dark:
+                albedo = base_albedo(bsdf) * (1.0 - like.coat[0])
+        return albedo
 
     return flat, mean_albedo

@@ -33,7 +33,9 @@ _IN_SHADOW_KEPT = 3
 _AT_CONTRAST = 16
 """Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
 _ENOUGH_FOR_CONTRAST = 16
-"""… if there are so many of these rays."""
+"""… if there are so many of these rays …"""
+_MOST_AT_CONTRAST = 1024
+"""… and the most then."""
 _ENOUGH_TO_ASK = 16
 """First-hit rays from which on each corner asks the lamps, where other light is kept."""
 ENOUGH_FOR_EDGES = 8
@@ -105,7 +107,7 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     looks.most, looks.pixel_angle, looks.smallest_m = first_hit_rays, sight.pixel_angle, sight.smallest_m
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
-        looks.at_contrast = _AT_CONTRAST * first_hit_rays
+        looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_AT_CONTRAST)
     looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
     looks.in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
     if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:

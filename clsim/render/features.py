@@ -107,6 +107,7 @@ class Features(SceneFeatures):
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         light_cache: first hits take their light from what is kept on surfaces.
+        coats: what the coats of plastics reflect is kept apart from the light on their bases.
         lamp_light: light straight from lamps is found apart from paths, in closed form but for shadows.
         requests: a list tells which pixels are traced, and at which instants.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
@@ -123,6 +124,7 @@ class Features(SceneFeatures):
     first_hits: bool
     light_cache: bool
     requests: bool
+    coats: bool
     lamp_light: bool
     strategy: Strategy
 
@@ -168,6 +170,7 @@ class Features(SceneFeatures):
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
             (self.light_cache, "light kept on surfaces"),
+            (self.coats, "light of coats kept apart"),
             (self.lamp_light, "light straight from lamps in closed form"),
         )
         return {
@@ -355,6 +358,11 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
     )
 
 
+def light_is_found_apart(world: World) -> bool:
+    """Whether light straight from lamps is found apart from paths, where first hits are; paths find the rest."""
+    return _lamps_apart(scene_features(world, 0.0), "mis")
+
+
 def _lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
     """Whether light straight from lamps may be found apart from paths."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
@@ -385,6 +393,7 @@ def view_features(
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,
+        coats=light_cache and "plastic" in scene.kinds and not scene.blends,
         lamp_light=first_hits and _lamps_apart(scene, strategy),
         strategy=strategy,
     )

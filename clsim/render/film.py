@@ -21,6 +21,9 @@ class Sample:
     ``front`` tell where on its surface that is; ``material`` is its number from 1, and ``triangle`` tells the triangle
     from others, both 0 where a mirror showed it.
 
+    ``coat`` is the albedo of a coat whose light is kept apart, and ``albedo`` then that of what lies below. Of a path,
+    ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
+
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``.
     """
@@ -36,6 +39,8 @@ class Sample:
     front: bool
     material: int
     triangle: int
+    coat: wp.vec3
+    in_coat: bool
     lamp: bool
     lamp_all: float
     lamp_lit: float

@@ -14,7 +14,8 @@ from clsim.render.absorption import absorption_towards, dimmed
 from clsim.render.alpha import make_alpha
 from clsim.render.blends import FIRST, make_blends
 from clsim.render.bsdf import make_bsdf
-from clsim.render.bsdf_kinds import DIFFUSE
+from clsim.render.bsdf_kinds import DIFFUSE, PLASTIC
+from clsim.render.bsdf_plastic import base_albedo, passing_out
 from clsim.render.camera import CameraState, make_camera
 from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.corners import make_flat_surfaces
@@ -193,6 +194,21 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if wp.static(features.blends):
                     sample.albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
                 looking = False
+                if wp.static(features.coats):
+                    sample.coat = wp.vec3()
+                    if bsdf.kind == PLASTIC and not bsdf.dark:
+                        cosine = -wp.dot(direction, point.shading_normal)
+                        passing = passing_out(scene.materials.transmittance, bsdf, cosine)
+                        sample.coat = tint * (1.0 - passing)
+                        sample.albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing
+                        if wp.static(not only_look):
+                            # Half of the paths find what the base sends out, half what the coat reflects.
+                            sample.in_coat = (stream.key >> wp.uint64(20)) & wp.uint64(1) == wp.uint64(1)
+                            if sample.in_coat:
+                                bsdf.color = wp.vec3()
+                                sample.albedo = sample.coat
+                            else:
+                                bsdf.specular = wp.vec3()
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
                     if wp.static(features.blends):
@@ -355,7 +371,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         place = uniform2(stream, sampling.CAMERA)
         return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE)
 
-    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of)
+    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of, features.coats)
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None

@@ -21,10 +21,8 @@ from clsim.render.compiler import kernel_options
 
 wp.set_module_options(kernel_options())
 
-LEVELS = 2
+LEVELS = 4
 _LEVELS = wp.constant(LEVELS)
-_WANTED = wp.constant(1024.0)
-"""Paths with which a level counts as much as all coarser ones: coarse cells blur light, fine ones are noisy."""
 _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
 _ALIGNED = wp.constant(0.9999)
@@ -92,11 +90,13 @@ class Asked:
         finest: the first level that is asked; 0 has the finest cells.
         finest_before: the same, for the light as it was known before.
         last_update: what was known before is what cells knew before that update.
+        wanted: paths with which a level counts as much as all coarser ones; these blur light, fine ones are noisy.
     """
 
     finest: int
     finest_before: int
     last_update: int
+    wanted: float
 
 
 @wp.func
@@ -117,9 +117,9 @@ def _face(normal: wp.vec3) -> int:
 
 
 @wp.func
-def _grid(size: int, face: int) -> wp.uint64:
+def _grid(size: int, face: int, in_coat: int) -> wp.uint64:
     """Return what tells the cells of this size and face from others, for `_key_of`."""
-    return sampling.absorb(wp.uint64(face), size)
+    return sampling.absorb(wp.uint64(face + 6 * in_coat), size)
 
 
 @wp.func
@@ -190,8 +190,13 @@ def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.ar
 
 
 @wp.func
-def look_up(cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal: wp.vec3, width_m: float) -> Kept:
-    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones."""
+def look_up(
+    cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal: wp.vec3, in_coat: int, width_m: float
+) -> Kept:
+    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
+
+    Where ``in_coat`` is 1, it is the light that a coat reflects; else 0.
+    """
     kept = Kept()
     size = _size(width_m)
     side_m = wp.pow(2.0, float(size))
@@ -211,7 +216,7 @@ def look_up(cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal
         if wp.abs(normal[axis]) > _ALIGNED:
             corner[axis] = wp.floor(at[axis] + 0.5)
             part[axis] = 0.0
-        grid = _grid(size + level, face)
+        grid = _grid(size + level, face, in_coat)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
         before = wp.vec3(0.0, 0.0, 0.0)
@@ -234,11 +239,11 @@ def look_up(cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal
                         before += cell.light * (weight * cell.count)
                         count_before += weight * cell.count
         if count > 0.0 and level >= asked.finest:
-            share = left * count / (count + _WANTED)
+            share = left * count / (count + asked.wanted)
             kept.light += light * (share / count)
             left = left - share
         if count_before > 0.0 and level >= asked.finest_before:
-            share = left_before * count_before / (count_before + _WANTED)
+            share = left_before * count_before / (count_before + asked.wanted)
             kept.before += before * (share / count_before)
             left_before = left_before - share
         if left_before < _ENOUGH:
@@ -257,7 +262,7 @@ def look_up(cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal
 def open_cells(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec3),
+    normals: wp.array2d(dtype=wp.vec4),
     finest: int,
     update: int,
     keys: wp.array(dtype=wp.int64),
@@ -276,9 +281,10 @@ def open_cells(
         if p[3] > 0.0:
             size = _size(p[3])
             side_m = wp.pow(2.0, float(size))
-            face = _face(normals[i, pixel])
+            n = normals[i, pixel]
+            face = _face(wp.vec3(n[0], n[1], n[2]))
             for level in range(_LEVELS):
-                grid = _grid(size + level, face)
+                grid = _grid(size + level, face, int(n[3]))
                 at = _in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
                 key = _key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
                 row = int(-1)

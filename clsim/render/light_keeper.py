@@ -15,8 +15,12 @@ from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, add_to_ce
 
 KNOWN = 0.1
 """Where less is known of the light, a pixel traces all its paths."""
-_CELL_PX = 8.0
-"""Largest width of the finest cells [pixels]: finer ones would know few paths each, and cost as much."""
+_CELL_PX = 2.0
+"""Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
+_FINEST_BESIDE_LAMPS = 2
+"""First level that is asked where light straight from lamps is found apart: the rest is smooth, few paths will do."""
+_WANTED, _WANTED_BESIDE_LAMPS = 256.0, 1024.0
+"""See `Asked.wanted`: where all light is kept, and where that straight from lamps is not."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
 _CELLS_PER_PIXEL = 1
@@ -36,9 +40,10 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     return empty
 
 
-def _finest_of(effort: Effort) -> int:
+def _finest_of(effort: Effort, lamps: bool) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
-    return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
+    finest = _FINEST_BESIDE_LAMPS if lamps else 0
+    return finest if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
 
 
 class LightKeeper:
@@ -85,7 +90,8 @@ class LightKeeper:
         self._frames = 0
         self._update = 0
         self._found_more = False
-        self._finest = _finest_of(effort)
+        self._lamps = sight.lamps
+        self._finest = _finest_of(effort, self._lamps)
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
@@ -125,9 +131,10 @@ class LightKeeper:
         self._learns = self._is_time(time_us)
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_before = -1, self._finest, self._finest
+        asked.wanted = _WANTED_BESIDE_LAMPS if self._lamps else _WANTED
         if self._learns:
             self._learn()
-            asked.finest = self._finest = _finest_of(effort)
+            asked.finest = self._finest = _finest_of(effort, self._lamps)
             # The first frame is rendered twice, and what it learns is no gain over a frame before.
             asked.last_update = self._update if self._frames >= _PASSES_OF_FIRST else -1
             if effort.spp != self._found["out_lights"].shape[0]:
@@ -215,7 +222,7 @@ class LightKeeper:
         """Allocate what the paths of a frame find, and record the launches that keep it."""
         shape = (paths, len(self._own))
         positions: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
-        normals: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
+        normals: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
         lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
         rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
