@@ -199,8 +199,7 @@ NOTES = """
 - In some rooms rendering takes longer than Mitsuba's. By `python -m tools.peers.throughput FILE`, in which both take
   turns (32 paths, the median of three pictures, others used the machine): as long in `living-room`, 1.23 times in
   `staircase`, for pictures whose noise is .334 and .311 of the mean, Mitsuba's .318 and .333. In `spaceship` it is
-  2.2 times; there the choice among lamps of 5,602 triangles takes most. Some of the table's
-  times are from before.
+  2.2 times. Some of the table's times are from before.
 - `bsdf_normalmap_with`: Mitsuba 3 darkens what a normal map bends away from the surface (Estevez et al., "A
   Microfacet-Based Shadowing Function", 2019). With its `use_shadowing_function` off it is nearer by .0025, and what
   is left, .001 to .003, the same test ball has with other materials too.
