@@ -119,7 +119,7 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     """
     _, _, _, textured, resolve_mean, *_ = make_materials(features)
     *_, albedo_of = make_bsdf(features)
-    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of)
+    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of, features.coats)
     camera_ray = make_camera(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())

@@ -2,16 +2,31 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from test_steered import textured_world
 
 import clsim
 from clsim.detect.flat_pixels import FlatPixels
 from clsim.frames import ALBEDO, Fineness
+from clsim.render import RenderOptions
+from clsim.render.flat_pixels import build_flat_pixels
 from clsim.score.matching import Sampling, one_to_one
 
 SIZE = (64, 48)
 START_S, END_S = 0.0333333, 0.0666667
+
+
+@pytest.mark.parametrize("coated", [False, True])
+def test_kernels_of_textured_scenes_are_declared(coated):
+    world = textured_world()
+    if coated:
+        floor, *others = world.materials
+        world = replace(world, materials=(replace(floor, kind="plastic"), *others))
+    features = RenderOptions(light_cache=True, first_hit_rays=16, probe_spp=1).features_of(world)
+    assert features.coats == coated and len(build_flat_pixels(features)) == 3
 
 
 @pytest.mark.slow
