@@ -277,7 +277,7 @@ def test_the_key_table_names_every_top_level_key():
         ("wrap", "`repeat`, `clamp`, `mirror`"),
         ("alpha_mode", "`opaque`, `mask`, `blend`"),
         ("model", "`perspective`, `fisheye`"),
-        ("metal", "Ag, Al, Au"),
+        ("metal", "Ag, Al, AlAs, AlSb, Au"),
     ],
 )
 def test_the_key_table_lists_what_a_key_may_be(key, values):
