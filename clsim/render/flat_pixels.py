@@ -67,6 +67,12 @@ def _same_plane(a: Sample, b: Sample) -> bool:
 
 
 @wp.func
+def _matt(sample: Sample) -> bool:
+    """Whether all light from there is reflected, in proportion to the albedo: light of its own and of a coat is not."""
+    return wp.length_sq(sample.emission) == 0.0 and wp.length_sq(sample.coat) == 0.0
+
+
+@wp.func
 def _plane_through(corners: wp.array(dtype=Sample), corner: int, right: int, below: int) -> Plane:
     """Return the plane on which a corner and three more lie: ``right`` and ``below`` tell how far on they stand."""
     plane = Plane()
@@ -109,7 +115,7 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
 
     A thread of the first two is a corner of pixels, of which a row has one more than there are pixels; ``corners`` is
     what each saw in a frame. ``out_bounds``, uint8, is 0 where a corner and its neighbours on the right and below see
-    one flat surface whose albedo its texture tells, and which sends out no light. ``out_places``, vec3
+    one flat surface whose albedo its texture tells, and whose light follows it. ``out_places``, vec3
     ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
     is: uv over distance, and 1 over distance.
 
@@ -135,7 +141,7 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         row = settings.width + 1
         bounds = wp.uint8(1)
         if corner % row < row - 1 and corner // row < rows - 1:
-            if flat(scene, corners[corner]) and wp.length_sq(corners[corner].emission) == 0.0:
+            if flat(scene, corners[corner]) and _matt(corners[corner]):
                 plane = _plane_through(corners, corner, 1, row)
                 if plane.known:
                     bounds = wp.uint8(0)

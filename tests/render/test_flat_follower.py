@@ -13,6 +13,7 @@ from clsim.detect.flat_pixels import FlatPixels
 from clsim.frames import ALBEDO, Fineness
 from clsim.render import RenderOptions
 from clsim.render.flat_pixels import build_flat_pixels
+from clsim.scene import load_world
 from clsim.score.matching import Sampling, one_to_one
 
 SIZE = (64, 48)
@@ -77,3 +78,17 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
     traced, many = run()
     apart = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
     assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced)) and np.median(apart) < 20
+
+
+@pytest.mark.slow
+def test_nothing_is_told_of_what_has_a_coat(monkeypatch):
+    """Light from there is not in proportion to the texture: a coat reflects as much over dark squares."""
+    found, find = [], FlatPixels.find
+    monkeypatch.setattr(FlatPixels, "find", lambda *given: found.append(find(*given)) or found[-1])
+    scene = load_world("two-boxes")
+    coated = tuple(replace(each, kind="plastic") if each.texture >= 0 else each for each in scene.materials)
+    camera = replace(scene.camera, width=SIZE[0], height=SIZE[1])
+    scene = replace(scene, materials=coated, camera=camera)
+    with clsim.Simulator(scene, quality="balanced", time="adaptive", fps=30.0) as simulator:
+        assert len(simulator.step(66_667))
+    assert not found[-1].known.any()
