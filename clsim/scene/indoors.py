@@ -18,7 +18,14 @@ MAX_TRIANGLES = 300_000
 """Larger scenes are not looked into: it would take more than 3 s."""
 ENCLOSED = 0.9
 """Share of the directions in which a wall's front must be seen for a place to be in a room."""
+BARE = 0.5
+"""Share of the directions in which a shell of single walls shows their backs to those outside."""
+FLAT, SPACIOUS = 2 / 3, 0.2
+"""In a room of thick walls: share of the directions in which a box's six planes are seen, and of all space that is."""
 _RAYS = 48
+_PARALLEL, _SQUARE, _SAME_PLANE = 0.999, 0.05, 0.01
+"""Cosines between planes that are parallel, at least, and at right angles, at most; how far apart, in diagonals of the
+box, the same plane may seem."""
 _HEIGHTS = (0.4, 0.6)
 _PLACES = (0.3, 0.5, 0.7)
 """Where to stand, in shares of the box around everything."""
@@ -32,7 +39,9 @@ def stand_inside(
 ) -> tuple[Camera, SphereLight] | None:
     """Return a camera in the roomiest place of a closed room, that turns about there, and a lamp above it; else None.
 
-    A place is in a room where nearly all ways lead to the fronts of faces: out of a closed body they lead to backs.
+    A place is in a room where nearly all ways lead to the fronts of faces: in a solid body they lead to backs. Hollow
+    things have fronts within, too: a helmet, a bottle, a tube. They show fronts to the outside as well. So do rooms of
+    thick walls, but they are wide, and their walls flat and at right angles.
 
     Args:
         meshes, instances: what stands there, as it stands at time 0.
@@ -72,6 +81,7 @@ class _Faces:
         self._start = corners[:, 0]
         self._edges = corners[:, 1] - self._start, corners[:, 2] - self._start
         self._normals = np.cross(*self._edges)
+        self._size = np.ptp(corners.reshape(-1, 3), axis=0)
 
     def room_m(self, place: F64, least_m: float) -> float:
         """Return the distance of the nearest face around a place; 0 where it is in no room, or ``least_m`` or less.
@@ -81,19 +91,38 @@ class _Faces:
         away = self._start - place
         across, along = np.cross(away, self._edges[1]), np.cross(self._edges[0], away)
         heights = np.einsum("ij,ij->i", self._edges[1], along)
-        nearest_m, misses = math.inf, 0
-        for ray in _directions(_RAYS):
+        nearest_m, seen_m, seen, bare = math.inf, [], [], 0
+        for k, ray in enumerate(_directions(_RAYS)):
             facing = self._normals @ ray
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 u, v, t = -(across @ ray) / facing, -(along @ ray) / facing, -heights / facing
-                hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)
-            first = int(np.argmin(np.where(hit, t, math.inf)))
-            if hit[first]:
+                hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0))
+            if len(hits):
+                first, last = hits[np.argmin(t[hits])], hits[np.argmax(t[hits])]
                 nearest_m = min(nearest_m, float(t[first]))
-            misses += not (hit[first] and facing[first] < 0)
-            if misses > (1 - ENCLOSED) * _RAYS or nearest_m <= least_m:
+                if facing[first] < 0:
+                    seen_m.append(t[first])
+                    seen.append(first)
+                    bare += bool(facing[last] < 0)
+            if k + 1 - len(seen) > (1 - ENCLOSED) * _RAYS or nearest_m <= least_m:
                 return 0.0
-        return nearest_m
+        single = bare >= BARE * _RAYS
+        return nearest_m if single or self._is_flat_and_spacious(np.array(seen), np.array(seen_m), away) else 0.0
+
+    def _is_flat_and_spacious(self, seen: npt.NDArray[np.int64], seen_m: F64, away: F64) -> bool:
+        """Return whether what is seen is mostly a box's six planes, and fills much of the box around everything."""
+        space = 4 / 3 * math.pi * float((seen_m**3).sum()) / _RAYS
+        normals = self._normals[seen] / np.linalg.norm(self._normals[seen], axis=1, keepdims=True)
+        apart = np.einsum("ij,ij->i", normals, away[seen])
+        near = np.abs(apart[:, None] - apart) < _SAME_PLANE * float(np.linalg.norm(self._size))
+        cosines = normals @ normals.T
+        same, square = near & (cosines > _PARALLEL), (np.abs(cosines) > _PARALLEL) | (np.abs(cosines) < _SQUARE)
+        left, fits = np.ones((2, len(seen)), np.bool_)
+        for _ in range(6):
+            largest = np.argmax((same & left).sum(axis=1) * fits)
+            left &= ~same[largest]
+            fits &= square[largest]
+        return bool(space >= SPACIOUS * self._size.prod() and (~left).sum() >= FLAT * _RAYS)
 
 
 def _directions(count: int) -> F64:

@@ -79,6 +79,64 @@ def test_a_room_of_thick_walls_is_found_and_furniture_kept_clear_of(tmp_path: Pa
         assert not (3.0 <= x <= 4.0 and 2.0 <= z <= 3.0)
 
 
+def lathe(profile: list[tuple[float, float]], corners: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return what turns a line of (radius, height) around y; its faces look to the right of its way."""
+    turns = 2 * np.pi * np.arange(corners) / corners
+    points = np.array([(r * np.cos(a), h, r * np.sin(a)) for r, h in profile for a in turns])
+    faces = []
+    for ring in range(len(profile) - 1):
+        for k in range(corners):
+            a, b = ring * corners + k, ring * corners + (k + 1) % corners
+            faces += [(a, a + corners, b), (b, a + corners, b + corners)]
+    return points, np.array(faces)
+
+
+@pytest.mark.parametrize("corners", [9, 12, 15, 32])
+@pytest.mark.parametrize(
+    "profile",
+    [
+        [(0, 0), (1, 0), (1, 3), (0.4, 5), (0, 5), (0, 4.9), (0.3, 4.9), (0.9, 2.9), (0.9, 0.1), (0, 0.1)],
+        [(0, 0), (1, 0), (1, 12), (0, 12), (0, 11.8), (0.8, 11.8), (0.8, 0.2), (0, 0.2)],
+        [
+            *((np.sin(a), -np.cos(a)) for a in np.linspace(0, np.pi, 9)),
+            *((0.8 * np.sin(a), 0.8 * np.cos(a)) for a in np.linspace(0, np.pi, 9)),
+        ],
+    ],
+    ids=["bottle", "tube", "globe"],
+)
+def test_hollow_things_are_seen_from_outside(tmp_path: Path, profile: list[tuple[float, float]], corners: int) -> None:
+    """From within they are closed, and show their fronts; they do so from without as well."""
+    points, faces = lathe(profile, corners)
+    world = load_world(write_obj(tmp_path / "thing.obj", (points, faces)))
+    eye = world.camera.motion.pose(0.0)[:3, 3]
+    assert world.notes == () and (np.abs(eye - points.mean(axis=0)) > np.ptp(points, axis=0)).any()
+
+
+def test_a_small_hollow_in_a_thing_is_no_room(tmp_path: Path) -> None:
+    """A lantern on a pole: a box of thick walls, which is a small part of what is there."""
+    lamp = box_of((1.0, 1.0, 1.0), inwards=False), box_of((0.9, 0.9, 0.9), inwards=True)
+    base = box_of((3.0, 0.2, 3.0), inwards=False)
+    away = np.array([1.0, 0.8, 1.0])
+    parts = [(lamp[0][0] + away, lamp[0][1]), (lamp[1][0] + away + 0.05, lamp[1][1]), base]
+    world = load_world(write_obj(tmp_path / "lantern.obj", *parts))
+    assert world.notes == ()
+
+
+def test_a_furnished_room_of_thick_walls_is_entered(tmp_path: Path) -> None:
+    """Wardrobe, table and bed stand at its walls and in its middle."""
+    outer, inner = box_of((5.4, 2.9, 4.4), inwards=False), box_of((5.0, 2.5, 4.0), inwards=True)
+    parts = [outer, (inner[0] + 0.2, inner[1])]
+    for size, place in (
+        ((0.6, 2.0, 2.0), (0.2, 0.2, 1)),
+        ((1.6, 0.7, 0.8), (2, 0.2, 2)),
+        ((1.4, 0.5, 2.0), (3.8, 0.2, 2.2)),
+    ):
+        corners, faces = box_of(size, inwards=False)
+        parts.append((corners + place, faces))
+    world = load_world(write_obj(tmp_path / "bedroom.obj", *parts))
+    assert world.notes == ("bedroom.obj: is a closed room: the camera stands in it",)
+
+
 def test_a_room_as_gltf(tmp_path: Path) -> None:
     corners, faces = box_of((6.0, 3.0, 4.0), inwards=True)
     tree = gltf(points=corners.astype("<f4"))
