@@ -86,7 +86,7 @@ class Sight:
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
         lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
-        smallest_m: no thing is narrower [m].
+        smallest_m: no thing is narrower, as seen from the camera [m]; 0 where that is unknown.
     """
 
     pixel_angle: float
@@ -124,6 +124,7 @@ class Steerer:
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
+        sight: what first-hit rays see from where the camera is; set before each frame.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
     """
@@ -139,7 +140,7 @@ class Steerer:
     ) -> None:
         """Allocate what is kept from frame to frame."""
         pixels = width * height
-        self._sight = sight
+        self.sight = sight
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -175,7 +176,7 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self._sight)
+        steering.looks = looks_of(effort.first_hit_rays, self.sight)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:

@@ -38,7 +38,7 @@ from clsim.render.things import (
 _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
 _WIDE_PX = wp.constant(2.0)
-"""What is wider hides between no corners of a pixel, but for its own corners [pixels]."""
+"""What is wider hides between no corners of a pixel, but for its own blunt corners [pixels]."""
 _COUNTED = wp.constant(8)
 """Rays that count shares at least, if there are so many, whatever the search for a straight edge took."""
 _CORNER = wp.constant(-3)
@@ -58,7 +58,7 @@ class Looks:
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
-        smallest_m: no thing is narrower [m].
+        smallest_m: no thing is narrower, as seen from the camera [m]; 0 where that is unknown.
         few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
     """
 

@@ -142,6 +142,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     throughput = wp.cw_mul(throughput, left)
                     tint = wp.cw_mul(tint, left)
             if hit.triangle < 0:
+                if wp.static(features.first_hits):
+                    if looking:
+                        sample.triangle = 0
                 if wp.static(features.sphere_lights):
                     if hit.sphere >= 0:
                         drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, last, time)

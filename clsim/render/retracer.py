@@ -84,7 +84,7 @@ class Retracer:
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
         pixel_angle = math.radians(camera.fov_deg) / camera.width
-        self._sight = Sight(pixel_angle, features.sharp, features.lamp_light, data.smallest_m)
+        self._sight = Sight(pixel_angle, features.sharp, features.lamp_light)
         if self._first_hits:
             self._settings.samples = self._first_hits
         # Most pixels need few of their first-hit rays.
@@ -221,7 +221,7 @@ class Retracer:
         elif self._in_kept_light and view is not None:
             changed |= view.light_keeper.shown
         elif view is not None:
-            changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
+            changed["looks"] = looks_of(view.effort.first_hit_rays, view.sight)
         if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()

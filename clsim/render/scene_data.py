@@ -23,7 +23,7 @@ from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
-from clsim.render.smallest import smallest_width
+from clsim.render.smallest import smallest_of
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
 from clsim.render.upload_materials import upload_materials
@@ -48,7 +48,6 @@ class SceneData:
         light_changes: whether light changes by itself.
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
-        smallest_m: no thing is narrower [m]; 0 where that is unknown.
         poses: those that were asked for, where there are several instants.
     """
 
@@ -94,7 +93,7 @@ class SceneData:
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
         self.instance_objects, self.triangle_objects = placement.instance_objects, placement.triangle_objects
-        self.smallest_m = 0.0 if self.features.alpha else smallest_width(placement, world.sphere_lights)
+        self._smallest = None if self.features.alpha else smallest_of(placement, world.sphere_lights)
         may_pass = np.array([material.alpha_mode != "opaque" for material in world.materials] or [False])
         self._geometry = GeometryData(
             placement, may_pass, world.sphere_lights, self.features, self.tree, times_s, self.device, self._pose
@@ -163,6 +162,10 @@ class SceneData:
         middle, radius = self.origin_m + self._geometry.middle_m, self._geometry.radius_m
         balls = [(light.motion.pose(0.0)[:3, 3], light.radius_m) for light in self.world.sphere_lights]
         return float(max(np.linalg.norm(place - at) + size for at, size in [(middle, radius), *balls]))
+
+    def smallest_m(self, place: npt.NDArray[np.float64], pixel_angle: float) -> float:
+        """Return the width below which nothing lies, as seen from a place in the world; 0 where that is unknown."""
+        return self._smallest.seen_from(place, pixel_angle) if self._smallest else 0.0
 
     @property
     def still(self) -> bool:

@@ -1,14 +1,22 @@
-"""The width below which no thing in a world lies: what looks wider than a pixel hides between no corners of one."""
+"""The width below which no thing in a world lies: what looks wider than a pixel hides between no corners of one.
+
+A sheet is as wide as its triangles, but not where it is seen on its edge.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from clsim.render.deform import deforms
 from clsim.render.placement import Placement
 from clsim.scene import Instance, Mesh, SphereLight
+
+F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 _MOST_TRIANGLES = 1 << 16
 """Triangles of a mesh from which on some are taken for tiny, unseen: it takes time to see, and they are."""
@@ -18,31 +26,96 @@ _MOST_MOVING = 64
 """Moving things from which on the same holds."""
 _TIMES = 33
 """Times of a motion at which a thing's scale is looked at."""
+_FOLD = np.cos(np.radians(30.0))
+"""Cosine of the angle between two triangles below which both are as good as one sheet."""
+_TIP_RAD = np.radians(50.0)
+"""Sum of the angles around a corner below which it is a tip, which is narrow far from its end too."""
+_WIDE_PX = 2.0
+"""Width that a sheet is seen to have, if it is not seen on its edge [pixels]."""
 
 
-def smallest_width(placement: Placement, sphere_lights: Iterable[SphereLight]) -> float:
-    """Return the lowest height of all triangles and the least diameter of all spheres [m]; 0 where that is unknown.
+@dataclass(frozen=True)
+class Smallest:
+    """What is narrow in a world.
 
-    Infinite where there is nothing at all.
+    Attributes:
+        width_m: the lowest height of all triangles and the least diameter of all spheres [m]; 0 where that is unknown,
+            or tells nothing, infinite where there is nothing at all.
+        sheets: triangles that stand still and may be seen on their edge: corners ``[N, 3, 3]`` in the world [m].
     """
-    moving = [instance for instance in placement.instances if instance.motion.duration_s > 0]
-    if len(moving) > _MOST_MOVING:
-        return 0.0
-    heights = [_lowest_height(mesh) for mesh in placement.meshes]
-    widths = [heights[each.mesh] * _least_scale(each) for each in placement.instances]
-    return min([*widths, *(2.0 * sphere.radius_m for sphere in sphere_lights)], default=float("inf"))
+
+    width_m: float
+    sheets: F64
+
+    def seen_from(self, place: F64, pixel_angle: float) -> float:
+        """Return the width below which nothing lies as seen from a place, where a pixel is so wide [rad]."""
+        ways = self.sheets - place
+        toward = ways / np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-30)
+        # Seen from there, a corner is so far away from the great circle through the two others.
+        planes = np.cross(np.roll(toward, -1, axis=1), np.roll(toward, -2, axis=1))
+        off = np.abs((toward[:, 0] * planes[:, 0]).sum(axis=1))
+        longest = np.linalg.norm(planes, axis=2).max(axis=1)
+        return self.width_m if (off >= np.sin(_WIDE_PX * pixel_angle) * longest).all() else 0.0
 
 
-def _lowest_height(mesh: Mesh) -> float:
-    """Return the lowest height of a mesh's triangles, in its own units; slivers are not seen."""
-    if len(mesh.triangles) > _MOST_TRIANGLES or deforms(mesh):
-        return 0.0
-    corners = mesh.vertices.astype(np.float64)[mesh.triangles]
+def smallest_of(placement: Placement, sphere_lights: Iterable[SphereLight]) -> Smallest:
+    """Find what is narrow."""
+    sheets = [np.zeros((0, 3, 3))]
+    width_m = min((2.0 * sphere.radius_m for sphere in sphere_lights), default=np.inf)
+    moving = sum(instance.motion.duration_s > 0 for instance in placement.instances)
+    for instance in placement.instances:
+        mesh = placement.meshes[instance.mesh]
+        if moving > _MOST_MOVING or len(mesh.triangles) > _MOST_TRIANGLES or deforms(mesh):
+            return Smallest(0.0, sheets[0])
+        corners = _seen(mesh)
+        heights, _ = _heights(corners)
+        width_m = min(width_m, float(heights.min(initial=np.inf)) * _least_scale(instance))
+        thin, tips = _edges_and_tips(corners)
+        if tips or (thin.any() and instance.motion.duration_s > 0):
+            return Smallest(0.0, sheets[0])
+        pose = instance.motion.pose(0.0)
+        sheets.append(corners[thin] @ pose[:3, :3].T + pose[:3, 3])
+    return Smallest(width_m, np.concatenate(sheets))
+
+
+def _seen(mesh: Mesh) -> F64:
+    """Return the corners of a mesh's triangles, ``[N, 3, 3]``, but of slivers."""
+    # Zero has one sign, so that places can be compared by their bits.
+    corners = mesh.vertices.astype(np.float64)[mesh.triangles] + 0.0
+    heights, longest = _heights(corners)
+    return np.asarray(corners[heights > _SLIVER * longest])
+
+
+def _heights(corners: F64) -> tuple[F64, F64]:
+    """Return the lowest height of each triangle, and its longest side."""
     sides = np.roll(corners, -1, axis=1) - corners
     doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1)
-    seen = doubled > _SLIVER * longest * longest
-    return float(np.min(doubled[seen] / longest[seen], initial=np.inf))
+    return doubled / np.maximum(longest, 1e-300), longest
+
+
+def _edges_and_tips(corners: F64) -> tuple[Mask, bool]:
+    """Return which triangles have an edge with none, or with a sharp fold, behind it, and whether there are tips."""
+    if not len(corners):
+        return np.zeros(0, np.bool_), False
+    places, at = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    at = at.reshape(-1, 3)
+    before, after = (np.roll(corners, by, axis=1) - corners for by in (1, -1))
+    before, after = (way / np.linalg.norm(way, axis=2, keepdims=True) for way in (before, after))
+    angles = np.arccos(np.clip((before * after).sum(axis=2), -1.0, 1.0))
+    tips = np.bincount(at.ravel(), angles.ravel(), len(places)) < _TIP_RAD
+    # The edge from each corner to the next, and the way from it into the triangle.
+    inwards = before - (before * after).sum(axis=2, keepdims=True) * after
+    inwards = (inwards / np.linalg.norm(inwards, axis=2, keepdims=True)).reshape(-1, 3)
+    other = np.roll(at, -1, axis=1)
+    edges = (np.minimum(at, other) * len(places) + np.maximum(at, other)).ravel()
+    _, edge, counts = np.unique(edges, return_inverse=True, return_counts=True)
+    sharp = counts != 2
+    order = np.argsort(edge, kind="stable")
+    pairs = order[np.repeat(counts == 2, counts)].reshape(-1, 2)
+    folded = (inwards[pairs[:, 0]] * inwards[pairs[:, 1]]).sum(axis=1) > _FOLD
+    sharp[np.flatnonzero(counts == 2)] = folded
+    return np.asarray(sharp[edge.reshape(-1, 3)].any(axis=1), np.bool_), bool(tips.any())
 
 
 def _least_scale(instance: Instance) -> float:

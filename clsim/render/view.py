@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -118,7 +119,7 @@ class View:
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
             size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
             self._sharp = features.sharp
-            sight = Sight(pixel_angle, features.sharp, features.lamp_light, data.smallest_m)
+            sight = Sight(pixel_angle, features.sharp, features.lamp_light)
             if options.light_cache:
                 if not light_stands_still(data.world):
                     raise InputError("light is kept on surfaces only where nothing but the camera moves")
@@ -170,8 +171,12 @@ class View:
         self._settings.stream = stream_state(
             self._options.seed, index + self.noise_offset if self._options.noise == "independent" else None
         )
+        place = self._motion.pose(time_s)[:3, 3]
         if not self._sky_differs:
-            self._settings.reach_m = self._data.farthest_m(self._motion.pose(time_s)[:3, 3])
+            self._settings.reach_m = self._data.farthest_m(place)
+        if self._steerer is not None:
+            sight = self._steerer.sight
+            self._steerer.sight = replace(sight, smallest_m=self._data.smallest_m(place, sight.pixel_angle))
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
@@ -221,6 +226,12 @@ class View:
         if self._steerer is None:
             raise ValueError("only a renderer with first-hit rays can change its effort")
         self._steerer.effort = effort
+
+    @property
+    def sight(self) -> Sight:
+        """What the first-hit rays of the last frame saw."""
+        assert self._steerer is not None
+        return self._steerer.sight
 
     @property
     def paths(self) -> int:

@@ -10,8 +10,8 @@ import pytest
 from test_steered import Run, textured_world
 
 from clsim.render.placement import place
-from clsim.render.smallest import smallest_width
-from clsim.scene import SphereLight, Static
+from clsim.render.smallest import smallest_of
+from clsim.scene import Material, Mesh, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
 SCALED = np.diag([2.0, 2.0, 2.0, 1.0])
@@ -19,7 +19,15 @@ MOVING = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 0
 
 
 def width_of(world):
-    return smallest_width(place(world), world.sphere_lights)
+    return smallest_of(place(world), world.sphere_lights).width_m
+
+
+def triangles(*corners):
+    """Triangles that have no vertex in common but by its place."""
+    count = len(corners) // 3
+    return Mesh(
+        np.array(corners, np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.zeros(count, int)
+    )
 
 
 @pytest.mark.parametrize(
@@ -27,11 +35,14 @@ def width_of(world):
     [
         (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), Static(np.eye(4)), 2.4),
         (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), Static(SCALED), 4.8),
-        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), MOVING, 2.4),
+        (hw.box((0, 0, 0), (3, 4, 4)), MOVING, 2.4),
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), MOVING, 0.0),
+        (triangles((0, 0, 0), (3, 0, 0), (1.5, 3.0, 0)), Static(np.eye(4)), 3 * 3 / np.hypot(3.0, 1.5)),
+        (triangles((0, 0, 0), (3, 0, 0), (1.5, 3.3, 0)), Static(np.eye(4)), 0.0),
         (hw.quad((0, 0, 0), (3, 0, 0), (0, 0, 0)), Static(np.eye(4)), np.inf),
         (hw.box((0, 0, 0), (1.0, 1.0, 1e-3)), Static(np.eye(4)), 1e-3),
     ],
-    ids=["quad", "scaled", "moving", "without area", "sheet"],
+    ids=["quad", "scaled", "moving", "moving sheet", "blunt", "tip", "without area", "thin box"],
 )
 def test_it_is_the_lowest_height_of_a_triangle(mesh, motion, expected):
     assert width_of(hw.world(mesh, motions=[motion])) == pytest.approx(expected, rel=1e-6)
@@ -61,3 +72,66 @@ def test_no_ray_looks_for_what_cannot_be_there():
     assert many - few == (sought.plane("Samples") - plain.plane("Samples")).sum()
     for name in ("G", "Albedo.G", "Depth", "Ny"):
         np.testing.assert_allclose(plain.plane(name)[whole], sought.plane(name)[whole], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "sheets"),
+    [
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), 2),
+        (hw.box((0, 0, 0), (3, 4, 4)), 0),
+        (hw.ball(2.0), 0),
+        (hw.join([hw.box((0, 0, 0), (3, 4, 4)), hw.quad((9, 0, 0), (3, 0, 0), (0, 3, 0))]), 2),
+    ],
+    ids=["quad", "box", "ball", "both"],
+)
+def test_a_sheet_is_what_is_not_closed(mesh, sheets):
+    world = hw.world(mesh)
+    assert len(smallest_of(place(world), ()).sheets) == sheets
+
+
+def test_what_is_folded_flat_is_as_good_as_a_sheet():
+    """A closed wedge without ends, of four triangles in two planes: its sharp edge alone tells."""
+
+    def wedge(half):
+        a, b, c, d = (0, 0, 0), (3, 0, 0), (1.5, 3, half), (1.5, 3, -half)
+        return triangles(a, b, c, b, a, d, a, c, d, c, b, d)
+
+    flat, thick = (smallest_of(place(hw.world(wedge(half))), ()) for half in (0.5, 1.5))
+    assert len(flat.sheets) and not len(thick.sheets)
+
+
+def test_seen_on_its_edge_a_sheet_has_no_width():
+    """As seen from 10 m at height h a sheet of 4 m is about 0.4 h/14 rad wide, for triangles a little less."""
+    smallest = smallest_of(place(hw.world(hw.quad((-20, 0, -14), (40, 0, 0), (0, 0, 4)))), ())
+    above, low = (smallest.seen_from(np.array([0.0, height, 0.0]), 1e-3) for height in (0.3, 0.02))
+    assert above == smallest.width_m > 3.0 and low == 0.0
+
+
+def seen_coverage(mesh, crumb=()):
+    """Return how much of each pixel of a column dark things cover before the sky."""
+    scene = hw.world(
+        mesh, *crumb, view=hw.camera(hw.translation(0, 0, 5), 36, 30, 40.0), environment=(1.0, 1.0, 1.0),
+        materials=(Material(color=(0.02, 0.02, 0.02)), Material(kind="conductor", color=(1.0, 1.0, 1.0))),
+    )  # fmt: skip
+    frame = Run(scene, spp=1, first_hit_rays=16).fill(0)
+    return 1.0 - frame.plane("Emission")[:, 12]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place_px", [0.1, 0.5, 0.9])
+def test_a_sheet_on_its_edge_between_corners_is_seen(place_px):
+    pixel_m = 2 * np.tan(np.radians(20)) / 36 * 5
+    low, high = (place_px - 0.3) * pixel_m, (place_px + 0.3) * pixel_m * 7 / 5
+    mesh = hw.quad((-1, low, 0), (2, 0, 0), (0, high - low, -2))
+    assert seen_coverage(mesh).sum() == pytest.approx(0.6, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place_px", [0.1, 0.5, 0.9])
+def test_what_a_mirror_shows_is_as_far_as_it_is(place_px):
+    """A beam behind the camera, in the sky of a mirror before it: wider than two pixels there, but not where it is."""
+    pixel_m = 2 * np.tan(np.radians(20)) / 36 * 35
+    middle = place_px * pixel_m
+    beam = hw.box((-9, middle - 0.2 * pixel_m, 33), (9, middle + 0.2 * pixel_m, 33.3))
+    mirror = hw.quad((-20, -20, 4), (40, 0, 0), (0, 40, 0), material=1)
+    assert seen_coverage(hw.join([mirror, beam])).sum() == pytest.approx(0.4, abs=0.15)
