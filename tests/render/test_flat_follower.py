@@ -77,7 +77,9 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
     monkeypatch.setattr(FlatPixels, "advance", lambda *_: None)
     traced, many = run()
     apart = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
-    assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced)) and np.median(apart) < 20
+    assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced))
+    # Most events are of pixels that are traced in both runs: the median would tell nothing of the others.
+    assert np.quantile(apart, 0.9) < 80
 
 
 @pytest.mark.slow
