@@ -59,15 +59,16 @@ def on_disk(to_sun: F64) -> F64:
     return np.asarray(disk / np.linalg.norm(disk, axis=1, keepdims=True))
 
 
-def fit(values: F64, cosine: F64, gamma: F64, start: F64) -> F64:
-    """Return the nine parameters that fit radiance best, as a share of it."""
+def fit(values: F64, cosine: F64, gamma: F64, near: list[F64]) -> F64:
+    """Return the nine parameters that fit radiance best, as a share of it; ``near`` are those of skies like it."""
     scale = values.mean()
+    starts = [START, *(np.where(np.isin(np.arange(9), SCALED), each / scale, each) for each in near)]
     weights = 1.0 / (values / scale + 0.05)
 
     def off(p: F64) -> F64:
         return (dome(p, cosine, gamma) - values / scale) * weights
 
-    found = [least_squares(off, each, method="trf", x_scale="jac", max_nfev=400) for each in (start, START)]
+    found = [least_squares(off, each, method="trf", x_scale="jac", max_nfev=400) for each in starts]
     best = min(found, key=lambda each: each.cost)
     print(f"  rms {math.sqrt(2 * best.cost / len(values)):.4f}", flush=True)
     p = best.x.copy()
@@ -93,12 +94,9 @@ def main() -> None:
             for k, albedo in enumerate(ALBEDOS):
                 values = measured(scene | {"sun_scale": 0.0, "albedo": float(albedo)}, directions)
                 for c in range(3):
-                    start = START
-                    if j:
-                        start = sky[i, j - 1, k, c].copy()
-                        start[SCALED] /= values[:, c].mean()
+                    near = [sky[i, j - 1, k, c]] * (j > 0) + [sky[i, j, k - 1, c]] * (k > 0)
                     print(turbidity, height, albedo, c, end="")
-                    sky[i, j, k, c] = fit(values[:, c], cosine, gamma, start)
+                    sky[i, j, k, c] = fit(values[:, c], cosine, gamma, near)
     np.savez_compressed(Path(sys.argv[1]), sky=sky.astype(np.float32), sun=sun.astype(np.float32))
 
 

@@ -210,10 +210,12 @@ azimuth_deg = 120.0         # from north, which is −z, by east, which is +x
 turbidity = 3.0             # 2 is very clear air, 10 hazy
 ```
 
-The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3, to
-2 %. Radiance is per nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings
-that to what your sensor should see. The ground below the horizon is black: give the scene a floor.
-Mitsuba's files before version 3 have the sun of that time, Preetham's (SIGGRAPH 1999), and a ground that reflects .2.
+The sky is Hosek and Wilkie's (SIGGRAPH 2012), the sun a disk of .54° with soft shadows; both are as in Mitsuba 3. The
+sun is so to 1.2 %. The sky's light on level ground is so to 1.5 % while the sun is lower than 50°, to 2.5 % above, and
+to 7 % in haze from a turbidity of 7 on. Of the sky itself most is right to 2 %, and all of it to 10 %. Radiance is per
+nanometre, as there: the sky has about .1, the sun about 10,000. `scale` in `[sensor]` brings that to what your sensor
+should see. The ground below the horizon is black: give the scene a floor. Files of Mitsuba 0.6 and older have the sun
+of that time, Preetham's (SIGGRAPH 1999), and a ground that reflects .2.
 Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warning says so.
 
 ## USD
@@ -248,9 +250,10 @@ A value such as `$spp` for which a file has no default is given after its name, 
 ## Large scenes
 
 Objects that stand still are one mesh, copies and all; those that move share the triangles of their file. A height field
-of 10 million triangles (`python -m tools.large_scene 10000000 FOLDER`) takes 2.1 GB at its peak, 212 bytes a triangle,
-and 25 processor seconds until its first event, of which 6 for reading; then .79 million paths a processor second, of at
-most 8 edges (8 paths a pixel, 96×72). One million triangles take .53 GB, 3 s, and have 1.19 million paths a second.
+of 10 million triangles takes 2.1 GB at its peak, 212 bytes a triangle. Until its first event it takes 25 processor
+seconds, 6 of them for reading. Then it has .79 million paths a processor second, of at most 8 edges (8 paths a pixel,
+96×72). One million triangles take .53 GB and 3 s, and have 1.19 million paths a second. `python -m tools.large_scene
+10000000 FOLDER` measures this.
 
 ## Materials of other programs
 

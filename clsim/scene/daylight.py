@@ -32,7 +32,7 @@ HEIGHTS = np.linspace(0.0, 1.0, 13)
 """Cube roots of the sun's height over the horizon, in right angles."""
 _FAR_OFF = 1e4
 """Distance of the sun in sizes of the scene: its rays are parallel to 1e-4."""
-ALBEDOS = np.array([0.0, 1.0])
+ALBEDOS = np.array([0.0, 0.2, 0.3, 0.5, 1.0])
 """Reflectances of the ground."""
 
 
@@ -87,11 +87,11 @@ def sky(day: Daylight, rows: int = ROWS) -> F32:
     gamma = np.arccos(np.clip(towards, -1.0, 1.0))
     picture = np.zeros((rows, 2 * rows, 3), np.float32)
     parameters, _ = _tables()
-    ways = _between(TURBIDITIES, day.turbidity), _between(HEIGHTS, _height(day)), _between(ALBEDOS, day.ground)
+    ways = _between(TURBIDITIES, day.turbidity), _around(HEIGHTS, _height(day)), _between(ALBEDOS, day.ground)
     for corner in itertools.product(*ways):
         (i, share_i), (j, share_j), (k, share_k) = corner
         share = share_i * share_j * share_k
-        for channel in range(3 if share > 0 else 0):
+        for channel in range(3 if share else 0):
             picture[: rows // 2, :, channel] += share * dome(parameters[i, j, k, channel], y, gamma)
     return np.maximum(picture, 0.0)
 
@@ -142,6 +142,14 @@ def _between(places: F64, value: float) -> tuple[tuple[int, float], tuple[int, f
     first = min(int(np.searchsorted(places, value, side="right")) - 1, len(places) - 2)
     share = (value - float(places[first])) / float(places[first + 1] - places[first])
     return (first, 1.0 - share), (first + 1, share)
+
+
+def _around(places: F64, value: float) -> list[tuple[int, float]]:
+    """Return the four places of a table around a value, and their shares in the cubic through them (Lagrange)."""
+    first = min(max(int(np.searchsorted(places, value, side="right")) - 2, 0), len(places) - 4)
+    four = places[first : first + 4]
+    others = [np.delete(four, k) for k in range(4)]
+    return [(first + k, float(np.prod((value - others[k]) / (four[k] - others[k])))) for k in range(4)]
 
 
 @cache

@@ -28,7 +28,7 @@ def read_daylight(emitter: Plugin, turn: Matrix, legacy: bool) -> tuple[Daylight
     Args:
         emitter: of one of ``KINDS``.
         turn: the rotation of its ``to_world``.
-        legacy: whether the file is of version 0.6, which has a darker ground and Preetham's sun.
+        legacy: whether the file is of version 0.6 or older, which has a darker ground and Preetham's sun.
 
     Raises:
         InputError: the date, the direction to the sun or the ground's reflectance is none.

@@ -42,13 +42,13 @@ def sun_radiance(height_rad: float, turbidity: float) -> Vec3:
 
     Args:
         height_rad: of the sun over the horizon.
-        turbidity: how hazy the air is.
+        turbidity: how hazy the air is, from 1 on; below, there is no haze.
     """
     outside, ozone = (np.array([float(word) for word in table.split()]) for table in (_OUTSIDE, _OZONE))
     vapour = np.array([_VAPOUR.get(wavelength, 0.0) for wavelength in _WAVELENGTHS_NM]) * _VAPOUR_CM
     mass = air_mass(height_rad)
     um = _WAVELENGTHS_NM / 1000.0
-    haze = (0.04608365822050 * turbidity - 0.04586025928522) * um**-1.3
+    haze = (0.04608365822050 * max(turbidity, 1.0) - 0.04586025928522) * um**-1.3
     depth = mass * (0.008735 * um**-4.08 + haze + ozone * _OZONE_CM)
     depth += 0.2385 * vapour * mass / (1.0 + 20.07 * vapour * mass) ** 0.45
     return rgb_of_light(_WAVELENGTHS_NM, outside * np.exp(-depth))

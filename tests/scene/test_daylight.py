@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.daylight import ALBEDOS, HEIGHTS, SUN_DEG, TURBIDITIES, Daylight, sky, sun_at, sun_light, sun_radiance
+from clsim.scene.daylight import HEIGHTS, SUN_DEG, TURBIDITIES, Daylight, sky, sun_at, sun_light, sun_radiance
 
 
 def angles(to_sun: tuple[float, float, float]) -> tuple[float, float]:
@@ -65,7 +65,28 @@ def test_between_the_tables_places_all_is_a_blend() -> None:
     thin, thick, half = (sky(day(low, turbidity=t), rows=16)[3, 20] for t in (3.0, 4.0, 3.5))
     np.testing.assert_allclose(half, (thin + thick) / 2, rtol=1e-5)
     assert sun_radiance(day(60.0, turbidity=12.0)) == sun_radiance(day(60.0, turbidity=float(TURBIDITIES[-1])))
-    assert sun_radiance(day(-1.0)) == (0.0, 0.0, 0.0) and ALBEDOS.tolist() == [0.0, 1.0]
+    assert sun_radiance(day(-1.0)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("height_deg", "turbidity", "ground", "away", "beside"),
+    # What Mitsuba 3.9's sky has 24° from the zenith, and 15° over the horizon: 114° and 30° beside the sun.
+    [
+        (1.5, 3.0, 0.3, (0.006458, 0.00873, 0.009946), (0.052017, 0.042635, 0.027599)),
+        (5.0, 3.0, 0.2, (0.008291, 0.014367, 0.020871), (0.082562, 0.079938, 0.064406)),
+        (25.0, 4.0, 0.3, (0.018577, 0.033341, 0.059855), (0.202343, 0.226306, 0.233379)),
+        (60.0, 3.0, 0.3, (0.027789, 0.0494, 0.101313), (0.093793, 0.147224, 0.236882)),
+        (60.0, 3.0, 0.4, (0.02933, 0.052656, 0.10772), (0.100826, 0.158152, 0.252667)),
+        (80.0, 3.0, 0.3, (0.049012, 0.070982, 0.123347), (0.08045, 0.132, 0.215924)),
+    ],
+)
+def test_skies_are_as_bright_as_mitsubas(
+    height_deg: float, turbidity: float, ground: float, away: tuple[float, ...], beside: tuple[float, ...]
+) -> None:
+    """Also between the places of the table, low over the horizon and high."""
+    picture = sky(day(height_deg, turbidity=turbidity, ground=ground), rows=64)
+    np.testing.assert_allclose(picture[8, 72], away, rtol=0.012)
+    np.testing.assert_allclose(picture[26, 42], beside, rtol=0.012)
 
 
 @pytest.mark.parametrize(
@@ -228,6 +249,12 @@ def test_mitsubas_nights_have_no_daylight(tmp_path: Path) -> None:
 def test_preethams_sun_is_the_papers(height_deg: float, turbidity: float, expected: tuple[float, ...]) -> None:
     found = sun_radiance(day(height_deg, turbidity=turbidity, preetham=True))
     np.testing.assert_allclose(found, expected, rtol=0.02)
+
+
+def test_air_cannot_be_clearer_than_clear() -> None:
+    """A haze below none would add light, or end in numbers that are none."""
+    clear = sun_radiance(day(45.0, turbidity=1.0, preetham=True))
+    assert all(sun_radiance(day(45.0, turbidity=t, preetham=True)) == clear for t in (0.0, -5.0, -1e9))
 
 
 def test_older_files_have_the_sky_and_sun_of_their_time(tmp_path: Path) -> None:
