@@ -215,9 +215,10 @@ NOTES = """
   the sun and the ground of version 3 it was 1.10 and 1.07.
 - `torus` and `veach-lamp` are noisy, for few paths find their caustics: with 64 paths `veach-lamp` had .988, with 512
   it has 1.011 in red.
-- Not compared, of dppm-scenes: `artware`, `bookshelf`, `conference` and `pool`, whose meshes are mostly missing, and
-  `box`, `glass` and `cbox-caustics`, whose light is caustics of tiny lamps, which paths from the eye seldom find.
-  They load, as do the variants with random materials that lie beside them.
+- Not compared, of dppm-scenes: `artware`, of which four meshes were too large to get; `bookshelf`, `conference` and
+  `pool`, of which the one file with nearly all meshes was; and `box`, `glass` and `cbox-caustics`, whose light is
+  caustics of tiny lamps, which paths from the eye seldom find. All load without what is missing, as do the variants
+  with random materials that lie beside them.
 """
 
 
