@@ -38,7 +38,7 @@ def written_out(text: str, folder: Path) -> str:
     def hexadecimal(color: re.Match[str]) -> str:
         return _rgb(color[1], [int(color[2][k : k + 2], 16) / 255 for k in (0, 2, 4)])
 
-    text = re.sub(r"<shape\b.*?</shape>", present, text, flags=re.DOTALL)
+    text = re.sub(r"<shape\b[^>]*[^/>]>.*?</shape>", present, text, flags=re.DOTALL)
     text = re.sub(r'<s?rgb ([^>]*?)value="#([0-9a-fA-F]{6})"\s*/>', hexadecimal, text)
     three = r"[ ,]+".join([_NUMBER] * 3)
     text = re.sub(rf'<srgb ([^>]*?)value="{three}"\s*/>', lambda m: _rgb(m[1], [float(m[k]) for k in (2, 3, 4)]), text)
