@@ -111,10 +111,10 @@ def light_of(
             apart_m = wp.length(things[k].position - at)
             s.covered += things[k].share
             # What lies below the coat, and then the coat.
-            for in_coat in range(wp.where(first.coat[0] > 0.0, 2, 1)):
+            for in_coat in range(wp.where(things[k].coat[0] > 0.0, 2, 1)):
                 whole = things[k].albedo
                 if in_coat == 1:
-                    whole = first.coat
+                    whole = things[k].coat
                 apart = apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL
                 if apart or in_coat != looked_in:
                     at = things[k].position

@@ -403,7 +403,9 @@ def make_look(
                 centre_thing(things, corners, nearest, row)
         if wp.static(edges):
             if edge.flat:
-                albedo = mean_albedo(scene, corners[nearest], footprint, looks.texels)
+                like = corners[nearest]
+                like.coat = things[0].coat
+                albedo = mean_albedo(scene, like, footprint, looks.texels)
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
         if wp.static(light_things is not None):
             light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))

@@ -35,8 +35,8 @@ class Thing:
         first: the first ray's sample of it.
         rays: number of rays that count for its means.
         share: its share of the pixel's area.
-        albedo, emission, position, normal, depth: sums over these rays, and means in the end; albedo is `lit_albedo`,
-            and all but emission are 0 where nothing was hit.
+        albedo, coat, emission, position, normal, depth: sums over these rays, and means in the end; albedo is
+            `lit_albedo`, and all but emission are 0 where nothing was hit.
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
     """
 
@@ -44,6 +44,7 @@ class Thing:
     rays: float
     share: float
     albedo: wp.vec3
+    coat: wp.vec3
     emission: wp.vec3
     position: wp.vec3
     normal: wp.vec3
@@ -117,6 +118,7 @@ def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample):
     things[k].lamp_lit += sample.lamp_lit
     if sample.hit:
         things[k].albedo += lit_albedo(sample)
+        things[k].coat += sample.coat
         things[k].position += sample.position
         things[k].normal += sample.normal
         things[k].depth += sample.depth
@@ -139,6 +141,7 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
         if mine > 0.0:
             things[k].emission = things[k].emission / mine
             things[k].albedo = things[k].albedo / mine
+            things[k].coat = things[k].coat / mine
             things[k].position = things[k].position / mine
             things[k].normal = things[k].normal / mine
             things[k].depth = things[k].depth / mine
@@ -148,6 +151,7 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             things[k].emission = first.emission
             if first.hit:
                 things[k].albedo = lit_albedo(first)
+                things[k].coat = first.coat
                 things[k].position = first.position
                 things[k].normal = first.normal
                 things[k].depth = first.depth

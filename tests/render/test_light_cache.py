@@ -10,6 +10,7 @@ from test_tracer import LAMP, moving_world
 
 from clsim.errors import InputError
 from clsim.render import Effort, PathTracer, RenderOptions, effort, light_keeper, light_stands_still
+from clsim.scene import Material
 from clsim.scene.drift import drifting
 
 pytestmark = pytest.mark.usefixtures("ordinary")
@@ -205,3 +206,15 @@ def test_a_change_of_effort_is_silent():
     for k, (spp, probe, every) in enumerate([(1, 1, 4), (16, 2, 1), (2, 1, 8), (8, 8, 1)], start=1):
         run.tracer.effort = Effort(spp, probe, 8, every)
         assert np.abs(log_brightness(run.fill(k)) - first).max() < 1e-4
+
+
+@pytest.mark.slow
+def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
+    """A black floor with a smooth coat in white light from all around; at a pixel's corner the coat is 5 % off."""
+    coated = Material(kind="plastic", color=(0.0, 0.0, 0.0))
+    floor = hw.quad((-30, 0, 30), (60, 0, 0), (0, 0, -60))
+    view = hw.camera(hw.look_from((0, 2, 5), (0, 0, 0)), 24, 18)
+    world = hw.world(floor, materials=(coated,), view=view, environment=(1.0, 1.0, 1.0))
+    kept = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
+    truth = luminance(hw.render(world, spp=256, sampler="sobol"))
+    np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
