@@ -206,6 +206,7 @@ def test_pixels_that_take_turns_are_a_setting_of_their_own(tmp_path: Path) -> No
     assert "2 spp each 2 frames common sobol + 4 first hits, irradiance K7" in labels and len(labels) == 3
 
 
+@pytest.mark.slow
 def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPatch) -> None:
     passes: list[Any] = []
     turn = tradeoff_measure._pass

@@ -14,7 +14,7 @@ import pytest
 
 from clsim.scene import Material, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = [pytest.mark.usefixtures("any_lights"), pytest.mark.slow]
 
 SPP = 16
 RENDERS = 12
@@ -36,9 +36,7 @@ def truth():
     return hw.render(SCENE, spp=16384, seed=1234567, threads=2).plane("G").astype(float)
 
 
-@pytest.fixture(
-    scope="module", params=[*(pytest.param(kind, marks=pytest.mark.slow) for kind in ("seeds", "frames")), "sobol"]
-)
+@pytest.fixture(scope="module", params=["seeds", "frames", "sobol"])
 def errors(request, truth):
     """Errors ``[renders, height, width]`` of unit variance; every sampler, seed and frame has its own noise."""
     options = {"sampler": "sobol"} if request.param == "sobol" else {}

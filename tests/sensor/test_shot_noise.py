@@ -236,6 +236,7 @@ def test_noise_has_its_variance_and_forgets_at_its_pace():
         assert later.var() == pytest.approx(sigma**2, rel=4 * math.sqrt(2 / pixels))
 
 
+@pytest.mark.slow
 def test_noise_leaves_the_net_rate_of_a_leak():
     settings = replace(noisy(2.5), leak=Leak(10.0))
     events, _ = watch(settings, 1000, 1.0)
