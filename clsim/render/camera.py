@@ -12,6 +12,7 @@ ray leads to a pixel (beyond the fold of the distortion, or behind a fisheye) it
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ class CameraState:
     to its top left corner. The others have their intrinsics in pixels, and a pose for each key of the exposure;
     ``limit`` is the tangent (fisheye: the angle) squared up to which distortion can be inverted. Where requests tell
     the instant, each has a pose, and of a plain pinhole ``positions`` and ``images`` (right, down and corner as rows).
+    ``smallest_m`` tells, for each instant, the width below which nothing lies as seen from there; 0 is unknown.
     """
 
     origin: wp.vec3
@@ -61,6 +63,7 @@ class CameraState:
     steps: wp.array(dtype=wp.vec3)
     rotations: wp.array(dtype=wp.quat)
     images: wp.array(dtype=wp.mat33)
+    smallest_m: wp.array(dtype=float)
 
 
 @wp.struct
@@ -224,8 +227,24 @@ def plain(features: Features) -> bool:
 class CameraData:
     """A camera on a device."""
 
-    def __init__(self, camera: Camera, features: Features, origin_m: npt.NDArray[np.float64], device: Any) -> None:
-        """Take what does not change with time; ``origin_m`` is the world's point at which the device's origin is."""
+    def __init__(
+        self,
+        camera: Camera,
+        features: Features,
+        origin_m: npt.NDArray[np.float64],
+        device: Any,
+        smallest_m: Callable[[npt.NDArray[np.float64], float], float] | None = None,
+    ) -> None:
+        """Take what does not change with time.
+
+        Args:
+            camera: what takes the pictures.
+            features: what the kernels are built for.
+            origin_m: the world's point at which the device's origin is.
+            device: Warp's device.
+            smallest_m: returns the width below which nothing lies as seen from a place, where a pixel is so wide [rad];
+                without it, that is unknown.
+        """
         self._camera = camera
         self._origin_m = origin_m
         self._shutter_s = camera.shutter_s if features.camera_blur else 0.0
@@ -249,6 +268,8 @@ class CameraData:
         self._view.steps = wp.zeros(keys, dtype=wp.vec3, device=device)
         self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
         self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
+        self._view.smallest_m = wp.zeros(1, dtype=float, device=device)
+        self._smallest_m = smallest_m
 
     def at(self, time_s: float) -> Any:
         """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
@@ -259,6 +280,7 @@ class CameraData:
         self._view.steps.assign(key_steps([motion], times_s, positions[:, None])[:, 0].astype(np.float32))
         self._view.rotations.assign(quaternions(_axes(poses)).astype(np.float32))
         middle = motion.pose(time_s)
+        self._view.smallest_m.assign(self._smallest(middle[None]))
         self._view.origin = wp.vec3(*(middle[:3, 3] - self._origin_m))
         right, down, corner = self._images(middle[None])[0]
         self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
@@ -268,12 +290,20 @@ class CameraData:
         """Return the views at those times, one after the other."""
         stood = np.array([poses.pose(self._camera.motion, float(t)) for t in times_s])
         device = self._view.positions.device
+        self._view.smallest_m = array(self._smallest(stood), float, device)
         self._view.positions = array((stood[:, :3, 3] - self._origin_m).astype(np.float32), wp.vec3, device)
         if self._plain:
             self._view.images = array(self._images(stood).astype(np.float32), wp.mat33, device)
         else:
             self._view.rotations = array(quaternions(_axes(stood)).astype(np.float32), wp.quat, device)
         return self._view
+
+    def _smallest(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return the width below which nothing lies as seen from each of some poses ``[K, 4, 4]`` [m]."""
+        if self._smallest_m is None:
+            return np.zeros(len(poses), np.float32)
+        pixel_angle = math.radians(self._camera.fov_deg) / self._camera.width
+        return np.array([self._smallest_m(pose[:3, 3], pixel_angle) for pose in poses], np.float32)
 
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""

@@ -86,13 +86,11 @@ class Sight:
         pixel_angle: width of a pixel seen from the camera [rad].
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
         lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
-        smallest_m: no thing is narrower, as seen from the camera [m]; 0 where that is unknown.
     """
 
     pixel_angle: float
     sharp: bool
     lamps: bool = False
-    smallest_m: float = 0.0
 
 
 def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
@@ -104,7 +102,7 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
         kept: whether light is kept on surfaces.
     """
     looks: Any = Looks()
-    looks.most, looks.pixel_angle, looks.smallest_m = first_hit_rays, sight.pixel_angle, sight.smallest_m
+    looks.most, looks.pixel_angle = first_hit_rays, sight.pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
         looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_AT_CONTRAST)
@@ -124,7 +122,6 @@ class Steerer:
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        sight: what first-hit rays see from where the camera is; set before each frame.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
     """
@@ -140,7 +137,7 @@ class Steerer:
     ) -> None:
         """Allocate what is kept from frame to frame."""
         pixels = width * height
-        self.sight = sight
+        self._sight = sight
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -176,7 +173,7 @@ class Steerer:
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self.sight)
+        steering.looks = looks_of(effort.first_hit_rays, self._sight)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         if index <= self._index or self._anew:

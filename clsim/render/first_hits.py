@@ -58,7 +58,6 @@ class Looks:
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
-        smallest_m: no thing is narrower, as seen from the camera [m]; 0 where that is unknown.
         few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
     """
 
@@ -70,7 +69,6 @@ class Looks:
     texels: int
     pixel_angle: float
     at_contrast: int
-    smallest_m: float
     few_ask: bool
 
 
@@ -234,6 +232,7 @@ def make_look(
         scene: scene_type,
         settings: settings_type,
         looks: Looks,
+        smallest_m: float,
         corners: wp.array(dtype=Sample),
         nearest: int,
         row: int,
@@ -282,7 +281,7 @@ def make_look(
             edge.marks = colours
         edge.plain = sound and edge.marks == 0
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
-        edge.whole = one_triangle and looks.smallest_m > _WIDE_PX * farthest * looks.pixel_angle
+        edge.whole = one_triangle and smallest_m > _WIDE_PX * farthest * looks.pixel_angle
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
         return edge
@@ -311,7 +310,7 @@ def make_look(
         edge.side = 4
         if wp.static(edges):
             if looks.steps > 0 and corner < 0:
-                edge = judge_corners(scene, settings, looks, corners, nearest, row)
+                edge = judge_corners(scene, settings, looks, camera.smallest_m[instant], corners, nearest, row)
                 if edge.flat:
                     footprint = footprint_of(corners, nearest, row)
                 if edge.plain or edge.flat:

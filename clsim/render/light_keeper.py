@@ -51,7 +51,6 @@ class LightKeeper:
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        sight: what first-hit rays see from where the camera is; set before each frame.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
         seen_again: on the device, luminance of every n-th pixel in raster order, as a second look at the last frame saw
@@ -84,7 +83,7 @@ class LightKeeper:
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
-        self.sight = sight
+        self._sight = sight
         self._pace_hz = pace_hz
         self._tick = 0
         self._learns = True
@@ -144,11 +143,11 @@ class LightKeeper:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, self.sight, kept=True)
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._sight, kept=True)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
-        self._gathering.cell_angle = _CELL_PX * self.sight.pixel_angle
+        self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
         changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}

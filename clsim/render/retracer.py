@@ -80,7 +80,8 @@ class Retracer:
         self._shape = camera.height, camera.width
         self._follow: tuple[Any, Any, Any, Any] | None = None
         self._kernel = build_kernel(features, data.tree)
-        self._camera = CameraData(camera, features, data.origin_m, self._device)
+        smallest_m = data.smallest_m if self._first_hits else None
+        self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
         pixel_angle = math.radians(camera.fov_deg) / camera.width
@@ -221,7 +222,7 @@ class Retracer:
         elif self._in_kept_light and view is not None:
             changed |= view.light_keeper.shown
         elif view is not None:
-            changed["looks"] = looks_of(view.effort.first_hit_rays, view.sight)
+            changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
         if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -106,7 +105,8 @@ class View:
         self._device = data.device
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
-        self._camera = CameraData(camera, features, data.origin_m, self._device)
+        smallest_m = data.smallest_m if options.first_hit_rays else None
+        self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         if features.motion_blur:
@@ -174,9 +174,6 @@ class View:
         place = self._motion.pose(time_s)[:3, 3]
         if not self._sky_differs:
             self._settings.reach_m = self._data.farthest_m(place)
-        if self._steerer is not None:
-            sight = self._steerer.sight
-            self._steerer.sight = replace(sight, smallest_m=self._data.smallest_m(place, sight.pixel_angle))
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
@@ -226,12 +223,6 @@ class View:
         if self._steerer is None:
             raise ValueError("only a renderer with first-hit rays can change its effort")
         self._steerer.effort = effort
-
-    @property
-    def sight(self) -> Sight:
-        """What the first-hit rays of the last frame saw."""
-        assert self._steerer is not None
-        return self._steerer.sight
 
     @property
     def paths(self) -> int:
