@@ -233,7 +233,7 @@ class CameraData:
         features: Features,
         origin_m: npt.NDArray[np.float64],
         device: Any,
-        smallest_m: Callable[[npt.NDArray[np.float64], float], float] | None = None,
+        smallest_m: Callable[[npt.NDArray[np.float64], float], npt.NDArray[np.float64]] | None = None,
     ) -> None:
         """Take what does not change with time.
 
@@ -242,8 +242,8 @@ class CameraData:
             features: what the kernels are built for.
             origin_m: the world's point at which the device's origin is.
             device: Warp's device.
-            smallest_m: returns the width below which nothing lies as seen from a place, where a pixel is so wide [rad];
-                without it, that is unknown.
+            smallest_m: returns the width below which nothing lies as seen from each of some places ``[K, 3]``, where a
+                pixel is so wide [rad]; without it, that is unknown.
         """
         self._camera = camera
         self._origin_m = origin_m
@@ -303,7 +303,7 @@ class CameraData:
         if self._smallest_m is None:
             return np.zeros(len(poses), np.float32)
         pixel_angle = math.radians(self._camera.fov_deg) / self._camera.width
-        return np.array([self._smallest_m(pose[:3, 3], pixel_angle) for pose in poses], np.float32)
+        return self._smallest_m(poses[:, :3, 3], pixel_angle).astype(np.float32)
 
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""

@@ -163,9 +163,9 @@ class SceneData:
         balls = [(light.motion.pose(0.0)[:3, 3], light.radius_m) for light in self.world.sphere_lights]
         return float(max(np.linalg.norm(place - at) + size for at, size in [(middle, radius), *balls]))
 
-    def smallest_m(self, place: npt.NDArray[np.float64], pixel_angle: float) -> float:
-        """Return the width below which nothing lies, as seen from a place in the world; 0 where that is unknown."""
-        return self._smallest.seen_from(place, pixel_angle) if self._smallest else 0.0
+    def smallest_m(self, places: npt.NDArray[np.float64], pixel_angle: float) -> npt.NDArray[np.float64]:
+        """Return the width below which nothing lies as seen from each place ``[K, 3]``; 0 where that is unknown."""
+        return self._smallest.seen_from(places, pixel_angle) if self._smallest else np.zeros(len(places))
 
     @property
     def still(self) -> bool:

@@ -26,6 +26,8 @@ _MOST_MOVING = 64
 """Moving things from which on the same holds."""
 _TIMES = 33
 """Times of a motion at which a thing's scale is looked at."""
+_MOST_AT_ONCE = 1 << 14
+"""Sheets times places that are looked at together, so that memory does not grow."""
 _FOLD = np.cos(np.radians(30.0))
 """Cosine of the angle between two triangles below which both are as good as one sheet."""
 _TIP_RAD = np.radians(50.0)
@@ -47,15 +49,22 @@ class Smallest:
     width_m: float
     sheets: F64
 
-    def seen_from(self, place: F64, pixel_angle: float) -> float:
-        """Return the width below which nothing lies as seen from a place, where a pixel is so wide [rad]."""
-        ways = self.sheets - place
-        toward = ways / np.maximum(np.linalg.norm(ways, axis=2, keepdims=True), 1e-30)
+    def seen_from(self, places: F64, pixel_angle: float) -> F64:
+        """Return the width below which nothing lies as seen from each place ``[K, 3]``; a pixel is so wide [rad]."""
+        batches = range(0, len(places), max(1, _MOST_AT_ONCE // max(1, len(self.sheets))))
+        step = batches.step
+        wide = [self._all_wide(places[first : first + step], pixel_angle) for first in batches]
+        return np.where(np.concatenate([np.zeros(0, np.bool_), *wide]), self.width_m, 0.0)
+
+    def _all_wide(self, places: F64, pixel_angle: float) -> Mask:
+        """Return from which places ``[K, 3]`` no sheet is seen on its edge."""
+        ways = self.sheets - places[:, None, None]
+        toward = ways / np.maximum(np.linalg.norm(ways, axis=3, keepdims=True), 1e-30)
         # Seen from there, a corner is so far away from the great circle through the two others.
-        planes = np.cross(np.roll(toward, -1, axis=1), np.roll(toward, -2, axis=1))
-        off = np.abs((toward[:, 0] * planes[:, 0]).sum(axis=1))
-        longest = np.linalg.norm(planes, axis=2).max(axis=1)
-        return self.width_m if (off >= np.sin(_WIDE_PX * pixel_angle) * longest).all() else 0.0
+        planes = np.cross(np.roll(toward, -1, axis=2), np.roll(toward, -2, axis=2))
+        off = np.abs((toward[:, :, 0] * planes[:, :, 0]).sum(axis=2))
+        longest = np.linalg.norm(planes, axis=3).max(axis=2)
+        return np.asarray((off >= np.sin(_WIDE_PX * pixel_angle) * longest).all(axis=1))
 
 
 def smallest_of(placement: Placement, sphere_lights: Iterable[SphereLight]) -> Smallest:

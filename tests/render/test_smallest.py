@@ -103,7 +103,7 @@ def test_what_is_folded_flat_is_as_good_as_a_sheet():
 def test_seen_on_its_edge_a_sheet_has_no_width():
     """As seen from 10 m at height h a sheet of 4 m is about 0.4 h/14 rad wide, for triangles a little less."""
     smallest = smallest_of(place(hw.world(hw.quad((-20, 0, -14), (40, 0, 0), (0, 0, 4)))), ())
-    above, low = (smallest.seen_from(np.array([0.0, height, 0.0]), 1e-3) for height in (0.3, 0.02))
+    above, low = smallest.seen_from(np.array([[0.0, height, 0.0] for height in (0.3, 0.02)]), 1e-3)
     assert above == smallest.width_m > 3.0 and low == 0.0
 
 
