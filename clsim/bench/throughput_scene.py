@@ -14,7 +14,7 @@ from clsim.bench.throughput_render import MAX_DEPTH, take_turns
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.devices import start_warp
-from clsim.scene import World, load_world
+from clsim.scene import World
 
 WIDTH = 160
 """Of the picture [pixels]; its height is by the scene's own camera."""
@@ -25,12 +25,12 @@ Render = Callable[[int], npt.NDArray[np.floating[Any]]]
 
 
 def scene_throughput(
-    scene: str, *, spp: int = 32, rounds: int = 3, others: Mapping[str, Render] | None = None
+    scene: World, *, spp: int = 32, rounds: int = 3, others: Mapping[str, Render] | None = None
 ) -> dict[str, dict[str, float]]:
     """Measure the first frame of a scene, paths of 8 edges at most, without all that comes before the first picture.
 
     Args:
-        scene: a scene's file, or a bundled scene's name.
+        scene: what to render, in a picture of the bench's width.
         spp: paths a pixel.
         rounds: pictures of each renderer, in turns; of processor seconds, which are those of all threads, the median
             counts.
@@ -42,7 +42,7 @@ def scene_throughput(
         seconds of a pixel times its relative variance.
     """
     start_warp()
-    world = narrow(load_world(scene))
+    world = narrow(scene)
     tracers = [_tracer(world, spp, seed) for seed in range(2)]
     renders: dict[str, Render] = {"clsim": lambda seed: _picture(tracers[seed]), **(others or {})}
     paths = world.camera.width * world.camera.height * spp

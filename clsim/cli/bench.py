@@ -54,13 +54,19 @@ def _all(opencl: str | None) -> dict[str, Any]:
 
 
 def _scenes(scenes: list[str]) -> dict[str, Any]:
+    from rich.console import Console
+
     from clsim.bench.throughput_scene import scene_throughput
-    from clsim.scene import bundled_names
+    from clsim.cli.status import say_about_scene
+    from clsim.scene import bundled_names, load_world
 
     figures = {}
+    console = Console(stderr=True)
     for scene in scenes:
         if scene in bundled_names() or Path(scene).is_file():
-            figures[scene] = scene_throughput(scene)
+            world = load_world(scene)
+            say_about_scene(console, world.notes, world.warnings)
+            figures[scene] = scene_throughput(world)
         else:
             typer.echo(f"{scene}: left out, for there is no such file", err=True)
     if not figures:

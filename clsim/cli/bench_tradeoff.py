@@ -47,7 +47,7 @@ def tradeoff(
 
     Example: `clsim bench tradeoff two-boxes --quick --plot tradeoff.png`
     """
-    from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
+    from clsim.bench.tradeoff import Sweep, TradeoffOptions
     from clsim.cli.tradeoff_tables import csv_text, markdown_text
 
     options = TradeoffOptions(
@@ -64,7 +64,7 @@ def tradeoff(
     for file in (csv_file, plot, markdown):
         if file is not None and not file.absolute().parent.is_dir():
             raise InputError(f"cannot write {file}: there is no folder {file.absolute().parent}")
-    results = _with_progress(options, run_tradeoff)
+    results = with_progress(options, Sweep)
     _write(csv_file, lambda: csv_text(results))
     _write(markdown, lambda: markdown_text(results))
     if plot is not None:
@@ -99,10 +99,12 @@ def _write(file: Path | None, text: Any) -> None:
         raise InputError(f"cannot write {file}: {error.strerror}") from None
 
 
-def _with_progress(options: Any, run: Any) -> dict[str, Any]:
-    """Run a sweep below a bar with the time left, on standard error."""
+def with_progress(options: Any, make_sweep: Any) -> dict[str, Any]:
+    """Run a sweep below a bar with the time left, on standard error, after what the scene has to say."""
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+    from clsim.cli.status import say_about_scene
 
     columns = (
         TextColumn("{task.description}"),
@@ -120,7 +122,9 @@ def _with_progress(options: Any, run: Any) -> dict[str, Any]:
             progress.update(task, description=what, completed=done, total=total or 1.0)
 
         try:
-            results: dict[str, Any] = run(options, report)
+            sweep = make_sweep(options, report)
+            say_about_scene(progress.console, sweep.world.notes, sweep.world.warnings)
+            results: dict[str, Any] = sweep.run()
         except KeyboardInterrupt:
             progress.console.print("clsim: interrupted; the same command goes on from the points measured so far")
             raise

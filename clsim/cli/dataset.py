@@ -63,7 +63,7 @@ def dataset(
         from clsim.datasets.preview import preview
 
         told = preview(chosen, folder, workers)
-        say_about_scene(console, told.sentences, ())
+        say_about_scene(console, told.sentences, told.warnings)
         if as_json:
             print(json.dumps(told.as_dict()))
         return 0
@@ -84,7 +84,7 @@ def dataset(
     if packed:
         sentences.append(f"{len(packed):,} shards are in {packed[0].parent}")
     failed = [f"sequence {index} failed: {why}" for index, why in sorted(done.failures.items())[:5]]
-    say_about_scene(console, sentences, failed)
+    say_about_scene(console, sentences, [*done.warnings, *failed])
     if as_json:
         print(json.dumps(vars(done)))
     return OUTPUT_FAILED if done.failures else 0

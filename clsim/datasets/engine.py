@@ -49,6 +49,7 @@ class Progress:
         rejected: those of which no attempt was kept.
         cpu_s: processor time of those made in this run.
         failures: what went wrong, by number of the sequence.
+        warnings: what sequences ask for and do not get, each sentence once.
     """
 
     total: int
@@ -57,6 +58,13 @@ class Progress:
     rejected: int = 0
     cpu_s: float = 0.0
     failures: dict[int, str] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    def add(self, done: Done) -> None:
+        """Count a sequence that is there."""
+        self.whole += 1
+        self.rejected += not done.kept
+        self.warnings += [sentence for sentence in done.warnings if sentence not in self.warnings]
 
 
 def make(
@@ -137,9 +145,8 @@ def _missing(spec: Spec, out: Path, verify: bool, progress: Progress) -> list[in
             if done is not None or verify:
                 shutil.rmtree(sequence_folder(out, index), ignore_errors=True)
         else:
-            progress.whole += 1
+            progress.add(done)
             progress.found += 1
-            progress.rejected += not done.kept
     return missing
 
 
@@ -253,8 +260,7 @@ def _round(
                 again.append(index)
         else:
             progress.failures.pop(index, None)
-            progress.whole += 1
-            progress.rejected += not done.kept
+            progress.add(done)
             progress.cpu_s += done.cost["cpu_s"]
         tell(progress)
         future.release()

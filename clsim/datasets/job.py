@@ -41,6 +41,7 @@ class Done:
         rejected: reasons why earlier attempts, or all of them, were not kept.
         kept: whether one was.
         cost: ``cpu_s`` and ``wall_s``, the only values that differ from run to run.
+        warnings: what its scene or options ask for and did not get, one sentence each.
     """
 
     index: int
@@ -51,6 +52,7 @@ class Done:
     rejected: tuple[str, ...]
     kept: bool
     cost: dict[str, float]
+    warnings: tuple[str, ...] = ()
     clsim_version: str = VERSION
 
 
@@ -73,7 +75,7 @@ def read_done(folder: Path, *, verify: bool = False) -> Done | None:
                 return None
     except (OSError, ValueError, TypeError, AttributeError):
         return None
-    return replace(done, files=files, rejected=tuple(done.rejected))
+    return replace(done, files=files, rejected=tuple(done.rejected), warnings=tuple(done.warnings))
 
 
 def run_job(spec: Spec, index: int, out: str, threads: int | None) -> Done:
@@ -93,10 +95,10 @@ def run_job(spec: Spec, index: int, out: str, threads: int | None) -> Done:
     started = time.perf_counter(), time.process_time()
     rejected: list[str] = []
     with _part_of(target) as part:
-        sample, figures = spec.sample(index), None
+        sample, figures, warnings = spec.sample(index), None, ()
         for attempt in range(spec.reject.attempts):
             sample = spec.sample(index, attempt)
-            figures = _run(spec, sample, part, threads)
+            figures, warnings = _run(spec, sample, part, threads)
             why = reasons(figures, spec.reject)
             if not why:
                 break
@@ -108,12 +110,12 @@ def run_job(spec: Spec, index: int, out: str, threads: int | None) -> Done:
             _sync(file)
         cost = {"cpu_s": time.process_time() - started[1], "wall_s": time.perf_counter() - started[0]}
         told = asdict(figures) if figures is not None and kept else {}
-        done = Done(index, job, sample.split, files, told, tuple(rejected), kept, cost)
+        done = Done(index, job, sample.split, files, told, tuple(rejected), kept, cost, warnings)
         return _publish(part, target, done)
 
 
-def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> Figures:
-    """Simulate into the folder and return what came of it."""
+def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> tuple[Figures, tuple[str, ...]]:
+    """Simulate into the folder and return what came of it, and what was asked for in vain."""
     from clsim.live.session import open_live
 
     (part / "scene.toml").write_text(scene_text(sample.scene), encoding="utf-8")
@@ -122,6 +124,7 @@ def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> Figures
     options = replace(LiveOptions.from_dict(given), outputs=tuple(str(part / name) for name in names))
     # What files tell of their making must not hang on where and by which process they were made.
     session = open_live(options, told={"scene": "scene.toml", "outputs": names, "threads": None})
+    warnings = session.warnings
     try:
         summary = session.run()
     finally:
@@ -129,7 +132,7 @@ def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> Figures
         gc.collect()
     for name in names:
         (part / f"{name}.json").unlink(missing_ok=True)  # tells of the clock
-    return measure(part, summary, options)
+    return measure(part, summary, options), warnings
 
 
 @contextmanager

@@ -37,6 +37,7 @@ class Preview:
         hours: time of all on this machine.
         gigabytes: size of all.
         rejected: attempts that were not kept.
+        warnings: what sequences ask for and do not get, each sentence once.
     """
 
     sheet: str
@@ -45,6 +46,7 @@ class Preview:
     hours: float
     gigabytes: float
     rejected: int
+    warnings: tuple[str, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name."""
@@ -70,6 +72,7 @@ def preview(spec: Spec, out: Path, workers: int | None, longest_s: float = _MEAS
     cpu_s = size = 0.0
     made = rejected = 0
     tiles: list[npt.NDArray[np.uint8]] = []
+    warnings: dict[str, None] = {}
     truth = spec.run.get("truth", ())
     names = (truth,) if isinstance(truth, str) else tuple(truth)
     shown = replace(spec, run=spec.run | {"truth": [*names, "intensity"]}, layout="h5")
@@ -82,6 +85,7 @@ def preview(spec: Spec, out: Path, workers: int | None, longest_s: float = _MEAS
             cpu_s += done.cost["cpu_s"]
             size += sum(each for each, _ in done.files.values())
             rejected += len(done.rejected)
+            warnings |= dict.fromkeys(done.warnings)
             place = sequence_folder(Path(folder), index)
             if done.kept and read_done(place) is not None:
                 with Sequence(place) as sequence:
@@ -95,7 +99,7 @@ def preview(spec: Spec, out: Path, workers: int | None, longest_s: float = _MEAS
     cores = os.cpu_count() or 1
     return Preview(
         str(sheet), made, cpu_s * total / 3600, cpu_s * total / 3600 / min(cores, workers or cores), size * total / 1e9,
-        rejected,
+        rejected, tuple(warnings),
     )  # fmt: skip
 
 

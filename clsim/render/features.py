@@ -15,6 +15,8 @@ from clsim.scene.world import Kind
 Strategy = Literal["mis", "light", "scatter"]
 _FEW_LAMPS = 4
 """Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows."""
+_SHARP_DEG = 1.0
+"""How wide the edge of a spot's cone is at least where its light is asked for once a pixel."""
 
 
 @dataclass(frozen=True)
@@ -247,8 +249,12 @@ def _few_lamps(world: World) -> bool:
 
 
 def _lamps_show_pictures(world: World) -> bool:
-    """Whether a light without size has a picture, or a frame where its light ends at once."""
-    return any(light.picture >= 0 or light.falloff == "frame" for light in world.punctual_lights)
+    """Whether a light without size has a picture, or a frame or a cone where its light ends at once."""
+    return any(light.picture >= 0 or light.falloff == "frame" or _is_sharp(light) for light in world.punctual_lights)
+
+
+def _is_sharp(light: PunctualLight) -> bool:
+    return light.kind == "spot" and light.outer_deg - light.inner_deg < _SHARP_DEG
 
 
 def _lamps(world: World) -> int:

@@ -286,6 +286,15 @@ class MaterialReader:
     def _read_null(self, bsdf: Plugin) -> Material:
         return Material(alpha_mode="blend", opacity=0.0)
 
+    def _read_polarizer(self, bsdf: Plugin) -> Material:
+        """Half of unpolarised light passes, and all does through what only turns its polarisation."""
+        self._warn(f"the bsdf {bsdf.type} is rendered without polarisation")
+        through, _ = self.textures.color(bsdf, "transmittance", 1.0, plain=True)
+        passed = min(max(luminance(through), 0.0), 1.0) * (1.0 if bsdf.type == "retarder" else 0.5)
+        return Material(color=BLACK, alpha_mode="blend", opacity=1.0 - passed)
+
+    _read_circular = _read_retarder = _read_polarizer
+
     def _nested(self, bsdf: Plugin) -> Plugin:
         nested = bsdf.of_kind("bsdf")
         if not nested:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from clsim.bench.throughput_scene import WIDTH, scene_throughput
+from clsim.scene import load_world
 
 
 @pytest.mark.slow
@@ -13,7 +14,7 @@ def test_noise_and_efficiency_are_of_the_same_picture():
     def other(seed):
         return 2.0 + np.random.default_rng(seed).normal(scale=0.1, size=(3, 400, 400))
 
-    coarse, fine = (scene_throughput("two-boxes", spp=spp, others={"other": other}) for spp in (4, 16))
+    coarse, fine = (scene_throughput(load_world("two-boxes"), spp=spp, others={"other": other}) for spp in (4, 16))
     assert abs(coarse["relative_noise"]["other"] / 0.05 - 1) < 0.02
     assert coarse["mean_radiance"]["other"] == pytest.approx(2.0, rel=1e-3)
     assert fine["mean_radiance"]["clsim"] == pytest.approx(coarse["mean_radiance"]["clsim"], rel=0.02)

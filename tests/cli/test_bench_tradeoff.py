@@ -6,12 +6,14 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from clsim.bench import tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
+from clsim.cli.bench_tradeoff import with_progress
 
 POINTS = [
     Point(Rendering(2, "common", 0), ESIM),
@@ -51,3 +53,10 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(
     assert not (tmp_path / "c").exists()
     outcome = clsim("bench", "tradeoff", "two-boxes", "--seeds", "1,x")
     assert outcome.status == 2 and "--seeds must be whole numbers" in outcome.stderr
+
+
+def test_what_the_scene_asks_for_in_vain_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    world = SimpleNamespace(notes=(), warnings=("a.xml: media are left out",))
+    sweep = SimpleNamespace(world=world, run=lambda: {"points": []})
+    assert with_progress(None, lambda options, report: sweep) == {"points": []}
+    assert "clsim: a.xml: media are left out" in capsys.readouterr().err

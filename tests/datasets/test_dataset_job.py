@@ -36,7 +36,7 @@ def made(monkeypatch):
         (part / "scene.toml").write_text("scene")
         (part / f"attempt-{len(samples)}.h5").write_bytes(_DATA)
         samples.append(sample)
-        return Figures(2, 1, 3, 0.1, 7, 4, float(len(samples)))
+        return Figures(2, 1, 3, 0.1, 7, 4, float(len(samples))), ("scene.toml: media are left out",)
 
     monkeypatch.setattr(job, "_run", run)
     return samples
@@ -57,6 +57,15 @@ def test_files_have_their_sizes_and_hashes(tmp_path, spec, made):
     assert done.files["attempt-0.h5"] == (len(_DATA), hashlib.sha256(_DATA).hexdigest())
     assert set(done.files) == {"attempt-0.h5", "scene.toml"}
     assert done.figures["events"] == 7 and done.cost["wall_s"] > 0
+
+
+def test_what_scenes_ask_for_in_vain_is_told_once(tmp_path, spec, made):
+    told = run_job(spec, 0, str(tmp_path), None).warnings
+    run_job(spec, 1, str(tmp_path), None)
+    assert told == read_done(sequence_folder(tmp_path, 1)).warnings == ("scene.toml: media are left out",)
+    progress = Progress(2)
+    assert _missing(replace(spec, count=2), tmp_path, False, progress) == []
+    assert progress.warnings == ["scene.toml: media are left out"]
 
 
 def test_attempts_end_with_the_first_that_is_kept(tmp_path, spec, made):

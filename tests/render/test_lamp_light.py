@@ -12,6 +12,7 @@ from test_steered import LUMINANCE, Run
 from test_tracer import LAMP, lit_world
 
 from clsim.render.compiler import kernel_options
+from clsim.render.features import light_is_found_apart
 from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
 from clsim.scene import ImageTexture, Material, PunctualLight, Static
 
@@ -131,6 +132,18 @@ def test_the_shadow_in_a_weak_lamps_light_is_seen_beside_a_strong_ones():
     shadow = (plain > 0.85 * plain.max()) & (plain < 0.93 * plain[0, 0])
     assert shadow.sum() > 20
     assert np.median(seen[shadow] / plain[shadow]) < 1.03
+
+
+@pytest.mark.slow
+def test_the_edge_of_a_sharp_cone_lies_within_pixels():
+    """Light at one place in each pixel is all or nothing there."""
+    pose = Static(hw.look_from((0, 5, 0), (0, 0, 0), up=(0.3, 0, -1)))
+    spot = PunctualLight("spot", (8, 8, 8), pose, inner_deg=15.0, outer_deg=15.05)
+    seen, plain = luminances(from_above(punctual_lights=(spot,)), 64, 256)
+    rim = (plain > 0.02 * plain.max()) & (plain < 0.98 * plain.max())
+    assert rim.sum() > 50
+    assert np.abs(seen - plain)[rim].mean() < 0.02 * plain.max()
+    assert light_is_found_apart(from_above(punctual_lights=(replace(spot, inner_deg=13.0),)))
 
 
 @pytest.mark.slow

@@ -65,6 +65,23 @@ def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
         load_world(path, strict=True)
 
 
+@pytest.mark.parametrize(
+    ("name", "feature"),
+    [
+        ("clearcoatTexture", "clearcoat textures"),
+        ("clearcoatRoughnessTexture", "clearcoat roughness textures"),
+        ("clearcoatNormalTexture", "clearcoat normal textures"),
+    ],
+)
+def test_textures_of_coats_are_left_out_with_a_word(tmp_path, name, feature):
+    coat = {"clearcoatFactor": 0.5, name: {"index": 0}}
+    tree = gltf(materials=[{"name": "paint", "extensions": {"KHR_materials_clearcoat": coat}}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    assert world.materials[0].clearcoat == 0.5
+    assert world.warnings == (f"scene.gltf: {feature} are left out (the first is that of paint)",)
+
+
 def test_unlit_surfaces_show_their_color_whatever_the_light(tmp_path):
     tree = gltf(
         materials=[

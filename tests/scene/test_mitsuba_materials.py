@@ -266,6 +266,20 @@ def test_pplastic_is_plastic_that_loses_what_its_coat_reflects_inwards(tmp_path)
     assert material(tmp_path, bsdf.replace("1.5", "1e300") + "</bsdf>")[0].color == pytest.approx((0.0, 0.0, 0.0))
 
 
+def test_textures_on_vertices_are_left_out_with_a_word(tmp_path):
+    painted = '<texture type="mesh_attribute" name="reflectance"><string name="name" value="vertex_color"/></texture>'
+    found, world = material(tmp_path, f'<bsdf type="diffuse">{painted}</bsdf>')
+    assert world.textures[found.texture].color_a == (0.5, 0.5, 0.5)
+    assert any("the texture mesh_attribute is left out; grey stands in" in each for each in world.warnings)
+
+
+@pytest.mark.parametrize(("kind", "passed"), [("polarizer", 0.3), ("circular", 0.3), ("retarder", 0.6)])
+def test_filters_of_polarisation_dim_alone(tmp_path, kind, passed):
+    found, world = material(tmp_path, f'<bsdf type="{kind}"><float name="transmittance" value="0.6"/></bsdf>')
+    assert (found.color, found.alpha_mode, found.opacity) == ((0, 0, 0), "blend", pytest.approx(1 - passed))
+    assert any(f"the bsdf {kind} is rendered without polarisation" in each for each in world.warnings)
+
+
 def test_phong_tells_that_the_texture_of_its_exponent_is_left_out(tmp_path):
     texture = '<texture type="checkerboard" name="exponent"/>'
     found, world = material(tmp_path, f'<bsdf type="phong">{texture}</bsdf>', "0.6.0")

@@ -79,6 +79,14 @@ def test_backs_of_lamps(mi, tmp_path, bsdf):
     assert_alike(mi, tmp_path, FLOOR + SKY + panel(bsdf))
 
 
+@pytest.mark.parametrize("kind", ["polarizer", "circular", "retarder"])
+def test_filters_of_polarisation(mi, tmp_path, kind):
+    """A sheet over the floor, which is seen through it and shaded by it."""
+    place = '<transform name="to_world"><rotate x="1" angle="-90"/><translate y="1"/></transform>'
+    bsdf = f'<bsdf type="{kind}"><float name="transmittance" value="0.7"/></bsdf>'
+    assert_alike(mi, tmp_path, FLOOR + SKY + f'<shape type="rectangle">{place}{bsdf}</shape>', spp=512)
+
+
 def test_emitters_without_a_bsdf_are_black(mi, tmp_path):
     """A floor within a glowing dome: what the dome reflects would be seen everywhere."""
     dome = """<shape type="sphere"><float name="radius" value="9"/><boolean name="flip_normals" value="true"/>

@@ -24,7 +24,7 @@ from clsim.bench.throughput_scene import scene_throughput
 from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.render.devices import start_warp
-from clsim.scene import World
+from clsim.scene import World, load_world
 from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window
 from tools.validation_render import mitsubas_scene
@@ -88,7 +88,7 @@ def file_beside_mitsuba(path: str, spp: int, rounds: int) -> dict[str, Any]:
     mitsuba = _mitsuba()
     asked = mitsubas_scene(path, spp)
     others = {"mitsuba": lambda seed: np.array(mitsuba.render(**asked, seed=seed))}
-    result: dict[str, Any] = {**scene_throughput(path, spp=spp, rounds=rounds, others=others)}
+    result: dict[str, Any] = {**scene_throughput(load_world(path), spp=spp, rounds=rounds, others=others)}
     for ratio, figure in (("mitsuba_cpu_ratio", "paths_per_cpu_second"), ("mitsuba_efficiency_ratio", "efficiency")):
         result[ratio] = result[figure]["clsim"] / result[figure]["mitsuba"]
     return result
