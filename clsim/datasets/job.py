@@ -95,7 +95,8 @@ def run_job(spec: Spec, index: int, out: str, threads: int | None) -> Done:
     started = time.perf_counter(), time.process_time()
     rejected: list[str] = []
     with _part_of(target) as part:
-        sample, figures, warnings = spec.sample(index), None, ()
+        sample, figures = spec.sample(index), None
+        warnings: tuple[str, ...] = ()
         for attempt in range(spec.reject.attempts):
             sample = spec.sample(index, attempt)
             figures, warnings = _run(spec, sample, part, threads)
