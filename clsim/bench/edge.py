@@ -11,9 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.bench.tradeoff_measure import run_point
-from clsim.bench.tradeoff_settings import named_points
+from clsim.bench.tradeoff_settings import Light, named_points
 from clsim.opencl.device import choose_device
-from clsim.render import light_stands_still
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, World, load_world
 from clsim.scene.motion import Keyframes, Motion
 from clsim.score.matching import Sampling, one_to_one
@@ -138,7 +137,7 @@ def measure_edge(scene: EdgeScene, quality: str, fps: float, seed: int = 0) -> d
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    point = named_points(seed, light_stands_still(world))[quality]
+    point = named_points(seed, Light.of(world))[quality]
     config = point.detector.config(world.sensor)
     run = run_point(world, point.rendering.options(fps, scene.frames), config, choose_device(), lambda: None)
     truth = edge.events(camera.width, camera.height, (scene.frames - 1) / fps, world.sensor.threshold_on)

@@ -17,13 +17,13 @@ from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
 from clsim.bench.stopwatch import Stopwatch
 from clsim.bench.tradeoff_measure import run_point, start_up, warm_renderer
-from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
+from clsim.bench.tradeoff_settings import Light, Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import summarise
 from clsim.detect.config import EventRule
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.opencl.device import Device, choose_device
-from clsim.render import RenderOptions, light_stands_still
+from clsim.render import RenderOptions
 from clsim.render.devices import usable_cores
 from clsim.scene import World, load_world
 from clsim.score import PAPER_TAU, Score, score
@@ -103,8 +103,8 @@ class Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
-        still = light_stands_still(self.world)
-        chosen = quick_points(options.seeds[0], still) if quick else full_points(options.seeds, still)
+        light = Light.of(self.world)
+        chosen = quick_points(options.seeds[0], light) if quick else full_points(options.seeds, light)
         self.points = list(options.points) or chosen
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = Rendering(spp, "common", REFERENCE_SEED).options(self.fps, self.frames)

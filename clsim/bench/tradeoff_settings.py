@@ -7,8 +7,9 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
 from clsim.live import quality
-from clsim.render import RenderOptions
-from clsim.scene import Sensor
+from clsim.live.options import LiveOptions
+from clsim.render import RenderOptions, light_is_found_apart, light_stands_still
+from clsim.scene import Sensor, World
 
 QUICK_POINTS = 12
 _TURNED: tuple[tuple[str, Any], ...] = (
@@ -136,10 +137,31 @@ class Point:
         return asdict(self.rendering) | asdict(self.detector)
 
 
-def named_points(seed: int, still: bool = False) -> dict[str, Point]:
-    """Return the points that ``clsim live --quality`` names, in scenes whose light stands ``still``, or in others."""
-    points = quality.QUALITIES | quality.CACHED if still else quality.QUALITIES
-    return {name: _of_live(point, seed) for name, point in points.items()}
+@dataclass(frozen=True)
+class Light:
+    """What a named quality goes by in a scene, as `LiveOptions.settled` takes it."""
+
+    stands_still: bool = False
+    all_by_paths: bool = False
+    """Whether paths find all light, also that straight from lamps."""
+
+    @classmethod
+    def of(cls, world: World) -> Light:
+        """Return that of a scene."""
+        return cls(light_stands_still(world), not light_is_found_apart(world))
+
+
+LIGHTS = (Light(), Light(stands_still=True), Light(stands_still=True, all_by_paths=True))
+"""Those in which a quality has other settings."""
+
+
+def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
+    """Return the points that ``clsim live --quality`` names, in scenes with such light."""
+    runs = {
+        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths)
+        for name in quality.QUALITIES
+    }
+    return {name: _of_live(run.point, seed) for name, run in runs.items()}
 
 
 def _of_live(live: quality.Point, seed: int) -> Point:
@@ -166,12 +188,12 @@ def _of_live(live: quality.Point, seed: int) -> Point:
     return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, **used))
 
 
-def full_points(seeds: tuple[int, ...], still: bool = False) -> list[Point]:
+def full_points(seeds: tuple[int, ...], light: Light = LIGHTS[0]) -> list[Point]:
     """Return all points of the sweep: plain renderings, first-hit rays with uniform and adaptive sampling, knobs."""
-    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed, still)))
+    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed, light)))
 
 
-def _points_of_a_seed(seed: int, still: bool) -> list[Point]:
+def _points_of_a_seed(seed: int, light: Light) -> list[Point]:
     renderings = [Rendering(spp, "common", seed) for spp in (2, 8, 32, 128)]
     renderings += [Rendering(spp, "independent", seed) for spp in (32, 512)]
     renderings += [Rendering(spp, "common", seed, "sobol") for spp in (8, 32)]
@@ -189,15 +211,15 @@ def _points_of_a_seed(seed: int, still: bool) -> list[Point]:
         *(Point(rendering, detector) for rendering in renderings for detector in (ESIM, BASE)),
         *(Point(rendering, IRRADIANCE) for rendering in looking),
         *(Point(base, detector) for detector in (*turned, DetectorSetting("wlr-esim", window=13, stride=1, history=1))),
-        *named_points(seed, still).values(),
+        *named_points(seed, light).values(),
     ]
 
 
-def quick_points(seed: int, still: bool = False) -> list[Point]:
+def quick_points(seed: int, light: Light = LIGHTS[0]) -> list[Point]:
     """Return a dozen points: the base with one knob turned at a time, and what it is to be compared with."""
     some, more = Rendering(8, "common", seed), Rendering(32, "common", seed)
     fresh = Rendering(32, "independent", seed)
-    named = named_points(seed, still)
+    named = named_points(seed, light)
     return [
         Point(some, ESIM),
         Point(some, BASE),

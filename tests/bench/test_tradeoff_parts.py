@@ -16,7 +16,17 @@ from clsim.bench.content_key import content_key, world_key
 from clsim.bench.pareto import pareto_front
 from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import reference_key
-from clsim.bench.tradeoff_settings import BASE, QUICK_POINTS, Point, Rendering, full_points, named_points, quick_points
+from clsim.bench.tradeoff_settings import (
+    BASE,
+    LIGHTS,
+    QUICK_POINTS,
+    Light,
+    Point,
+    Rendering,
+    full_points,
+    named_points,
+    quick_points,
+)
 from clsim.bench.tradeoff_summary import summarise, turned_knobs
 from clsim.render import RenderOptions
 from clsim.scene import load_world
@@ -142,6 +152,30 @@ def test_named_points_are_those_of_live_runs() -> None:
         assert rendering.probe_spp == (quality.probe_spp if quality.sampling == "adaptive" else None)
         assert (detector.method, detector.window) == (quality.method, quality.window)
         assert (detector.gate or "radiance", detector.event_rule) == (quality.gate, quality.event_rule)
+
+
+def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
+    """A room that the sky lights has no lamp apart: there a live run traces more paths."""
+    from clsim.live.options import LiveOptions
+    from clsim.live.stages import plan_stages
+
+    lit = load_world("two-boxes", resolution=(16, 12))
+    sky = dataclasses.replace(
+        lit,
+        materials=tuple(dataclasses.replace(each, emission=(0.0, 0.0, 0.0)) for each in lit.materials),
+        environment=(1.0, 1.0, 1.0),
+    )
+    found = [Light.of(load_world("cornell")), Light.of(lit), Light.of(sky)]
+    assert found == list(LIGHTS)
+    for world, light in ((lit, found[1]), (sky, found[2])):
+        for name in ("draft", "balanced", "accurate"):
+            live = plan_stages(LiveOptions("", quality=name), world)
+            point = named_points(0, light)[name]
+            bench = point.rendering.options(live.fps, 2)
+            for field in ("spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "sampler", "noise"):
+                assert getattr(bench, field) == getattr(live.render, field), (name, field)
+            assert point.detector.config(world.sensor) == live.detector
+    assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
 
 
 def test_means_fronts_and_knobs() -> None:
