@@ -15,6 +15,7 @@ from pxr import Ar, Sdf, Tf, Usd, UsdGeom, UsdSkel, UsdUtils
 from clsim.errors import InputError
 from clsim.scene.files import named_file
 from clsim.scene.motion import Matrix
+from clsim.scene.usd_bounds import check_bounds
 
 MAX_BYTES = 1 << 30
 """Largest picture within a package, and most that shapes which change, and places of copies, may take in all."""
@@ -36,12 +37,13 @@ class Stage:
         """Open a file with all that it refers to; ``warn`` takes what cannot be found or read.
 
         Raises:
-            InputError: naming the file, if it is no USD.
+            InputError: naming the file, if it is no USD, or takes too much to open.
         """
         self.path, self._warn = path, warn
         collector = UsdUtils.CoalescingDiagnosticDelegate()
         try:
-            self.usd: Any = Usd.Stage.Open(str(path))
+            layer = check_bounds(path)
+            self.usd: Any = Usd.Stage.Open(layer or str(path))
         except Tf.ErrorException as error:
             raise InputError(f"{path}: cannot be read as USD ({_reason(error)})") from None
         finally:

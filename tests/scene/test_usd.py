@@ -255,6 +255,34 @@ def test_a_file_that_cannot_be_used_is_told_in_one_sentence(tmp_path, text, said
     assert "\n" not in str(caught.value)
 
 
+def test_what_unfolds_without_end_is_refused(tmp_path, monkeypatch):
+    """Each of sixty prims refers twice to the next: 2⁶⁰ in all, out of a few kilobytes."""
+    monkeypatch.setattr("clsim.scene.usd_bounds.CPU_S", 1)
+    twice = [
+        f'def "p{k}" {{\n'
+        + "".join(f'def "{name}" (references = </p{k + 1}>\n) {{ }}\n' for name in ("one", "two"))
+        + "}\n"
+        for k in range(60)
+    ]
+    path = usda(tmp_path, mesh(name="p60") + "".join(twice))
+    with pytest.raises(InputError) as caught:
+        load_world(path)
+    assert str(caught.value).startswith(f"{path}: usd-core cannot open it within 1 s of processor time and 8 GiB")
+
+
+def test_text_that_is_nested_too_deep_is_refused(tmp_path):
+    """Some tens of thousands of levels make usd-core's parser crash."""
+    with pytest.raises(InputError, match="nested more than 1000 levels deep"):
+        load_world(usda(tmp_path, 'def "a" {\n' * 1001 + "}" * 1001))
+
+
+def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch):
+    monkeypatch.setattr("clsim.scene.usd_bounds.subprocess.run", None)
+    assert len(load_world(usda(tmp_path, mesh())).instances) == 1
+    with pytest.raises(TypeError):
+        load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }', name="other.usda"))
+
+
 @pytest.mark.parametrize(
     ("shape", "said"),
     [
