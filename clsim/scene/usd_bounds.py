@@ -77,5 +77,5 @@ def _refers(layer: Any) -> bool:
 def _opens(path: Path) -> bool:
     """Whether a process of its own opens a file within the limits."""
     script = Path(__file__).with_name("usd_trial.py")
-    words = [sys.executable, "-I", script, path, json.dumps(sys.path), str(CPU_S), str(MAX_BYTES)]
+    words = [sys.executable, "-I", str(script), str(path), json.dumps(sys.path), str(CPU_S), str(MAX_BYTES)]
     return subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, check=False).returncode == 0
