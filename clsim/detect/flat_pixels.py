@@ -27,6 +27,8 @@ _SHADOW = 0.2
 """Difference of the log of light, as a mean over nine pixels, between neighbours from which on there is an edge."""
 _MOST_LIGHT = 0.25
 """Change of the log of light in a step that may be taken for a straight line."""
+_EVEN = 0.015
+"""Difference of the log of light from the mean over nine pixels, beyond which rays have found it: it goes in stairs."""
 _SAME_ALBEDO = 0.02
 """Relative difference from the frames' albedo, beyond which a pixel shows something else too."""
 _LEAST = 0.005
@@ -74,7 +76,7 @@ class FlatPixels:
         self._weights = np.array(luminance_weights(config), np.float32)
         self._planes = [names.index(name) for name in (*RADIANCE, *ALBEDO, *COVERAGE) if name in names]
         self._told = len(self._planes) == 7
-        self._ends: list[tuple[F32, F32, Mask]] = []
+        self._ends: list[tuple[F32, F32, Mask, Mask]] = []
 
     def reset(self) -> None:
         """Forget all frames."""
@@ -90,10 +92,12 @@ class FlatPixels:
         radiance, albedo, coverage = planes[:3], planes[3:6], planes[6]
         light = np.where(coverage > 0.999, radiance / np.maximum(albedo, 1e-6), np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
-            bright = _blurred(np.log(self._weights @ light).reshape(self._shape))
+            sharp = np.log(self._weights @ light).reshape(self._shape)
+            bright = _blurred(sharp)
+            even = np.abs(sharp - bright) < _EVEN
             apart = ~(np.abs(np.diff(bright, axis=1, append=bright[:, -1:])) < _SHADOW)
             apart |= ~(np.abs(np.diff(bright, axis=0, append=bright[-1:])) < _SHADOW)
-        self._ends = [*self._ends[-1:], (light, self._weights @ albedo, bounds | apart)]
+        self._ends = [*self._ends[-1:], (light, self._weights @ albedo, bounds | apart, even)]
 
     def find(
         self, path: BrightnessPath, tracer: PixelTracer, ways: F32, ends: tuple[F32, F32], tolerance_us: float
@@ -112,9 +116,9 @@ class FlatPixels:
         none = FlatBrightness(known, nowhere, Knots(nowhere, nowhere, nothing, nothing, self._linear))
         if len(self._ends) < 2:
             return none
-        (light, before, bounds), (later, after, later_bounds) = self._ends
+        (light, before, bounds, even), (later, after, later_bounds, later_even) = self._ends
         lowest, highest = _reach(ways)
-        calm = _free(bounds, -highest, -lowest) & _free(later_bounds, lowest, highest)
+        calm = even & later_even & _free(bounds, -highest, -lowest) & _free(later_bounds, lowest, highest)
         with np.errstate(divide="ignore", invalid="ignore"):
             steady = np.abs(np.log((self._weights @ later) / (self._weights @ light))) < _MOST_LIGHT
         pixels = np.flatnonzero(calm.ravel() & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))
