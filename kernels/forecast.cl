@@ -12,6 +12,8 @@
 #define OVERSHOOT ((real)0.2813)   // a cubic's values leave those of its neighbours by so much of their range
 #define SHARE ((real)0.5)   // of a threshold: what comes so near may reach it
 
+typedef real __attribute__((ext_vector_type(4), aligned(4))) four;
+
 // Weights of four neighbours for a place between the two in the middle: a cubic through these with the slopes of chords
 // (Catmull and Rom, 1974), so that what peaks between two pixels is not cut off.
 static inline void cubic(real f, real *weights) {
@@ -30,6 +32,12 @@ static inline real sampled(__global const real *image, real x, real y, int width
     real across[4], down[4], sum = 0;
     cubic(x - left, across);
     cubic(y - top, down);
+    if (left >= 1 && top >= 1 && left + 2 < width && top + 2 < height) {
+        four row = 0;
+        for (int j = 0; j < 4; j++)
+            row += down[j] * *(const __global four *)(image + (size_t)(top + j - 1) * span + left - 1);
+        return across[0] * row.x + across[1] * row.y + across[2] * row.z + across[3] * row.w;
+    }
     int columns[4];
     for (int i = 0; i < 4; i++) columns[i] = MIN(MAX(left + i - 1, 0), width - 1);
     for (int j = 0; j < 4; j++) {

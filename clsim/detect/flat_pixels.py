@@ -1,7 +1,8 @@
 """Brightness of pixels that show one flat surface all through a step: albedo is known, and light changes little.
 
 Nothing is traced for them. Whether something else comes over a pixel within the step is told by what surrounds it: all
-that could is somewhere around it in the frames at both ends, no farther than things go.
+that could is somewhere around it in the frames at both ends, no farther than things go; so one of them clears it, if
+nothing is there.
 """
 
 from __future__ import annotations
@@ -118,7 +119,9 @@ class FlatPixels:
             return none
         (light, before, bounds, even), (later, after, later_bounds, later_even) = self._ends
         lowest, highest = _reach(ways)
-        calm = even & later_even & _free(bounds, -highest, -lowest) & _free(later_bounds, lowest, highest)
+        # What passes over a pixel was there at the start, and will be there at the end: either of both tells all.
+        calm = _free(bounds, -highest, -lowest) | _free(later_bounds, lowest, highest)
+        calm &= even & later_even & ~bounds & ~later_bounds
         with np.errstate(divide="ignore", invalid="ignore"):
             steady = np.abs(np.log((self._weights @ later) / (self._weights @ light))) < _MOST_LIGHT
         pixels = np.flatnonzero(calm.ravel() & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))

@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
+from clsim.render.by_time import ByTime
 from clsim.render.features import Features
-from clsim.render.pose_cache import PoseCache
 from clsim.render.shutter import (
     key_steps,
     key_times,
@@ -270,6 +270,7 @@ class CameraData:
         self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
         self._view.smallest_m = wp.zeros(1, dtype=float, device=device)
         self._smallest_m = smallest_m
+        self._stood = ByTime(self._standing)
 
     def at(self, time_s: float) -> Any:
         """Return the view of the exposure about that time; scale in the camera's pose is ignored."""
@@ -286,17 +287,29 @@ class CameraData:
         self._view.right, self._view.down, self._view.corner = wp.vec3(*right), wp.vec3(*down), wp.vec3(*corner)
         return self._view
 
-    def at_instants(self, times_s: npt.NDArray[np.float64], poses: PoseCache) -> Any:
+    def at_instants(self, times_s: npt.NDArray[np.float64]) -> Any:
         """Return the views at those times, one after the other."""
-        stood = np.array([poses.pose(self._camera.motion, float(t)) for t in times_s])
+        rows = self._stood.rows(times_s)
+        smallest_m, positions, turned = (np.ascontiguousarray(part) for part in np.split(rows, (1, 4), axis=1))
         device = self._view.positions.device
-        self._view.smallest_m = array(self._smallest(stood), float, device)
-        self._view.positions = array((stood[:, :3, 3] - self._origin_m).astype(np.float32), wp.vec3, device)
+        self._view.smallest_m = array(smallest_m[:, 0], float, device)
+        self._view.positions = array(positions, wp.vec3, device)
         if self._plain:
-            self._view.images = array(self._images(stood).astype(np.float32), wp.mat33, device)
+            self._view.images = array(turned.reshape(-1, 3, 3), wp.mat33, device)
         else:
-            self._view.rotations = array(quaternions(_axes(stood)).astype(np.float32), wp.quat, device)
+            self._view.rotations = array(turned, wp.quat, device)
         return self._view
+
+    def forget(self) -> None:
+        """Look anew where the camera stands at instants: time has gone on, or it was moved."""
+        self._stood.forget()
+
+    def _standing(self, times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return a row for each instant: the smallest width, the position, and the image or the rotation."""
+        poses = np.array([self._camera.motion.pose(time_s) for time_s in times_s.tolist()])
+        turned = self._images(poses).reshape(-1, 9) if self._plain else quaternions(_axes(poses))
+        parts = self._smallest(poses)[:, None], poses[:, :3, 3] - self._origin_m, turned
+        return np.concatenate(parts, axis=1).astype(np.float32)
 
     def _smallest(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Return the width below which nothing lies as seen from each of some poses ``[K, 4, 4]`` [m]."""

@@ -2,15 +2,16 @@
 # ruff: noqa: SIM102
 """Where on the image things go in a step of time, as Warp kernels, by single rays.
 
-What the ray meets is carried to the other instant by its instance's motion, and projected there by Newton's method on
-the camera's rays, so that every lens has its projection. Where something deforms, the camera's motion alone is known.
+What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
+pinhole, by Newton's method on its rays, so that every lens has its projection. Where something deforms, the camera's
+motion alone is known.
 """
 
 from typing import Any
 
 import warp as wp
 
-from clsim.render.camera import CameraState, make_camera
+from clsim.render.camera import CameraState, make_camera, plain
 from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
@@ -20,6 +21,8 @@ from clsim.render.kernel_input import Scene, Settings
 _ITERATIONS = wp.constant(4)
 _NEAR_PX = wp.constant(0.002)
 """After so small a step of Newton's method the next one would be below 10⁻⁴ pixels."""
+_FARTHEST = wp.constant(4.0)
+"""Widths of the picture beyond which it does not matter where things are."""
 _SKY_M = wp.constant(1.0e6)
 FRACTIONS = 256
 """Into how many parts a pixel is divided where lengths of ways are compared."""
@@ -29,12 +32,13 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, first, apart, start, at, out_ways)``; a thread is a block.
+    """Return the kernel ``follow(scene, camera, settings, blocks, apart, start, at, out_ways)``.
 
-    A block is ``apart`` pixels wide and high, and one pixel of it is followed: the first, or in every other block, as
-    on a chessboard, the last, so that no line slips through. It sees at instant ``start``, 0 or 1, at the place ``at``
-    of the pixel's square, 0 to 1 each. ``out_ways``, vec2 of each block, row by row, tells how far what it sees has
-    gone on the image by the other instant [pixels].
+    A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``apart`` pixels wide and
+    high, and one pixel of it is followed: the first, or in every other block, as on a chessboard, the last, so that no
+    line slips through. It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each.
+    ``out_ways``, vec2 of each block, row by row, tells how far what it sees has gone on the image by the other instant
+    [pixels].
     """
     closest, *_ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -58,50 +62,70 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
                     place = transform_point(to_world_at(scene.geometry, hit.instance, end), own)
         return place
 
+    @wp.func
+    def place_in(camera: CameraState, place: wp.vec3, instant: int, width: int) -> wp.vec2:
+        """Return where a pinhole without distortion sees a place."""
+        image = camera.images[instant]
+        way = wp.inverse(wp.transpose(image)) * (place - camera.positions[instant])
+        # What is behind the camera is as far away as what is beside it.
+        at = wp.vec2(way[0], way[1])
+        return at / wp.max(way[2], wp.length(at) / (_FARTHEST * float(width)))
+
+    @wp.func
+    def searched(camera: CameraState, place: wp.vec3, instant: int, near: wp.vec2, width: int) -> wp.vec2:
+        """Return where a lens sees a place, looking for it from another place of the image on."""
+        at = near
+        left = int(_ITERATIONS)
+        while left > 0:
+            left = left - 1
+            here = camera_ray(camera, at[0], at[1], wp.vec2(), float(instant))
+            right = camera_ray(camera, at[0] + 0.5, at[1], wp.vec2(), float(instant))
+            below = camera_ray(camera, at[0], at[1] + 0.5, wp.vec2(), float(instant))
+            along = (right.direction - here.direction) * 2.0
+            down = (below.direction - here.direction) * 2.0
+            miss = wp.normalize(place - here.origin) - here.direction
+            xx = wp.dot(along, along)
+            xy = wp.dot(along, down)
+            yy = wp.dot(down, down)
+            determinant = xx * yy - xy * xy
+            if determinant > 0.0 and right.exists and below.exists:
+                a = wp.dot(along, miss)
+                b = wp.dot(down, miss)
+                step = wp.vec2((yy * a - xy * b) / determinant, (xx * b - xy * a) / determinant)
+                # Far from its solution Newton's method may run away.
+                at += step * wp.min(1.0, float(width) / wp.max(wp.length(step), 1.0))
+                if wp.length(step) < _NEAR_PX:
+                    left = 0
+        return at
+
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def follow(
         scene: Scene,
         camera: CameraState,
         settings: Settings,
-        first: int,
+        blocks: int,
         apart: int,
         start: int,
         at: wp.vec2,
         out_ways: wp.array(dtype=wp.vec2),
     ):
-        block = first + wp.tid()
         columns = (settings.width + apart - 1) // apart
-        column = block % columns
-        row = block // columns
-        within = ((column + row) & 1) * (apart - 1)
-        x = float(column * apart + within) + at[0]
-        y = float(row * apart + within) + at[1]
-        ray = camera_ray(camera, x, y, wp.vec2(), float(start))
-        moved = wp.vec2()
-        if ray.exists:
-            place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
-            left = int(_ITERATIONS)
-            while left > 0:
-                left = left - 1
-                here = camera_ray(camera, x + moved[0], y + moved[1], wp.vec2(), float(1 - start))
-                right = camera_ray(camera, x + moved[0] + 0.5, y + moved[1], wp.vec2(), float(1 - start))
-                below = camera_ray(camera, x + moved[0], y + moved[1] + 0.5, wp.vec2(), float(1 - start))
-                along = (right.direction - here.direction) * 2.0
-                down = (below.direction - here.direction) * 2.0
-                miss = wp.normalize(place - here.origin) - here.direction
-                xx = wp.dot(along, along)
-                xy = wp.dot(along, down)
-                yy = wp.dot(down, down)
-                determinant = xx * yy - xy * xy
-                if determinant > 0.0 and right.exists and below.exists:
-                    a = wp.dot(along, miss)
-                    b = wp.dot(down, miss)
-                    step = wp.vec2((yy * a - xy * b) / determinant, (xx * b - xy * a) / determinant)
-                    # Far from its solution Newton's method may run away.
-                    moved += step * wp.min(1.0, float(settings.width) / wp.max(wp.length(step), 1.0))
-                    if wp.length(step) < _NEAR_PX:
-                        left = 0
-        out_ways[block] = moved
+        begin = wp.tid() * blocks
+        for block in range(begin, wp.min(begin + blocks, out_ways.shape[0])):
+            column = block % columns
+            row = block // columns
+            within = ((column + row) & 1) * (apart - 1)
+            x = float(column * apart + within) + at[0]
+            y = float(row * apart + within) + at[1]
+            ray = camera_ray(camera, x, y, wp.vec2(), float(start))
+            moved = wp.vec2()
+            if ray.exists:
+                place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
+                if wp.static(plain(features)):
+                    moved = place_in(camera, place, 1 - start, settings.width) - wp.vec2(x, y)
+                else:
+                    moved = searched(camera, place, 1 - start, wp.vec2(x, y), settings.width) - wp.vec2(x, y)
+            out_ways[block] = moved
 
     return follow
 

@@ -127,6 +127,7 @@ class Retracer:
         the longest that leads over it or a neighbour. None where nothing moves meanwhile.
         """
         self._data.poses.forget()
+        self._camera.forget()
         if self._rests(start_s, end_s):
             return None
         instants_s = np.array([start_s, end_s])
@@ -134,7 +135,7 @@ class Retracer:
             self._follow = self._record_motion()
         launch, spread, ways, longest = self._follow
         alike = self._data.still or self._data.features.instants
-        launch.set_param_by_name("camera", self._camera.at_instants(instants_s, self._data.poses))
+        launch.set_param_by_name("camera", self._camera.at_instants(instants_s))
         for k in (0, 1):
             self._data.move_to(instants_s if alike else instants_s[k : k + 1])
             launch.set_param_by_name("scene", self._data.scene)
@@ -167,7 +168,7 @@ class Retracer:
             from clsim.render.flat_follower import FlatFollower
             from clsim.render.flat_pixels import build_flat_pixels
 
-            camera = self._camera.at_instants(np.zeros(1), self._data.poses)
+            camera = self._camera.at_instants(np.zeros(1))
             given = {"scene": self._data.scene, "settings": self._settings, "camera": camera, "corners": corners}
             kernels = build_flat_pixels(self._features)
             self._follower = FlatFollower(kernels, self._shape, given, self._device, self._threads)
@@ -177,7 +178,7 @@ class Retracer:
         """Return the albedos of some pixels from one time to that of the last frame; see `PixelTracer.albedos`."""
         assert self._follower is not None and self._view is not None, "bounds are asked for first"
         instants_s = np.linspace(start_s, end_s, INSTANTS)
-        camera = self._camera.at_instants(instants_s, self._data.poses)
+        camera = self._camera.at_instants(instants_s)
         texels = looks_of(self._view().effort.first_hit_rays, self._sight).texels
         return self._follower.albedos(pixels, self._corners, camera, texels, fineness)
 
@@ -211,7 +212,7 @@ class Retracer:
         planes, bits = self._target(len(pixels))
         changed = {
             "scene": self._data.scene,
-            "camera": self._camera.at_instants(instants_s, self._data.poses),
+            "camera": self._camera.at_instants(instants_s),
             "pixels": self._upload(pixels),
             "instants": self._upload(numbers),
             "out_planes": planes,
@@ -234,7 +235,7 @@ class Retracer:
         planes, bits = self._target(tile)
         arguments = {
             "scene": self._data.scene,
-            "camera": self._camera.at_instants(np.zeros(1), self._data.poses),
+            "camera": self._camera.at_instants(np.zeros(1)),
             "settings": self._settings,
             "first": 0,
             "pixels": self._upload(np.zeros(tile)),
@@ -288,9 +289,10 @@ class Retracer:
         kernel = build_motion_field(self._features, self._data.tree)
         ways: Any = wp.zeros((2 * len(self._places), blocks), dtype=wp.vec2, device=self._device)
         longest: Any = wp.zeros(blocks, dtype=wp.int64, device=self._device)
+        each = blocks if self._device.is_cpu else 1
         launch = record(
-            kernel, blocks, self._device, scene=self._data.scene,
-            camera=self._camera.at_instants(np.zeros(2), self._data.poses), settings=self._settings, first=0,
+            kernel, blocks // each, self._device, scene=self._data.scene,
+            camera=self._camera.at_instants(np.zeros(2)), settings=self._settings, blocks=each,
             apart=self._apart, start=0, at=wp.vec2(), out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
