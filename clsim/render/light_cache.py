@@ -14,10 +14,12 @@ it knew before the last frame's paths, and `look_up` gives both: their ratio is 
 Sums are of whole numbers (`_UNIT` parts), so that their order is without effect and runs are bit-identical.
 """
 
+from typing import Any, NamedTuple
+
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.compiler import kernel_options
+from clsim.render.compiler import kernel_options, one_at_a_time
 
 wp.set_module_options(kernel_options())
 
@@ -258,7 +260,6 @@ def look_up(
     return kept
 
 
-@wp.kernel(enable_backward=False)
 def open_cells(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
@@ -300,7 +301,6 @@ def open_cells(
                 side_m = side_m * 2.0
 
 
-@wp.kernel(enable_backward=False)
 def add_to_cells(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
@@ -322,7 +322,6 @@ def add_to_cells(
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
 
 
-@wp.kernel(enable_backward=False)
 def average(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
@@ -343,7 +342,6 @@ def average(
                     cells[row].count = count
 
 
-@wp.kernel(enable_backward=False)
 def move_cells(
     source_sums: wp.array2d(dtype=wp.int64),
     source: wp.array(dtype=Cell),
@@ -362,3 +360,18 @@ def move_cells(
             cells[to] = cell
             for field in range(wp.static(SUMS)):
                 sums[to, field] = source_sums[row, field]
+
+
+class Updates(NamedTuple):
+    """The kernels `open_cells`, `add_to_cells`, `average` and `move_cells`."""
+
+    open_cells: Any
+    add_to_cells: Any
+    average: Any
+    move_cells: Any
+
+
+@one_at_a_time
+def build_updates() -> Updates:
+    """Return the kernels that keep what paths find, which are the same for all scenes."""
+    return Updates(*map(wp.kernel(enable_backward=False), (open_cells, add_to_cells, average, move_cells)))

@@ -11,7 +11,7 @@ import warp as wp
 from clsim.render.cached import Gathering
 from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.launch import record
-from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, add_to_cells, average, move_cells, open_cells
+from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_updates
 
 KNOWN = 0.1
 """Where less is known of the light, a pixel traces all its paths."""
@@ -228,12 +228,15 @@ class LightKeeper:
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
         found = {"spent": self._spent, "positions": positions}
         table = {"sums": self._sums, "cells": self._cells}
+        kernels = build_updates()
         self._open = record(
-            open_cells, shape[1], self._device, **found, normals=normals, finest=0, update=0, keys=self._keys,
+            kernels.open_cells, shape[1], self._device, **found, normals=normals, finest=0, update=0, keys=self._keys,
             cells=self._cells, out_rows=rows, out_used=self._used,
         )  # fmt: skip
-        self._add = record(add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums)
-        self._average = record(average, shape[1], self._device, **found, rows=rows, **table)
+        self._add = record(
+            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums
+        )
+        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)
@@ -258,5 +261,5 @@ class LightKeeper:
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         to = [self._keys, self._sums, self._cells, self._used]
-        wp.launch(move_cells, dim=rows, inputs=[sums, source, oldest, *to], device=self._device)
+        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to], device=self._device)
         return larger or bool(self._used.numpy()[0] < used)

@@ -130,7 +130,6 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
     return follow
 
 
-@wp.kernel(enable_backward=False)
 def pass_over(
     ways: wp.array2d(dtype=wp.vec2),
     columns: int,
@@ -154,3 +153,9 @@ def pass_over(
         y = int(wp.floor(float(block // columns) + 0.5 + way[1] * share))
         if x >= 0 and x < columns and y >= 0 and y < rows:
             wp.atomic_max(out_longest, y * columns + x, key)
+
+
+@one_at_a_time
+def build_pass_over() -> Any:
+    """Return the kernel `pass_over`, which is the same for all scenes."""
+    return wp.kernel(enable_backward=False)(pass_over)

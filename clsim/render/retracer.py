@@ -17,7 +17,7 @@ from clsim.render.effort import Sight, looks_of
 from clsim.render.flat_pixels import INSTANTS
 from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
-from clsim.render.motion_field import build_motion_field, pass_over
+from clsim.render.motion_field import build_motion_field, build_pass_over
 from clsim.render.options import RenderOptions
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
@@ -296,7 +296,7 @@ class Retracer:
             apart=self._apart, start=0, at=wp.vec2(), out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
-            pass_over, dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],
+            build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],
             device=self._device, record_cmd=True,
         )  # fmt: skip
         return launch, spread, ways, longest

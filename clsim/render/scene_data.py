@@ -178,9 +178,9 @@ class SceneData:
         if self.tree == "bvh8":
             kernels.append(grow)
         if options.light_cache:
-            from clsim.render.light_cache import open_cells
+            from clsim.render.light_cache import build_updates
 
-            kernels.append(open_cells)
+            kernels.append(build_updates().open_cells)
         compile_together(kernels, self.device)
 
     def _pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:

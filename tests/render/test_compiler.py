@@ -65,3 +65,28 @@ def test_no_two_threads_declare_kernels_at_a_time():
     for thread in threads:
         thread.join()
     assert most == [1] * 4 and sorted(made) == [0, 0, 1, 1]
+
+
+DECLARE = """
+import warp as wp
+import clsim.render
+from clsim.render import compiler
+
+inside, declare = [], wp.kernel
+
+def noted(*args, **kwargs):
+    inside.append(compiler._DECLARING._is_owned())
+    return declare(*args, **kwargs)
+
+wp.kernel = noted
+from clsim.render.light_cache import build_updates
+from clsim.render.motion_field import build_pass_over
+assert not inside, "importing declares kernels"
+build_updates(), build_pass_over()
+assert inside and all(inside), inside
+"""
+
+
+def test_kernels_of_all_scenes_are_declared_one_at_a_time_too():
+    """A module of kernels may be imported by one thread while another declares."""
+    subprocess.run([sys.executable, "-c", DECLARE], check=True)
