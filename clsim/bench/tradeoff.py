@@ -107,7 +107,7 @@ class Sweep:
         chosen = quick_points(options.seeds[0], light) if quick else full_points(options.seeds, light)
         self.points = list(options.points) or chosen
         spp = options.reference_spp or (1024 if quick else 4096)
-        self.reference_options = Rendering(spp, "common", REFERENCE_SEED).options(self.fps, self.frames)
+        self.reference_options = Rendering(spp, "common", REFERENCE_SEED, "sobol").options(self.fps, self.frames)
         budget_s = options.reference_budget_s
         self.budget_s = (0.0 if quick else FULL_BUDGET_S) if budget_s is None else budget_s
         self.machine = machine(self.device)
@@ -129,7 +129,7 @@ class Sweep:
         self.total = self.work(self.missing()) + absent * self.paths(coarsest)
         self.tell("loading kernels")
         if self.total:
-            warm_renderer(self.world, Rendering(1, "common", 0).options(self.fps, self.frames))
+            warm_renderer(self.world, dataclasses.replace(coarsest, spp=1))
         found = converge(self.reference, self.within, coarsest, CEILING_SEED, self.budget_s)
         self.reference_options = found.options
         self.store = self.point_store()

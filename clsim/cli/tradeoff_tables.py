@@ -78,7 +78,7 @@ def reference_text(results: dict[str, Any]) -> str:
     else:
         how = "converged" if reference["converged"] else f"not converged, {budget} is spent"
         how += f" (F1 within 1 ms moved by {moved:.3f} when samples and frame rate were last doubled)"
-    made = f"{reference['spp']} spp with common noise at {reference['fps']:g} fps"
+    made = f"{reference['spp']} Sobol points a pixel, the same in each frame, at {reference['fps']:g} fps"
     return f"Reference: {made}; {how}. Another seed's F1 within 1 ms is {ceiling:.3f}."
 
 

@@ -208,8 +208,9 @@ def open_live(
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
     judged = ideal and config.strategy.knows_error
-    twice = ideal and not judged and seat is None and options.time == "fixed" and stages.render.light_cache
-    render = replace(stages.render, look_again=SEEN_TWICE) if twice else stages.render
+    twice = ideal and not judged and stages.render.light_cache
+    if twice:
+        stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.strategy.unused(config) else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
@@ -218,7 +219,7 @@ def open_live(
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
-        lambda: stages.shown_by(PathTracer(world, render, board) if seat is None else seat.view(stages, board)),
+        lambda: stages.shown_by(PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board)),
         lambda: stages.build_detector(schedule),
         outputs,
         schedule,

@@ -115,10 +115,12 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
     assert kept > fresh + 0.02
 
 
-def test_noise_is_what_another_seed_does_not_fire(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("time", ["fixed", pytest.param("adaptive", marks=pytest.mark.slow)])
+def test_noise_is_what_another_seed_does_not_fire(monkeypatch: pytest.MonkeyPatch, time: str) -> None:
     monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
-    told = summary_of("two-boxes", sampling=None, quality="draft", frame_count=8, fps=60.0)["noise_share"]
-    runs = (events_of("two-boxes", sampling=None, quality="draft", frame_count=8, seed=seed) for seed in (0, 1))
+    given = {"sampling": None, "quality": "draft", "frame_count": 8, "time": time}
+    told = summary_of("two-boxes", **given, fps=60.0)["noise_share"]
+    runs = (events_of("two-boxes", **given, seed=seed) for seed in (0, 1))
     alone = 1 - score(*runs, *SIZE, fps=60, within_us=(25_000,)).within[25_000].precision
     assert alone / 1.5 < told < alone * 1.5
 

@@ -11,6 +11,7 @@ import pytest
 
 import clsim
 from clsim.errors import InputError
+from clsim.live import session as live_session
 from clsim.live.options import LiveOptions
 from clsim.live.rig import extrinsics, open_rig, run_all
 
@@ -68,13 +69,17 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_each_camera_is_as_if_it_were_alone(tmp_path: Path) -> None:
+def test_each_camera_is_as_if_it_were_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its events, its truth, and what is told of their noise, for which all pixels are looked at twice."""
+    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
     scene = rig(tmp_path)
     outputs = (str(tmp_path / "{camera}.h5"),)
     options = LiveOptions(scene, frame_count=6, quality="draft", truth=("depth",), outputs=outputs)
     sessions = open_rig(options)
     run_all(sessions)
     world = clsim.load_scene(scene)
+    told = [session.summary().noise_share for session in sessions]
+    assert all(0.0 < share < 0.3 for share in told if share is not None) and None not in told and told[0] != told[1]
     for mount in world.rig:
         alone = replace(world, camera=mount.camera(world.camera), rig=())
         with clsim.Simulator(alone, quality="draft", truth=("depth",)) as simulator:
