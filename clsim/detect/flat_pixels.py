@@ -30,8 +30,8 @@ _MOST_LIGHT = 0.25
 """Change of the log of light in a step that may be taken for a straight line."""
 _EVEN = 0.015
 """Difference of the log of light from the mean over nine pixels, beyond which rays have found it: it goes in stairs."""
-_SAME_ALBEDO = 0.02
-"""Relative difference from the frames' albedo, beyond which a pixel shows something else too."""
+_SAME = 0.02
+"""Relative difference from what the frames show, beyond which a pixel shows something else too."""
 _LEAST = 0.005
 """Share of a threshold by which brightness may leave the lines between knots."""
 _PROMPT = 0.5
@@ -91,14 +91,15 @@ class FlatPixels:
             return
         planes = frame.planes.reshape(len(frame.names), -1)[self._planes]
         radiance, albedo, coverage = planes[:3], planes[3:6], planes[6]
-        light = np.where(coverage > 0.999, radiance / np.maximum(albedo, 1e-6), np.nan)
+        weighted = self._weights[:, None] * radiance
+        light = np.where(coverage > 0.999, weighted / np.maximum(albedo, 1e-6), np.nan)
         with np.errstate(divide="ignore", invalid="ignore"):
-            sharp = np.log(self._weights @ light).reshape(self._shape)
+            sharp = np.log(light.sum(axis=0)).reshape(self._shape)
             bright = _blurred(sharp)
             even = np.abs(sharp - bright) < _EVEN
             apart = ~(np.abs(np.diff(bright, axis=1, append=bright[:, -1:])) < _SHADOW)
             apart |= ~(np.abs(np.diff(bright, axis=0, append=bright[-1:])) < _SHADOW)
-        self._ends = [*self._ends[-1:], (light, self._weights @ albedo, bounds | apart, even)]
+        self._ends = [*self._ends[-1:], (light, weighted.sum(axis=0), bounds | apart, even)]
 
     def find(
         self, path: BrightnessPath, tracer: PixelTracer, ways: F32, ends: tuple[F32, F32], tolerance_us: float
@@ -107,7 +108,7 @@ class FlatPixels:
 
         Args:
             path: of the step.
-            tracer: what knows albedos.
+            tracer: what knows what is reflected.
             ways: where things go, ``[3, 2, H, W]`` [pixels].
             ends: levels at both ends, ``[H·W]``.
             tolerance_us: error of an event's time that will do [µs].
@@ -123,25 +124,23 @@ class FlatPixels:
         calm = _free(bounds, -highest, -lowest) | _free(later_bounds, lowest, highest)
         calm &= even & later_even & ~bounds & ~later_bounds
         with np.errstate(divide="ignore", invalid="ignore"):
-            steady = np.abs(np.log((self._weights @ later) / (self._weights @ light))) < _MOST_LIGHT
+            steady = np.abs(np.log(later.sum(axis=0) / light.sum(axis=0))) < _MOST_LIGHT
         pixels = np.flatnonzero(calm.ravel() & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))
         if not len(pixels):
             return none
         start, end = ticks(path.start_us), ticks(path.end_us)
         late, finest = _PROMPT * tolerance_us / (path.end_us - path.start_us), 4.0 / (end - start)
         fineness = Fineness(_LEAST * self._threshold, late, _LONGEST * self._threshold, finest, self._linear)
-        found = tracer.albedos(pixels, path.start_us * 1e-6, path.end_us * 1e-6, fineness)
+        both = np.concatenate([light, later])
+        found = tracer.reflected(pixels, both, path.start_us * 1e-6, path.end_us * 1e-6, fineness)
         known[found.known] = True
         firsts, lasts = found.firsts[:-1], found.firsts[1:] - 1
-        reflected = found.albedos @ self._weights
-        like = np.abs(reflected[firsts] / before[found.pixels] - 1.0) < _SAME_ALBEDO
-        like &= np.abs(reflected[lasts] / after[found.pixels] - 1.0) < _SAME_ALBEDO
+        like = np.abs(found.values[firsts] / before[found.pixels] - 1.0) < _SAME
+        like &= np.abs(found.values[lasts] / after[found.pixels] - 1.0) < _SAME
         known[found.pixels[~like]] = False
         lengths = np.diff(found.firsts)
         number = np.repeat(np.arange(len(lengths)), lengths)
-        at, shares = found.pixels[number], found.shares[:, None]
-        shown = (self._weights * found.albedos * (light.T[at] * (1.0 - shares) + later.T[at] * shares)).sum(axis=1)
-        levels = np.log(np.maximum(self._scale * shown, self._floor)).astype(np.float64)
+        levels = np.log(np.maximum(self._scale * found.values, self._floor)).astype(np.float64)
         levels[firsts], levels[lasts] = ends[0][found.pixels], ends[1][found.pixels]
         times = np.round(start + found.shares.astype(np.float64) * (end - start)).astype(np.int64)
         kept = like[number]

@@ -22,12 +22,12 @@ from clsim.frames.planes import (
     rendered_planes,
 )
 from clsim.frames.protocols import (
-    Albedos,
     Cancellable,
     CountsRays,
     Fineness,
     FrameSource,
     PixelTracer,
+    Reflected,
     Renoising,
     SourceEnded,
 )
@@ -48,7 +48,6 @@ __all__ = [
     "SAMPLES",
     "TRUTH_PLANES",
     "VARIANCE_PLANES",
-    "Albedos",
     "Cancellable",
     "CountsRays",
     "Fineness",
@@ -62,6 +61,7 @@ __all__ = [
     "Plane",
     "PlaneSet",
     "Policy",
+    "Reflected",
     "Renoising",
     "RingClosed",
     "SourceEnded",

@@ -41,34 +41,34 @@ class FrameSource(Protocol):
 
 
 @dataclass(frozen=True)
-class Albedos:
-    """Mean albedos of pixels at times of their own, in a step; between two of a pixel they are straight in time.
+class Reflected:
+    """What pixels reflect at times of their own, in a step; between two of a pixel it is straight in time.
 
     Attributes:
         known: y·width + x of those of which something is known, rising.
         pixels: those whose albedo changes, rising, ``[P]``; that of others stays as it is.
         firsts: the i-th pixel has the rows ``firsts[i]`` to ``firsts[i + 1] - 1``, ``[P + 1]``.
         shares: of the step that have passed, from 0 to 1 in each pixel, ``[K]``.
-        albedos: R, G, B, ``[K, 3]``.
+        values: sums over R, G and B of albedo times light, ``[K]``.
     """
 
     known: npt.NDArray[np.int64]
     pixels: npt.NDArray[np.int64]
     firsts: npt.NDArray[np.int64]
     shares: FloatArray
-    albedos: FloatArray
+    values: FloatArray
 
 
 @dataclass(frozen=True)
 class Fineness:
-    """How far albedos may leave the lines between the times at which they are told.
+    """How far what is reflected may leave the lines between the times at which it is told.
 
     Attributes:
-        least: share of the albedo that will do.
-        late: share of the step within which an albedo comes to what it should be, which will do as well.
-        longest: log of the ratio of two albedos, one after the other, at most.
+        least: share of it that will do.
+        late: share of the step within which it comes to what it should be, which will do as well.
+        longest: log of the ratio of two values at most, between which it is not looked at.
         finest: times are no nearer to each other than this share of the step.
-        linear: whether albedo is linear in time on a line; else its logarithm is.
+        linear: whether it is linear in time on a line; else its logarithm is.
     """
 
     least: float
@@ -105,10 +105,12 @@ class PixelTracer(Protocol):
         """
         ...
 
-    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
-        """Return the albedos of some pixels from one time to that of the last frame, ``end_s``; see `bounds`.
+    def reflected(
+        self, pixels: npt.NDArray[np.int64], light: FloatArray, start_s: float, end_s: float, fineness: Fineness
+    ) -> Reflected:
+        """Return what some pixels reflect from one time to that of the last frame, ``end_s``; see `bounds`.
 
-        They show one flat surface meanwhile.
+        They show one flat surface meanwhile. ``light``, ``[6, H·W]``, is that of all pixels at both times, R, G and B.
         """
         ...
 

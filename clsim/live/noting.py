@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.frames import Albedos, Fineness, PixelTracer
+from clsim.frames import Fineness, PixelTracer, Reflected
 from clsim.frames.frame import FloatArray
 
 
@@ -65,9 +65,12 @@ class NotingTracer:
     def bounds(self) -> None:
         """Know no flat surfaces, so that all that is looked at is traced, and noted."""
 
-    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
-        """Return the albedos of pixels that show one flat surface."""
-        return self._tracer.albedos(pixels, start_s, end_s, fineness)
+    def reflected(
+        self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
+        fineness: Fineness,
+    ) -> Reflected:  # fmt: skip
+        """Return what pixels reflect that show one flat surface."""
+        return self._tracer.reflected(pixels, light, start_s, end_s, fineness)
 
     def take(self) -> Requests:
         """Return what was traced since this was asked for last."""

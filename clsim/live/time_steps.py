@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.frames import Albedos, Fineness, PixelTracer
+from clsim.frames import Fineness, PixelTracer, Reflected
 from clsim.live.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -107,11 +107,14 @@ class Looping:
         bounds: npt.NDArray[np.bool_] | None = self._tracer.bounds()
         return bounds
 
-    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
-        """Return the albedos of pixels that show one flat surface, between two times of the run [s]."""
+    def reflected(
+        self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
+        fineness: Fineness,
+    ) -> Reflected:  # fmt: skip
+        """Return what pixels reflect that show one flat surface, between two times of the run [s]."""
         start_s, end_s = start_s - self._shift_s, end_s - self._shift_s
-        albedos: Albedos = self._tracer.albedos(pixels, start_s, end_s, fineness)
-        return albedos
+        reflected: Reflected = self._tracer.reflected(pixels, light, start_s, end_s, fineness)
+        return reflected
 
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise an error soon; safe from any thread."""

@@ -1,4 +1,4 @@
-"""Host side of flat_pixels.py: the albedo of pixels that show one flat surface, at any time of a step."""
+"""Host side of flat_pixels.py: what pixels reflect that show one flat surface, at any time of a step."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.frames import Albedos, Fineness
+from clsim.frames import Fineness, Reflected
 from clsim.render.flat_pixels import INSTANTS, MOST_KNOTS
 from clsim.render.launch import Tiles, record, tile_size
+
+F32 = npt.NDArray[np.float32]
+I64 = npt.NDArray[np.int64]
 
 
 class FlatFollower:
@@ -41,20 +44,22 @@ class FlatFollower:
         self._places: Any = wp.zeros((corners, INSTANTS), dtype=wp.vec3, device=device)
         seen = {name: arguments[name] for name in ("settings", "corners")} | {"first": 0}
         scene, camera = ({name: arguments[name]} for name in ("scene", "camera"))
-        counts, knots = self._targets(1)
+        self._counts: Any = wp.empty(pixels, dtype=wp.int32, device=device)
+        self._knots: Any = wp.empty((pixels, MOST_KNOTS), dtype=wp.vec2, device=device)
         listed: Any = wp.zeros(1, dtype=wp.int32, device=device)
+        light: Any = wp.zeros((6, 1), dtype=wp.float32, device=device)
 
         def tiles(most: int, kernel: Any, **more: Any) -> Tiles:
             size = tile_size(1, device)
             return Tiles(lambda tile: record(kernel, tile, device, **seen, **more), "first", most, size, threads,
-                         device.is_cpu)  # fmt: skip
+                         device.is_cpu, "count" if "count" in more else None)  # fmt: skip
 
         bound, place, follow = kernels
         self._bound = tiles(corners, bound, **scene, rows=rows, out_bounds=self._bounds)
         self._place = tiles(corners, place, **camera, rows=rows, bounds=self._bounds, out_places=self._places)
         self._follow = tiles(
-            pixels, follow, **scene, places=self._places, pixels=listed, texels=1, out_counts=counts, out_knots=knots,
-            **asdict(Fineness(0.0, 0.0, 1.0, 1.0, True)),
+            pixels, follow, **scene, count=1, places=self._places, pixels=listed, light=light, texels=1,
+            out_counts=self._counts, out_knots=self._knots, **asdict(Fineness(0.0, 0.0, 1.0, 1.0, True)),
         )  # fmt: skip
 
     def bounds(self, corners: Any) -> npt.NDArray[np.bool_]:
@@ -67,24 +72,25 @@ class FlatFollower:
         bounds: npt.NDArray[np.bool_] = found[:-1, :-1] | found[:-1, 1:] | found[1:, :-1] | found[1:, 1:]
         return bounds
 
-    def albedos(
-        self, pixels: npt.NDArray[np.int64], corners: Any, camera: Any, texels: int, fineness: Fineness
-    ) -> Albedos:
-        """Return the albedos of pixels that are not on `bounds`, the last ones asked for; see `PixelTracer.albedos`.
+    def reflected(
+        self, pixels: I64, light: F32, corners: Any, camera: Any, texels: int, fineness: Fineness
+    ) -> Reflected:
+        """Return what pixels reflect that are not on `bounds`, the last ones asked for; see `PixelTracer.reflected`.
 
         ``camera`` has its poses at `INSTANTS` of the step; ``texels`` tells how many places of a texture are looked up.
         """
         self._place.run(len(self._bounds), {"corners": corners, "camera": camera})
-        counts, knots = self._targets(len(pixels))
         listed: Any = wp.array(pixels, dtype=wp.int32, device=self._device)
-        changed = {"corners": corners, "pixels": listed, "texels": texels, "out_counts": counts, "out_knots": knots}
+        host: Any = wp.array(light, dtype=wp.float32, device="cpu", copy=False)
+        lit = host.to(self._device)
+        changed = {"corners": corners, "pixels": listed, "light": lit, "texels": texels}
         self._follow.run(len(pixels), changed | asdict(fineness))
-        found = counts.numpy()
+        found = self._counts.numpy()[: len(pixels)]
         changing = np.flatnonzero(found > 0)
         firsts = np.concatenate([[0], np.cumsum(found[changing])])
         skipped = changing * MOST_KNOTS - firsts[:-1]
-        told = knots.numpy().reshape(-1, 4)[np.repeat(skipped, found[changing]) + np.arange(firsts[-1])]
-        return Albedos(pixels[found >= 0], pixels[changing], firsts, told[:, 0], told[:, 1:])
+        told = self._knots.numpy().reshape(-1, 2)[np.repeat(skipped, found[changing]) + np.arange(firsts[-1])]
+        return Reflected(pixels[found >= 0], pixels[changing], firsts, told[:, 0], told[:, 1])
 
     def cancel(self) -> None:
         """Launch nothing more; safe from any thread."""
@@ -95,7 +101,3 @@ class FlatFollower:
         """End the threads; safe to call twice."""
         for tiles in (self._bound, self._place, self._follow):
             tiles.close()
-
-    def _targets(self, pixels: int) -> tuple[Any, Any]:
-        counts: Any = wp.empty(max(1, pixels), dtype=wp.int32, device=self._device)
-        return counts, wp.empty((max(1, pixels), MOST_KNOTS), dtype=wp.vec4, device=self._device)

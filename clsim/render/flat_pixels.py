@@ -1,11 +1,11 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018, RUF046
-"""The albedo of pixels that show one flat, textured surface while the camera moves, at any time, as Warp kernels.
+"""What pixels reflect that show one flat, textured surface while the camera moves, at any time, as Warp kernels.
 
 What a ray at a pixel's corner meets on a plane that does not move is known without looking for it. So the corners of a
 frame tell for each of them where it lies on the surface at a few instants of a step; in between that place is a
-polynomial in time. The mean of the texture between four corners is the pixel's albedo, and it is found at as many times
-as it takes until lines between them will do.
+polynomial in time. The mean of the texture between four corners is the pixel's albedo. Light is known at both ends of
+the step, and goes straight between. Both are multiplied at as many times as it takes until lines between them will do.
 """
 
 from typing import Any
@@ -21,7 +21,6 @@ from clsim.render.features import Features
 from clsim.render.film import Sample
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.materials import make_materials
-from clsim.render.sampling import brightness
 from clsim.render.textures import Footprint, square_shown, uv_in
 from clsim.render.things import DARK
 
@@ -39,6 +38,9 @@ _STRIDE = wp.constant(4)
 _DEPTH = 18
 _DEEPEST = wp.constant(_DEPTH - 1)
 """How often a step is halved."""
+_SMOOTH = wp.constant(3.0)
+"""Times by which a line may be off in the middle, where the middle is told too: a parabola's error is a fourth then."""
+_ANY_SLOPE = wp.constant(1.0e30)
 _OFF_UV = wp.constant(0.02)
 _SAME_NORMAL = wp.constant(0.99999)
 _OFF_PLANE = wp.constant(1.0e-4)
@@ -109,6 +111,69 @@ def _uv_on(plane: Plane, position: wp.vec3) -> wp.vec2:
     return plane.uv + wp.vec2(wp.dot(plane.u_grows, away), wp.dot(plane.v_grows, away))
 
 
+@wp.struct
+class Door:
+    """A line that passes by what came after its first knot, as near as it should: a swinging door (Bristol, ISA 1990).
+
+    ``from_share`` and ``from_height`` are of that knot, ``share``, ``value`` and ``height`` of the last place, and the
+    line's slope may be from ``low`` to ``high``. Heights are what is straight on a line: values, or their logarithms.
+    ``shut`` is that the last place but one had to become a knot.
+    """
+
+    from_share: float
+    from_height: float
+    share: float
+    value: float
+    height: float
+    low: float
+    high: float
+    shut: bool
+
+
+@wp.func
+def _height(value: float, linear: bool) -> float:
+    height = float(value)
+    if not linear:
+        height = wp.log(value)
+    return height
+
+
+@wp.func
+def open_door(value: float, linear: bool) -> Door:
+    """Return the door of a knot at the start of a step."""
+    door = Door()
+    door.value = value
+    door.from_height = _height(value, linear)
+    door.height = door.from_height
+    door.low = -_ANY_SLOPE
+    door.high = _ANY_SLOPE
+    return door
+
+
+@wp.func
+def pass_door(before: Door, share: float, value: float, allowed: float, linear: bool) -> Door:
+    """Return the door after one more place, by which a line should pass within that share of the value."""
+    door = before
+    height = _height(value, linear)
+    room = allowed
+    if linear:
+        room = allowed * value
+    slope = (height - door.from_height) / (share - door.from_share)
+    door.shut = slope < door.low or slope > door.high
+    if door.shut:
+        door.from_share = before.share
+        door.from_height = before.height
+        door.low = -_ANY_SLOPE
+        door.high = _ANY_SLOPE
+    run = share - door.from_share
+    door.low = wp.max(door.low, (height - room - door.from_height) / run)
+    door.high = wp.min(door.high, (height + room - door.from_height) / run)
+    door.share = share
+    door.value = value
+    door.height = height
+    return door
+
+
 @one_at_a_time
 def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     """Return the kernels ``bound``, ``place`` and ``follow``.
@@ -119,9 +184,11 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
     is: uv over distance, and 1 over distance.
 
-    A thread of ``follow`` is a pixel of the list ``pixels``. It writes up to `MOST_KNOTS` times, as shares of the step,
-    and albedos, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between them are
-    as right as `clsim.frames.Fineness` says.
+    A thread of ``follow`` is ``count`` pixels of the list ``pixels``: on a CPU arguments are copied for each thread.
+    ``light``, float ``[6, H·W]``, is that of all pixels at the start, R, G and B, and at the end. It writes up to
+    `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B of albedo times light, and how many: 0 where
+    the albedo stays as it is, −1 where they are not enough. Lines between them are as right as `clsim.frames.Fineness`
+    says.
     """
     _, _, _, textured, resolve_mean, *_ = make_materials(features)
     *_, albedo_of = make_bsdf(features)
@@ -224,14 +291,22 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         # Right and down are half a pixel.
         return area / wp.max(wp.length(wp.vec2(along, across)), 1.0e-20)
 
+    @wp.func
+    def value_at(
+        scene: Scene, like: Sample, footprint: Footprint, texels: int, start: wp.vec3, change: wp.vec3, share: float
+    ) -> float:
+        return wp.dot(albedo_at(scene, like, footprint, texels), start + change * share)
+
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def follow(
         scene: Scene,
         settings: Settings,
         first: int,
+        count: int,
         corners: wp.array(dtype=Sample),
         places: wp.array2d(dtype=wp.vec3),
         pixels: wp.array(dtype=int),
+        light: wp.array2d(dtype=float),
         texels: int,
         least: float,
         late: float,
@@ -239,69 +314,77 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         finest: float,
         linear: bool,
         out_counts: wp.array(dtype=int),
-        out_knots: wp.array2d(dtype=wp.vec4),
+        out_knots: wp.array2d(dtype=wp.vec2),
     ):
-        number = first + wp.tid()
-        pixel = pixels[number]
-        row = settings.width + 1
-        corner = pixel + pixel // settings.width
-        like = corners[corner]
         shares = wp.zeros(shape=wp.static(_DEPTH), dtype=float)
-        albedos = wp.zeros(shape=wp.static(_DEPTH), dtype=wp.vec3)
+        values = wp.zeros(shape=wp.static(_DEPTH), dtype=float)
         squares = wp.zeros(shape=wp.static(_DEPTH), dtype=wp.vec3)
-        start = footprint_at(places, corner, row, 0.0)
-        end = footprint_at(places, corner, row, 1.0)
-        square = square_of(scene, like, start)
-        squares[0] = square_of(scene, like, end)
-        if square[2] > 0.0 and wp.length_sq(square - squares[0]) == 0.0:
-            out_counts[number] = 0
-            return
-        coarse = coarse_of(start, end)
-        left = float(0.0)
-        albedo = albedo_at(scene, like, start, texels)
-        luminance = float(brightness(albedo, settings.spectral))
-        out_knots[number, 0] = wp.vec4(0.0, albedo[0], albedo[1], albedo[2])
-        shares[0] = 1.0
-        albedos[0] = albedo_at(scene, like, end, texels)
-        count = int(1)
-        still = bool(True)
-        top = int(0)
-        while top >= 0:
-            right = shares[top]
-            there = brightness(albedos[top], settings.spectral)
-            known = bool(True)
-            uniform = square[2] > 0.0 and wp.length_sq(square - squares[top]) == 0.0
-            if not uniform and top < _DEEPEST and right - left > 2.0 * finest:
+        row = settings.width + 1
+        begin = first + wp.tid() * count
+        for number in range(begin, begin + count):
+            pixel = pixels[number]
+            corner = pixel + pixel // settings.width
+            like = corners[corner]
+            start = footprint_at(places, corner, row, 0.0)
+            end = footprint_at(places, corner, row, 1.0)
+            square = square_of(scene, like, start)
+            squares[0] = square_of(scene, like, end)
+            if square[2] > 0.0 and wp.length_sq(square - squares[0]) == 0.0:
+                out_counts[number] = 0
+                continue
+            lit = wp.vec3(light[0, pixel], light[1, pixel], light[2, pixel])
+            change = wp.vec3(light[3, pixel], light[4, pixel], light[5, pixel]) - lit
+            coarse = 2.0 * coarse_of(start, end)
+            left = float(0.0)
+            value = float(value_at(scene, like, start, texels, lit, change, 0.0))
+            door = open_door(value, linear)
+            out_knots[number, 0] = wp.vec2(0.0, value)
+            shares[0] = 1.0
+            values[0] = value_at(scene, like, end, texels, lit, change, 1.0)
+            knots = int(1)
+            still = wp.abs(values[0] - value) <= least * value
+            top = int(0)
+            while top >= 0:
+                right = shares[top]
+                there = values[top]
+                known = bool(True)
+                ratio = wp.abs(wp.log(there / value))
+                allowed = wp.max(least, late * ratio / (right - left))
+                uniform = square[2] > 0.0 and wp.length_sq(square - squares[top]) == 0.0
                 middle = 0.5 * (left + right)
-                between = footprint_at(places, corner, row, middle)
-                found = albedo_at(scene, like, between, texels)
-                halfway = brightness(found, settings.spectral)
-                straight = 0.5 * (luminance + there)
-                if not linear:
-                    straight = wp.sqrt(luminance * there)
-                change = wp.abs(wp.log(there / luminance))
-                allowed = wp.max(least, late * change / (right - left)) * halfway
-                if wp.abs(halfway - straight) > allowed or change > longest or right - left > coarse:
-                    top = top + 1
-                    shares[top] = middle
-                    albedos[top] = found
-                    squares[top] = square_of(scene, like, between)
-                    known = False
-            if known:
-                # A line that goes on needs no knot.
-                same = there == luminance
-                if not (same and still and count > 1):
-                    count = count + 1
-                still = same
-                left = right
-                luminance = there
-                square = squares[top]
-                if count > _MOST_KNOTS:
-                    top = 0
-                else:
-                    found = albedos[top]
-                    out_knots[number, count - 1] = wp.vec4(right, found[0], found[1], found[2])
-                top = top - 1
-        out_counts[number] = wp.where(count > _MOST_KNOTS, -1, wp.where(count == 2 and still, 0, count))
+                halfway = float(0.0)
+                if not uniform and top < _DEEPEST and right - left > 2.0 * finest:
+                    between = footprint_at(places, corner, row, middle)
+                    halfway = float(value_at(scene, like, between, texels, lit, change, middle))
+                    straight = 0.5 * (value + there)
+                    if not linear:
+                        straight = wp.sqrt(value * there)
+                    off = wp.abs(halfway - straight)
+                    if off > _SMOOTH * allowed * halfway or ratio > longest or right - left > coarse:
+                        top = top + 1
+                        shares[top] = middle
+                        values[top] = halfway
+                        squares[top] = square_of(scene, like, between)
+                        known = False
+                if known:
+                    for last in range(2):
+                        share = wp.where(last == 0, middle, right)
+                        at = wp.where(last == 0, halfway, there)
+                        if at > 0.0:
+                            passing = pass_door(door, share, at, 0.5 * allowed, linear)
+                            if passing.shut:
+                                knots = knots + 1
+                                still = False
+                                if knots < _MOST_KNOTS:
+                                    out_knots[number, knots - 1] = wp.vec2(door.share, door.value)
+                            door = passing
+                    left = right
+                    value = there
+                    square = squares[top]
+                    top = top - 1
+            knots = knots + 1
+            if knots <= _MOST_KNOTS:
+                out_knots[number, knots - 1] = wp.vec2(door.share, door.value)
+            out_counts[number] = wp.where(knots > _MOST_KNOTS, -1, wp.where(still, 0, knots))
 
     return bound, place, follow

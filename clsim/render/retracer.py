@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.frames import Albedos, Fineness, rendered_planes
+from clsim.frames import Fineness, Reflected, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.effort import Sight, looks_of
 from clsim.render.flat_pixels import INSTANTS
@@ -174,13 +174,16 @@ class Retracer:
             self._follower = FlatFollower(kernels, self._shape, given, self._device, self._threads)
         return self._follower.bounds(corners)
 
-    def albedos(self, pixels: npt.NDArray[np.int64], start_s: float, end_s: float, fineness: Fineness) -> Albedos:
-        """Return the albedos of some pixels from one time to that of the last frame; see `PixelTracer.albedos`."""
+    def reflected(
+        self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
+        fineness: Fineness,
+    ) -> Reflected:  # fmt: skip
+        """Return what some pixels reflect from one time to that of the last frame; see `PixelTracer.reflected`."""
         assert self._follower is not None and self._view is not None, "bounds are asked for first"
         instants_s = np.linspace(start_s, end_s, INSTANTS)
         camera = self._camera.at_instants(instants_s)
         texels = looks_of(self._view().effort.first_hit_rays, self._sight).texels
-        return self._follower.albedos(pixels, self._corners, camera, texels, fineness)
+        return self._follower.reflected(pixels, light, self._corners, camera, texels, fineness)
 
     def cancel(self) -> None:
         """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""

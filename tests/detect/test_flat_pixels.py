@@ -10,7 +10,7 @@ import pytest
 from clsim.detect.config import DetectorConfig
 from clsim.detect.flat_pixels import FlatPixels
 from clsim.detect.knots import TICKS_PER_S
-from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Albedos, Frame, page_aligned
+from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, page_aligned
 from clsim.opencl.path import BrightnessPath
 
 SIZE = (40, 60)
@@ -38,11 +38,13 @@ class Wall:
         self.holes = self.holes[1:]
         return found if self.told else None
 
-    def albedos(self, pixels, start_s, end_s, fineness):
+    def reflected(self, pixels, light, start_s, end_s, fineness):
         assert (start_s, end_s) == (0.0, STEP_US * 1e-6) and fineness.linear
-        shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), len(pixels))
-        albedos = np.repeat(self.albedo(shares)[:, None], 3, axis=1).astype(np.float32)
-        return Albedos(pixels, pixels, np.arange(len(pixels) + 1) * 3, shares, albedos)
+        shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), (len(pixels), 1))
+        start, end = (light[rows, :].sum(axis=0)[pixels, None] for rows in (slice(0, 3), slice(3, 6)))
+        values = self.albedo(shares) * (start + (end - start) * shares)
+        firsts = np.arange(len(pixels) + 1) * 3
+        return Reflected(pixels, pixels, firsts, shares.ravel(), values.astype(np.float32).ravel())
 
 
 def found_by(wall, lights=(2.0, 2.0), albedos=None):
