@@ -101,12 +101,12 @@ def search(world: Any) -> Callable[[], None]:
     from clsim.render.camera import CameraData
 
     features = RenderOptions().features_of(world)
-    data = SceneData(world, tree="bvh8")
+    data = SceneData(world, tree="bvh16")
     width, pixels = world.camera.width, world.camera.width * world.camera.height
     origins, directions = (wp.zeros(pixels, dtype=wp.vec3, device="cpu") for _ in range(2))
     camera = CameraData(world.camera, features, data.origin_m, wp.get_device("cpu")).at(0.0)
     wp.launch(aim, dim=pixels, inputs=[camera, width], outputs=[origins, directions], device="cpu")
-    nearest, *_ = build_searches(features, "bvh8")
+    nearest, *_ = build_searches(features, "bvh16")
     out = [wp.zeros(pixels, dtype=wp.float32, device="cpu"), wp.zeros(pixels, dtype=wp.int32, device="cpu")]
     inputs = [data.scene.geometry, origins, directions]
     launch: Any = wp.launch(nearest, dim=pixels, inputs=inputs, outputs=out, device="cpu", record_cmd=True)

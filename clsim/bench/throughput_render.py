@@ -14,7 +14,7 @@ from clsim.bench.rays import aim, build_searches
 from clsim.bench.render_worlds import bumpy_room, cornell
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
-from clsim.render.bvh8 import Bvh8
+from clsim.render.bvh16 import Bvh16
 from clsim.render.camera import CameraData
 from clsim.render.devices import start_warp, usable_cores
 from clsim.render.geometry import Tree
@@ -22,7 +22,7 @@ from clsim.scene import World
 
 MAX_DEPTH = 8
 _RAYS = 1 << 17
-_TREES: tuple[Tree, ...] = ("bvh8", "warp")
+_TREES: tuple[Tree, ...] = ("bvh16", "warp")
 
 
 def render_throughput(*, size: int = 256, spp: int = 16, rounds: int = 3, triangles: int = 1_000_000) -> dict[str, Any]:
@@ -76,12 +76,12 @@ def _medians(seconds: dict[str, list[float]]) -> dict[str, float]:
 
 
 def _tree_cost(world: World) -> dict[str, Any]:
-    data = SceneData(world, tree="bvh8")
+    data = SceneData(world, tree="bvh16")
     geometry = data.scene.geometry
     seconds = []
     for _ in range(3):
         start = time.process_time()
-        tree = Bvh8(geometry.vertices, geometry.indices)
+        tree = Bvh16(geometry.vertices, geometry.indices)
         seconds.append(time.process_time() - start)
     triangles = len(geometry.indices) // 3
     return {"triangles": triangles, "build_s": min(seconds), "bytes_per_triangle": tree.nbytes / triangles}
@@ -96,10 +96,10 @@ def _ray_rates(world: World, rounds: int) -> dict[str, dict[str, float]]:
     width, height = world.camera.width, world.camera.height
     n = width * height
     origins, directions, places, normals = (wp.zeros(n, dtype=wp.vec3, device=device) for _ in range(4))
-    camera = CameraData(world.camera, features, scenes["bvh8"].origin_m, device).at(0.0)
+    camera = CameraData(world.camera, features, scenes["bvh16"].origin_m, device).at(0.0)
     wp.launch(aim, dim=n, inputs=[camera, width], outputs=[origins, directions], device=device)
-    nearest, shadow, find = searches["bvh8"]
-    geometry = scenes["bvh8"].scene.geometry
+    nearest, shadow, find = searches["bvh16"]
+    geometry = scenes["bvh16"].scene.geometry
     wp.launch(find, dim=n, inputs=[geometry, origins, directions], outputs=[places, normals], device=device)
     place, normal = (np.asarray(array) for array in (places, normals))
     hit = np.flatnonzero(np.any(normal != 0, axis=1))

@@ -73,6 +73,6 @@ def usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-def fastest_tree(device: str) -> Literal["bvh8", "warp"]:
-    """Return how rays find triangles fastest on a device: our 8-wide tree on a CPU, Warp's own on a GPU."""
-    return "bvh8" if device == "cpu" else "warp"
+def fastest_tree(device: str) -> Literal["bvh16", "warp"]:
+    """Return how rays find triangles fastest on a device: our 16-wide tree on a CPU, Warp's own on a GPU."""
+    return "bvh16" if device == "cpu" else "warp"

@@ -9,8 +9,8 @@ import warp as wp
 from clsim.render.features import Features
 from clsim.render.shutter import nearest_key, position_between, rotation_between, shutter_key, shutter_weight
 
-Tree = Literal["bvh8", "warp"]
-"""How a mesh is searched: by the 8-wide tree, which is faster but for CPUs alone, or by Warp's own."""
+Tree = Literal["bvh16", "warp"]
+"""How a mesh is searched: by the 16-wide tree, which is faster but for CPUs alone, or by Warp's own."""
 
 mat34 = wp.types.matrix(shape=(3, 4), dtype=wp.float32)
 """An affine map: the upper three rows of a 4×4 matrix."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.bvh8_traverse import TreeHit, any_in_tree, any_opaque_in_tree, closest_in_tree
+from clsim.render.bvh16_traverse import TreeHit, any_in_tree, any_opaque_in_tree, closest_in_tree
 from clsim.render.features import Features
 from clsim.render.geometry import (
     BLOCKED,
@@ -64,7 +64,7 @@ def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
     """
 
     @wp.func
-    def closest_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
+    def closest_by_bvh16(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
         bits = closest_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
         return Found(
             wp.cast(bits[1], float),
@@ -79,7 +79,7 @@ def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
         )
 
     @wp.func
-    def any_by_bvh8(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> int:
+    def any_by_bvh16(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> int:
         if wp.static(alpha):
             found = any_opaque_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
         else:
@@ -110,7 +110,7 @@ def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
         met = wp.mesh_query_ray_anyhit(geometry.mesh_handles[mesh], origin, direction, far)
         return wp.where(met, wp.static(PERHAPS if alpha else BLOCKED), CLEAR)
 
-    return (closest_by_bvh8, any_by_bvh8) if tree == "bvh8" else (closest_by_warp, any_by_warp)
+    return (closest_by_bvh16, any_by_bvh16) if tree == "bvh16" else (closest_by_warp, any_by_warp)
 
 
 def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, Any]:

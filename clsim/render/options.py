@@ -101,7 +101,7 @@ class RenderOptions:
         """Refuse values that cannot work."""
         require_choice("noise", self.noise, ("common", "independent"))
         require_choice("sampler", self.sampler, ("pcg", "sobol"))
-        require_choice("tree", self.tree, (None, "bvh8", "warp"))
+        require_choice("tree", self.tree, (None, "bvh16", "warp"))
         for option, value in (
             ("spp", self.spp),
             ("frames", self.frames),

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.render.bvh8_build import grow
+from clsim.render.bvh16_build import grow
 from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.features import light_stands_still, scene_features
@@ -79,8 +79,8 @@ class SceneData:
         self.lock = threading.RLock()
         self.device = wp.get_device(device)
         self.tree: Tree = tree or fastest_tree(device)
-        if self.tree == "bvh8" and not self.device.is_cpu:
-            raise InputError(f'tree is "bvh8", which works on a CPU only, but the render device is {device}')
+        if self.tree == "bvh16" and not self.device.is_cpu:
+            raise InputError(f'tree is "bvh16", which works on a CPU only, but the render device is {device}')
         self.interval_s = world.camera.shutter_s if interval_s is None else interval_s
         if instants:
             self.interval_s = 0.0
@@ -175,7 +175,7 @@ class SceneData:
     def _compile(self, options: RenderOptions) -> None:
         """Compile what renders at the same time as what builds trees."""
         kernels = [build_kernel(options.features(self.features, self.world.camera), self.tree)]
-        if self.tree == "bvh8":
+        if self.tree == "bvh16":
             kernels.append(grow)
         if options.light_cache:
             from clsim.render.light_cache import build_updates

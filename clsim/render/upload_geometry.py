@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.bvh8 import Bvh8
+from clsim.render.bvh16 import Bvh16
 from clsim.render.deform import DeformingMesh, box, deforms, flat_or_smooth
 from clsim.render.features import SceneFeatures
 from clsim.render.geometry import Geometry, Place, ShadingRow, Tree, mat34
@@ -80,7 +80,7 @@ class GeometryData:
             own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
             vertices = geometry.vertices[own]
             indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
-            search = partial(Bvh8, may_pass=may_pass[mesh.material_ids], rows=rows) if tree == "bvh8" else wp.Mesh
+            search = partial(Bvh16, may_pass=may_pass[mesh.material_ids], rows=rows) if tree == "bvh16" else wp.Mesh
             if deforms(mesh):
                 normals = geometry.normals[own] if features.smooth_normals else None
                 deforming = DeformingMesh(mesh, search, vertices, indices, normals)

@@ -33,8 +33,8 @@ def test_the_room_is_closed_but_for_its_lamps():
 
 def check(figures: dict[str, Any]) -> None:
     radiance = figures["mean_radiance"]
-    assert radiance["bvh8"] > 0 and abs(radiance["bvh8"] / radiance["warp"] - 1) < 0.02
-    for tree in ("bvh8", "warp"):
+    assert radiance["bvh16"] > 0 and abs(radiance["bvh16"] / radiance["warp"] - 1) < 0.02
+    for tree in ("bvh16", "warp"):
         assert all(figures["rays_per_cpu_second"][tree][kind] > 0 for kind in ("primary", "bounce", "shadow"))
         # From a millisecond to a minute for the picture.
         for rate in ("paths_per_second", "paths_per_cpu_second"):

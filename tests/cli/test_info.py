@@ -93,7 +93,7 @@ def test_scenes_and_what_is_nothing_of_all(clsim, tmp_path, monkeypatch):
     assert facts["scene"]["triangles"] == facts["scene"]["mesh_triangles"] == 28
     lux = facts["scene"]["illuminance_lux"]
     assert 0 < lux["dark"] < lux["median"] < lux["bright"]
-    assert (facts["renderer"]["device"], facts["renderer"]["tree"]) == ("cpu", "bvh8")
+    assert (facts["renderer"]["device"], facts["renderer"]["tree"]) == ("cpu", "bvh16")
     empty = clsim("info", "./two-boxes")
     assert empty.status == 2 and "no EXR file" in empty.stderr
     assert clsim("info", "nothing.at.all").status == 2

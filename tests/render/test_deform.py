@@ -71,7 +71,7 @@ def same(a, b):
         assert abs(x.mean() - y.mean()) < 0.01 * (np.abs(y).mean() + 1e-3), name
 
 
-@pytest.mark.parametrize("tree", ["bvh8", pytest.param("warp", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tree", ["bvh16", pytest.param("warp", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("options", [{}, {"moving": True}, {"smooth": False}])
 def test_a_frame_shows_the_shape_of_its_time(tree, options):
     for index in (0, 3, 5):
@@ -133,7 +133,7 @@ def sliding(deforming, shutter_s, emission=(0.0, 0.0, 0.0), spp=256, **options):
     return hw.render(scene, 2, spp=spp, **options)
 
 
-@pytest.mark.parametrize("tree", ["bvh8", pytest.param("warp", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tree", ["bvh16", pytest.param("warp", marks=pytest.mark.slow)])
 def test_what_deforms_blurs_as_what_moves(tree):
     """Nine shapes make steps of a pixel here, whose halves at the ends are 1/16 of the ramp."""
     blurred = sliding(True, 0.25, tree=tree).plane("Coverage").mean(axis=0)

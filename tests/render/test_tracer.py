@@ -122,7 +122,7 @@ def test_samples_are_a_prefix():
 
 @pytest.mark.parametrize("scene", [lit_world, moving_world])
 def test_both_trees_give_one_picture(scene):
-    ours, warps = (hw.render(scene(), 3, spp=16, tree=tree) for tree in ("bvh8", "warp"))
+    ours, warps = (hw.render(scene(), 3, spp=16, tree=tree) for tree in ("bvh16", "warp"))
     for name in ALL_PLANES[:12]:
         a, b = ours.plane(name), warps.plane(name)
         assert np.isclose(a, b, rtol=1e-3, atol=1e-4).mean() > 0.95, name
@@ -322,7 +322,7 @@ def test_the_number_of_frames():
 def test_the_build_is_described():
     plain = describe_build(hw.world(hw.ball(1.0)), RenderOptions())
     assert plain["built in"] == ["diffuse materials"]
-    assert (plain["device"], plain["tree"]) == ("cpu", "bvh8")
+    assert (plain["device"], plain["tree"]) == ("cpu", "bvh16")
     chosen = describe_build(hw.world(hw.ball(1.0)), RenderOptions(tree="warp"))
     assert chosen["tree"] == "warp"
     assert describe_build(hw.world(hw.ball(1.0)), RenderOptions(device="cuda:0"))["tree"] == "warp"

@@ -42,9 +42,9 @@ def alone(scene, camera, index, options=OPTIONS):
 
 def test_a_stereo_pair_takes_one_upload_and_equals_two_tracers(monkeypatch):
     scene, built, refits = moving_world(), [], []
-    build, refit = upload_geometry.Bvh8.__init__, upload_geometry.GeometryData.update
+    build, refit = upload_geometry.Bvh16.__init__, upload_geometry.GeometryData.update
     monkeypatch.setattr(
-        upload_geometry.Bvh8, "__init__", lambda self, *a, **k: (built.append(a), build(self, *a, **k))[1]
+        upload_geometry.Bvh16, "__init__", lambda self, *a, **k: (built.append(a), build(self, *a, **k))[1]
     )
     monkeypatch.setattr(
         upload_geometry.GeometryData, "update", lambda self, times: (refits.append(times), refit(self, times))[1]

@@ -64,7 +64,7 @@ def beside_mitsuba(world: World, spp: int, rounds: int) -> dict[str, Any]:
     mitsuba = _mitsuba()
     result = measure_world(world, spp, rounds, {"mitsuba": mitsuba_render(mitsuba, world, spp)})
     for ratio, rate in (("mitsuba_ratio", "paths_per_second"), ("mitsuba_cpu_ratio", "paths_per_cpu_second")):
-        result[ratio] = result[rate]["bvh8"] / result[rate]["mitsuba"]
+        result[ratio] = result[rate]["bvh16"] / result[rate]["mitsuba"]
     return result
 
 

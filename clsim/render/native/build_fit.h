@@ -4,15 +4,15 @@
 float extent = 0.0f;
 for (int at = count - 1; at >= 0; --at) {
     float* node = nodes.data + NODE_FLOATS * (long long)at;
-    const int* refs = (const int*)(node + 48);
-    for (int i = 0; i < 8; ++i) {
+    const int* refs = (const int*)(node + 6 * CHILDREN);
+    for (int i = 0; i < CHILDREN; ++i) {
         v4 lower = v4(inf), upper = v4(-inf);
         const int first = ~refs[i] >> 3, size = (~refs[i] & 7) + 1;
         if (refs[i] >= 0) {
             const float* child = nodes.data + 8 * (long long)refs[i];
             for (int k = 0; k < 3; ++k) {
-                for (int j = 0; j < 8; ++j) {
-                    const float a = child[8 * k + j], b = child[8 * k + 24 + j];
+                for (int j = 0; j < CHILDREN; ++j) {
+                    const float a = child[CHILDREN * k + j], b = child[CHILDREN * (k + 3) + j];
                     lower[k] = a < lower[k] ? a : lower[k];
                     upper[k] = b > upper[k] ? b : upper[k];
                 }
@@ -34,8 +34,8 @@ for (int at = count - 1; at >= 0; --at) {
             }
         }
         for (int k = 0; k < 3; ++k) {
-            node[8 * k + i] = lower[k];
-            node[8 * k + 24 + i] = upper[k];
+            node[CHILDREN * k + i] = lower[k];
+            node[CHILDREN * (k + 3) + i] = upper[k];
             const float a = -lower[k], b = upper[k];
             if (lower[k] <= upper[k]) {
                 extent = a > extent ? a : extent;

@@ -121,20 +121,20 @@ const auto part = [&](const Range& range, Plan at, Range& left, Range& right) {
 };
 
 int node_count = 1, deepest = 0;
-Task tasks[7 * MAX_DEPTH + 1];
+Task tasks[(CHILDREN - 1) * MAX_DEPTH + 1];
 int waiting = 0;
 tasks[waiting++] = Task{all, 0, 0};
 while (waiting) {
     const Task task = tasks[--waiting];
     deepest = task.depth > deepest ? task.depth : deepest;
-    // So many triangles that eight equal parts a level will just do: from here on nothing else is allowed.
+    // So many triangles that equal parts a level will just do: from here on nothing else is allowed.
     long long room = LEAF_TRIANGLES;
-    for (int d = task.depth + 1; d < MAX_DEPTH && room < (1ll << 40); ++d) room *= 8;
+    for (int d = task.depth + 1; d < MAX_DEPTH && room < (1ll << 40); ++d) room *= CHILDREN;
     const bool balance = task.range.count > room;
-    Range children[8];
+    Range children[CHILDREN];
     int count = task.range.count ? 1 : 0;
     children[0] = task.range;
-    while (count && count < 8) {
+    while (count && count < CHILDREN) {
         int worst = -1;
         float most = -1.0f;
         for (int i = 0; i < count; ++i) {
@@ -152,8 +152,8 @@ while (waiting) {
         ++count;
     }
     // Leaves are parted further as long as there is room and it pays.
-    bool tried[8] = {};
-    while (count && count < 8) {
+    bool tried[CHILDREN] = {};
+    while (count && count < CHILDREN) {
         int worst = -1;
         float most = 0.0f;
         for (int i = 0; i < count; ++i) {
@@ -172,8 +172,8 @@ while (waiting) {
         tried[worst] = tried[count] = false;
         ++count;
     }
-    int* refs = (int*)(nodes.data + NODE_FLOATS * (long long)task.node + 48);
-    for (int i = 0; i < 8; ++i) {
+    int* refs = (int*)(nodes.data + NODE_FLOATS * (long long)task.node + 6 * CHILDREN);
+    for (int i = 0; i < CHILDREN; ++i) {
         if (i >= count) refs[i] = ~(8 * all.count);
         else if (children[i].count <= LEAF_TRIANGLES) refs[i] = ~(8 * children[i].first + children[i].count - 1);
         else {

@@ -1,4 +1,4 @@
-// Rays against a list of few triangles, eight of them (a block) at once; see bvh8_list.py.
+// Rays against a list of few triangles, eight of them (a block) at once; see bvh16_list.py.
 // Products with the ray of the edges opposite to vertices 0 and 1, over the sum of all three, are the weights.
 const float start[3] = {origin[0] - middle[0], origin[1] - middle[1], origin[2] - middle[2]};
 const float moment[3] = {start[1] * direction[2] - start[2] * direction[1],

@@ -1,4 +1,4 @@
-// Writes the blocks of a list of few triangles; see bvh8_list.py.
+// Writes the blocks of a list of few triangles; see bvh16_list.py.
 const v4 from = {middle[0], middle[1], middle[2], 0.0f};
 for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
     v4 p[3];

@@ -18,8 +18,8 @@ int top = 0, child = 0;
 for (;;) {
     if (child >= 0) {
         const float* node = nodes + 8 * (long long)child;
-        const int* children = (const int*)(node + 48);
-        v8 enter;
+        const int* children = (const int*)(node + 6 * CHILDREN);
+        v16 enter;
         for (unsigned met = boxes(node, enter); met; met &= met - 1) stack[top++] = children[__builtin_ctz(met)];
     } else {
         v8 t, u, v;

@@ -10,9 +10,9 @@ float nearest_u = 0.0f, nearest_v = 0.0f;
 for (;;) {
     if (child >= 0) {
         const float* node = nodes + 8 * (long long)child;
-        const unsigned* children = (const unsigned*)(node + 48);
-        alignas(32) unsigned enter[8];
-        unsigned met = boxes(node, *(v8*)enter);
+        const unsigned* children = (const unsigned*)(node + 6 * CHILDREN);
+        alignas(v16) unsigned enter[CHILDREN];
+        unsigned met = boxes(node, *(v16*)enter);
         if (met) {
             const auto entry = [&](int i) __attribute__((always_inline)) {
                 fetch((int)children[i]);

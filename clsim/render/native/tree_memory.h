@@ -6,6 +6,10 @@ typedef float v8 __attribute__((ext_vector_type(8)));
 typedef float unaligned8 __attribute__((ext_vector_type(8), aligned(4)));
 typedef int lanes8 __attribute__((ext_vector_type(8)));
 typedef bool bits8 __attribute__((ext_vector_type(8)));
+// A number of each child of a node.
+typedef float v16 __attribute__((ext_vector_type(CHILDREN)));
+typedef int lanes16 __attribute__((ext_vector_type(CHILDREN)));
+typedef bool bits16 __attribute__((ext_vector_type(CHILDREN)));
 
 const unsigned long long* tree = (const unsigned long long*)handle;
 const float* nodes = (const float*)tree[0];
@@ -15,8 +19,8 @@ const int blocks = (int)tree[3];
 const float* middle = (const float*)&tree[4];
 const char* rows = (const char*)tree[7];
 
-const auto lesser = [](v8 a, v8 b) __attribute__((always_inline)) { return a < b ? a : b; };
-const auto greater = [](v8 a, v8 b) __attribute__((always_inline)) { return a > b ? a : b; };
+const auto lesser = [](auto a, auto b) __attribute__((always_inline)) { return a < b ? a : b; };
+const auto greater = [](auto a, auto b) __attribute__((always_inline)) { return a > b ? a : b; };
 const auto mask = [](lanes8 a) __attribute__((always_inline)) {
     return (unsigned)__builtin_bit_cast(unsigned char, __builtin_convertvector(a, bits8));
 };

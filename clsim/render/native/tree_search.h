@@ -19,25 +19,27 @@ for (int k = 0; k < 3; ++k) {
     inverse[k] = r;
     near_shift[k] = -origin[k] * r - slack;
     far_shift[k] = -origin[k] * r + slack;
-    near_row[k] = r < 0.0f ? 8 * k + 24 : 8 * k;
-    far_row[k] = r < 0.0f ? 8 * k : 8 * k + 24;
+    near_row[k] = r < 0.0f ? CHILDREN * (k + 3) : CHILDREN * k;
+    far_row[k] = r < 0.0f ? CHILDREN * k : CHILDREN * (k + 3);
 }
 const float sz = inverse[kz], sx = direction[kx] * sz, sy = direction[ky] * sz;
 
 // Boxes that the ray meets between t_min and far, and where.
-const auto boxes = [&](const float* node, v8& enter) __attribute__((always_inline)) {
-    const auto plane = [&](int row, int k, float shift) __attribute__((always_inline)) {
-        return *(const v8*)(node + row) * v8(inverse[k]) + v8(shift);
+const auto boxes = [&](const float* node, v16& enter) __attribute__((always_inline)) {
+    const auto plane = [&](int first, int k, float shift) __attribute__((always_inline)) {
+        return *(const v16*)(node + first) * v16(inverse[k]) + v16(shift);
     };
-    const v8 x0 = plane(near_row[0], 0, near_shift[0]), x1 = plane(far_row[0], 0, far_shift[0]);
-    const v8 y0 = plane(near_row[1], 1, near_shift[1]), y1 = plane(far_row[1], 1, far_shift[1]);
-    const v8 z0 = plane(near_row[2], 2, near_shift[2]), z1 = plane(far_row[2], 2, far_shift[2]);
-    enter = greater(greater(x0, y0), greater(z0, v8(t_min)));
-    return mask(enter <= lesser(lesser(x1, y1), lesser(z1, v8(far))));
+    const v16 x0 = plane(near_row[0], 0, near_shift[0]), x1 = plane(far_row[0], 0, far_shift[0]);
+    const v16 y0 = plane(near_row[1], 1, near_shift[1]), y1 = plane(far_row[1], 1, far_shift[1]);
+    const v16 z0 = plane(near_row[2], 2, near_shift[2]), z1 = plane(far_row[2], 2, far_shift[2]);
+    enter = greater(greater(x0, y0), greater(z0, v16(t_min)));
+    const lanes16 met = enter <= lesser(lesser(x1, y1), lesser(z1, v16(far)));
+    return (unsigned)__builtin_bit_cast(unsigned short, __builtin_convertvector(met, bits16));
 };
 const auto fetch = [&](int child) __attribute__((always_inline)) {
     const float* p = child >= 0 ? nodes + 8 * (long long)child : corners + CORNER_FLOATS * (long long)(~child >> 3);
-    for (int line = 0; line < 4; ++line) __builtin_prefetch(p + 16 * line);
+    // As long as a node; a leaf is shorter.
+    for (int line = 0; line < NODE_FLOATS / 16; ++line) __builtin_prefetch(p + 16 * line);
 };
 // Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
 const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {

@@ -23,5 +23,5 @@ def test_mitsuba_renders_the_same(world, noise):
         pytest.skip("Mitsuba 3 or the LLVM library it needs is not installed")
     result = beside_mitsuba(world, spp=512, rounds=1)
     radiance = result["mean_radiance"]
-    assert abs(radiance["bvh8"] / radiance["mitsuba"] - 1) < 4 * noise
+    assert abs(radiance["bvh16"] / radiance["mitsuba"] - 1) < 4 * noise
     assert result["mitsuba_ratio"] > 0 and result["mitsuba_cpu_ratio"] > 0

@@ -1,7 +1,7 @@
-"""The 8-wide tree: its topology by binned SAH, its boxes bottom-up, in native code.
+"""The 16-wide tree: its topology by binned SAH, its boxes bottom-up, in native code.
 
 Two steps, so that a mesh that deforms repeats the second alone. ``grow`` splits the triangles of a node until it has
-eight children: always the largest range by area, at the best of 16 planes on each axis by the surface area heuristic
+sixteen children: always the largest range by area, at the best of 16 planes on each axis by the surface area heuristic
 (Wald, RT 2007), where a leaf costs as much as a test of eight triangles. It leaves the triangles in the order of the
 leaves, and children behind their parents. ``fit`` goes through the nodes backwards, copies the corners of each leaf's
 triangles and unites boxes. Where there are few triangles, ``grow`` makes no node, and ``fit`` the blocks of a list.
@@ -9,8 +9,15 @@ triangles and unites boxes. Where there are few triangles, ``grow`` makes no nod
 
 import warp as wp
 
-from clsim.render.bvh8_list import BLOCK_FLOATS, LIST_TRIANGLES, ROWS
-from clsim.render.bvh8_traverse import CORNER_FLOATS, FIRST_NUMBER, LEAF_TRIANGLES, MAX_DEPTH, NODE_FLOATS
+from clsim.render.bvh16_list import BLOCK_FLOATS, LIST_TRIANGLES, ROWS
+from clsim.render.bvh16_traverse import (
+    CHILDREN,
+    CORNER_FLOATS,
+    FIRST_NUMBER,
+    LEAF_TRIANGLES,
+    MAX_DEPTH,
+    NODE_FLOATS,
+)
 from clsim.render.native import native_code
 
 FARTHEST = 1.0e12
@@ -18,6 +25,7 @@ FARTHEST = 1.0e12
 
 _SIZES = {
     "BLOCK_FLOATS": BLOCK_FLOATS,
+    "CHILDREN": CHILDREN,
     "CORNER_FLOATS": CORNER_FLOATS,
     "FARTHEST": FARTHEST,
     "FIRST_NUMBER": FIRST_NUMBER,
@@ -53,7 +61,7 @@ def _fit(
 ): ...
 
 
-@wp.kernel(module="clsim_bvh8_build", enable_backward=False)
+@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
 def grow(
     vertices: wp.array(dtype=wp.vec3),
     indices: wp.array(dtype=int),
@@ -66,7 +74,7 @@ def grow(
     _grow(vertices, indices, scratch, out_nodes, out_order, out_counts)
 
 
-@wp.kernel(module="clsim_bvh8_build", enable_backward=False)
+@wp.kernel(module="clsim_bvh16_build", enable_backward=False)
 def fit(
     vertices: wp.array(dtype=wp.vec3),
     indices: wp.array(dtype=int),

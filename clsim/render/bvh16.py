@@ -1,6 +1,6 @@
-"""An 8-wide bounding volume hierarchy of triangles for rays on a CPU.
+"""A 16-wide bounding volume hierarchy of triangles for rays on a CPU.
 
-``bvh8_build`` makes it, ``bvh8_traverse`` searches it; here is its memory.
+``bvh16_build`` makes it, ``bvh16_traverse`` searches it; here is its memory.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.bvh8_build import FARTHEST, fit, grow
-from clsim.render.bvh8_list import BLOCK_FLOATS
-from clsim.render.bvh8_traverse import CORNER_FLOATS, NODE_FLOATS
+from clsim.render.bvh16_build import FARTHEST, fit, grow
+from clsim.render.bvh16_list import BLOCK_FLOATS
+from clsim.render.bvh16_traverse import CORNER_FLOATS, NODE_FLOATS
 from clsim.render.large_pages import spread
 
 _FAR_OFF = 4.0
 """A list farther from the origin than so many times its size has coordinates from its middle."""
 
 
-class Bvh8:
+class Bvh16:
     """The tree over the triangles of a mesh.
 
     Triangles with a vertex that is not finite or farther than 1e12 from the origin, and those without area, are never

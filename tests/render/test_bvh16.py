@@ -1,4 +1,4 @@
-"""The 8-wide tree, and the list that stands in for a small one.
+"""The 16-wide tree, and the list that stands in for a small one.
 
 Against brute force in float64, Warp's own tree, and geometry that has no other answer.
 """
@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render.bvh8 import Bvh8
-from clsim.render.bvh8_traverse import MAX_DEPTH, any_in_tree, any_opaque_in_tree, closest_in_tree
+from clsim.render.bvh16 import Bvh16
+from clsim.render.bvh16_traverse import MAX_DEPTH, any_in_tree, any_opaque_in_tree, closest_in_tree
 from clsim.render.devices import start_warp
 
 FAR = 1e30
 
 
-@wp.kernel(enable_backward=False, module="test_bvh8")
+@wp.kernel(enable_backward=False, module="test_bvh16")
 def search(
     tree: wp.uint64,
     origins: wp.array(dtype=wp.vec3),
@@ -38,7 +38,7 @@ def search(
         out_corners[i, k] = wp.cast(hit[4 + k], float)
 
 
-@wp.kernel(enable_backward=False, module="test_bvh8")
+@wp.kernel(enable_backward=False, module="test_bvh16")
 def search_opaque(
     tree: wp.uint64,
     origins: wp.array(dtype=wp.vec3),
@@ -50,7 +50,7 @@ def search_opaque(
     out_found[i] = any_opaque_in_tree(tree, origins[i], directions[i], 0.0, far)
 
 
-@wp.kernel(enable_backward=False, module="test_bvh8")
+@wp.kernel(enable_backward=False, module="test_bvh16")
 def search_warp(
     tree: wp.uint64,
     origins: wp.array(dtype=wp.vec3),
@@ -73,7 +73,7 @@ def arrays(vertices, triangles):
 
 
 def build(mesh):
-    return Bvh8(*arrays(mesh.vertices, mesh.triangles))
+    return Bvh16(*arrays(mesh.vertices, mesh.triangles))
 
 
 def shoot(tree, origins, directions, near=0.0, far=FAR, corners=None):
@@ -132,7 +132,7 @@ def test_nearest_hits_are_those_of_brute_force(triangles):
     origins = rng.uniform(-1.5, 1.5, (2000, 3)).astype(np.float32)
     aims = vertices[indices[rng.integers(triangles, size=2000)]].mean(axis=1) + rng.normal(scale=0.3, size=(2000, 3))
     toward = aims - origins
-    triangle, t, weights, found = shoot(Bvh8(*arrays(vertices, indices)), origins, toward, corners=vertices[indices])
+    triangle, t, weights, found = shoot(Bvh16(*arrays(vertices, indices)), origins, toward, corners=vertices[indices])
     true_t, true_weights, margin = brute_force(vertices, indices, origins, toward)
     # Rays within rounding of an edge, or that meet two triangles at one place, have no certain answer.
     clear = (np.abs(margin) > 1e-4).all(axis=1)
@@ -152,7 +152,7 @@ def test_what_may_let_a_ray_pass_does_not_hide_what_stops_it(triangles):
     rng = np.random.default_rng(triangles)
     vertices, indices = soup(rng, triangles)
     may_pass = rng.random(triangles) < 0.7
-    tree = Bvh8(*arrays(vertices, indices), may_pass=may_pass)
+    tree = Bvh16(*arrays(vertices, indices), may_pass=may_pass)
     origins = rng.uniform(-1.5, 1.5, (1000, 3)).astype(np.float32)
     aims = vertices[indices[rng.integers(triangles, size=1000)]].mean(axis=1)
     toward = (aims - origins).astype(np.float32)
@@ -174,7 +174,7 @@ def test_warps_tree_finds_the_same():
     vertices, indices = arrays(mesh.vertices * bumps, mesh.triangles)
     origins = (directions(rng, 40_000) * rng.choice([0.3, 0.9, 2.0], (40_000, 1))).astype(np.float32)
     toward = directions(rng, 40_000)
-    triangle, t, weights, _ = shoot(Bvh8(vertices, indices), origins, toward)
+    triangle, t, weights, _ = shoot(Bvh16(vertices, indices), origins, toward)
     theirs = wp.Mesh(vertices, indices)
     rays = [wp.array(a.astype(np.float32), dtype=wp.vec3, device="cpu") for a in (origins, toward)]
     their_triangle = wp.zeros(len(origins), dtype=int, device="cpu")
@@ -199,7 +199,7 @@ def test_no_ray_leaves_a_closed_surface(centre, stretch, rings):
     rows = vertices.reshape(rings + 1, 2 * rings + 1, 3)
     rows[:, -1] = rows[:, 0]
     rows[0], rows[-1] = rows[0, 0], rows[-1, 0]
-    tree = Bvh8(*arrays(vertices, mesh.triangles))
+    tree = Bvh16(*arrays(vertices, mesh.triangles))
     assert (tree.levels == 0) == (rings == 4)
     depth = 0.98 if rings == 40 else 0.6
     inside = (directions(rng, 500_000) * rng.random((500_000, 1)) ** 2 * depth * stretch + centre).astype(np.float32)
@@ -274,15 +274,15 @@ def test_broken_triangles_are_never_hit_and_hide_nothing(count):
     origins = rng.uniform(-2, 2, (20_000, 3))
     # Some right at the flat ones.
     toward = np.where(np.arange(20_000)[:, None] % 2, -origins, rng.uniform(-1, 1, (20_000, 3)) - origins)
-    triangle, t, _, found = shoot(Bvh8(*arrays(mixed, indices)), origins, toward)
-    alone, alone_t, _, _ = shoot(Bvh8(*arrays(mixed, indices[sound])), origins, toward)
+    triangle, t, _, found = shoot(Bvh16(*arrays(mixed, indices)), origins, toward)
+    alone, alone_t, _, _ = shoot(Bvh16(*arrays(mixed, indices[sound])), origins, toward)
     np.testing.assert_array_equal(triangle, np.where(alone >= 0, np.flatnonzero(sound)[alone], -1))
     np.testing.assert_array_equal(t, alone_t)
     np.testing.assert_array_equal(found, alone >= 0)
-    nothing = Bvh8(*arrays(mixed, indices[~sound]))
+    nothing = Bvh16(*arrays(mixed, indices[~sound]))
     triangle, _, _, found = shoot(nothing, origins, toward)
     assert np.all(triangle == -1) and not np.any(found)
-    empty = Bvh8(*arrays(np.zeros((3, 3)), np.zeros((0, 3))))
+    empty = Bvh16(*arrays(np.zeros((3, 3)), np.zeros((0, 3))))
     assert np.all(shoot(empty, origins[:9], toward[:9])[0] == -1)
 
 
@@ -302,12 +302,12 @@ def test_depth_is_bounded_whatever_the_mesh():
     scales = np.repeat(np.exp2(np.arange(-24, 39, 1.0)), 40)[:, None, None]
     corners = (directions(rng, len(scales))[:, None] + 0.01 * rng.normal(size=(len(scales), 3, 3))) * scales
     corners = np.concatenate([corners, np.tile(corners[:1], (500, 1, 1))]).astype(np.float32)
-    tree = Bvh8(*arrays(corners.reshape(-1, 3), np.arange(3 * len(corners))))
+    tree = Bvh16(*arrays(corners.reshape(-1, 3), np.arange(3 * len(corners))))
     assert 8 < tree.levels <= MAX_DEPTH
     toward = corners[: len(scales)].mean(axis=1) / scales[:, 0]
     triangle, _, _, found = shoot(tree, np.zeros_like(toward), toward)
     assert np.all(found) and np.all(triangle >= 0)
-    same = Bvh8(*arrays(np.tile(corners[0], (5000, 1)), np.arange(15000)))
+    same = Bvh16(*arrays(np.tile(corners[0], (5000, 1)), np.arange(15000)))
     assert same.levels <= 8
     assert shoot(same, [[0, 0, 0]], corners[:1].mean(axis=1))[0][0] >= 0
 
@@ -318,12 +318,12 @@ def test_refit_finds_what_a_new_tree_finds(count, size):
     vertices, triangles = soup(rng, count, size)
     moved = (vertices * 1.5 + np.sin(3 * vertices)[:, ::-1] + 2).astype(np.float32)
     moved[7] = np.nan
-    tree = Bvh8(*arrays(vertices, triangles))
+    tree = Bvh16(*arrays(vertices, triangles))
     origins = rng.uniform(-2, 5, (20_000, 3))
     toward = rng.uniform(0, 4, (20_000, 3)) - origins
     before = shoot(tree, origins, toward)
     tree.refit(arrays(moved, triangles)[0])
-    fresh = shoot(Bvh8(*arrays(moved, triangles)), origins, toward)
+    fresh = shoot(Bvh16(*arrays(moved, triangles)), origins, toward)
     after = shoot(tree, origins, toward)
     assert (before[0] != after[0]).mean() > 0.1 and (after[0] >= 0).mean() > 0.1
     for a, b in zip(after, fresh, strict=True):
@@ -352,7 +352,7 @@ def test_small_triangles_far_from_the_origin_are_told_apart(away, side):
     lower = np.stack([first, first + 1, first + side + 2], axis=1)
     upper = np.stack([first, first + side + 2, first + side + 1], axis=1)
     triangles = np.concatenate([lower, upper])
-    tree = Bvh8(*arrays(vertices, triangles))
+    tree = Bvh16(*arrays(vertices, triangles))
     assert (tree.levels == 0) == (side == 3)
     corners = vertices[triangles].astype(np.float64)
     weights = rng.dirichlet((3, 3, 3), (20, len(triangles)))
