@@ -47,11 +47,11 @@ class DeformingMesh:
         tree: what rays search.
     """
 
-    def __init__(self, mesh: Mesh, search: Any, vertices: Any, indices: Any, normals: Any | None) -> None:
-        """Keep the arrays, which are views, and build the tree with ``search(vertices, indices)``."""
+    def __init__(self, mesh: Mesh, search: Any, vertices: Any, indices: Any, normals: Any | None, tree: Any) -> None:
+        """Keep the arrays, which are views, and the first tree; ``search(vertices, indices)`` builds others."""
         self._mesh, self._search = mesh, search
         self._vertices, self._indices, self._normals = vertices, indices, normals
-        self.tree = search(vertices, indices)
+        self.tree = tree
 
     def update(self, time_s: float) -> npt.NDArray[np.float64]:
         """Give the arrays the shape at that time, build the tree anew and return the mesh's box."""

@@ -53,6 +53,7 @@ class SceneFeatures:
         motion_blur: the interval lasts, and an object or a light moves or deforms.
         deforming_blur: the interval lasts, and something deforms.
         instants: rays are of several instants, and what moves has a place for each.
+        deforming_instants: something deforms too, and has a shape for each.
     """
 
     two_level: bool
@@ -88,6 +89,7 @@ class SceneFeatures:
     motion_blur: bool
     deforming_blur: bool
     instants: bool
+    deforming_instants: bool
 
     @property
     def shading_rows(self) -> bool:
@@ -359,8 +361,8 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         environment_map=world.environment_map is not None,
         motion_blur=interval_s > 0 and (deforming or objects_move(world)),
         deforming_blur=interval_s > 0 and deforming,
-        # What deforms is traced an instant at a time.
-        instants=instants and objects_move(world) and not deforming,
+        instants=instants and (deforming or objects_move(world)),
+        deforming_instants=instants and deforming,
     )
 
 

@@ -313,6 +313,8 @@ def make_placement(features: Features) -> tuple[Any, Any, Any]:
         entry = instance
         if wp.static(features.deforming_blur):
             entry = nearest_key(time) * geometry.instance_count + instance
+        if wp.static(features.deforming_instants):
+            entry = row_at(geometry.instance_count, instance, time)
         return geometry.instance_mesh[entry]
 
     return to_world_at, to_object_at, mesh_at

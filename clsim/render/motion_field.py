@@ -3,8 +3,8 @@
 """Where on the image things go in a step of time, as Warp kernels, by single rays.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
-pinhole, by Newton's method on its rays, so that every lens has its projection. Where something deforms, the camera's
-motion alone is known.
+pinhole, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes where its place
+on its triangle goes.
 """
 
 from typing import Any
@@ -40,7 +40,7 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
     ``out_ways``, vec2 of each block, row by row, tells how far what it sees has gone on the image by the other instant
     [pixels].
     """
-    closest, *_ = make_intersection(features, tree)
+    closest, _, surface, _ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
     to_world_at, to_object_at, _ = make_placement(features)
     camera_ray = make_camera(features)
@@ -56,7 +56,11 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
                 if hit.sphere >= 0:
                     before = xyz(sphere_at(scene.geometry, hit.sphere, start))
                     place += xyz(sphere_at(scene.geometry, hit.sphere, end)) - before
-            if wp.static(features.instants and features.two_level):
+            if wp.static(features.deforming_instants):
+                if hit.triangle >= 0:
+                    found = surface(scene.geometry, hit.instance, hit.triangle, hit.weight0, hit.weight1, end)
+                    place = found.position
+            if wp.static(features.instants and features.two_level and not features.deforming_instants):
                 if hit.triangle >= 0:
                     own = transform_point(to_object_at(scene.geometry, hit.instance, start), place)
                     place = transform_point(to_world_at(scene.geometry, hit.instance, end), own)

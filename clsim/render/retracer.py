@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from clsim.render.flat_follower import FlatFollower
     from clsim.render.view import View
 
-_MOST_INSTANTS = 64
-"""Instants of a launch where objects move: their boxes hold all places that they have meanwhile."""
 _MIDDLE = ((0.5, 0.5),)
 _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
@@ -134,11 +132,10 @@ class Retracer:
         if self._follow is None:
             self._follow = self._record_motion()
         launch, spread, ways, longest = self._follow
-        alike = self._data.still or self._data.features.instants
+        self._data.move_to(instants_s)
         launch.set_param_by_name("camera", self._camera.at_instants(instants_s))
+        launch.set_param_by_name("scene", self._data.scene)
         for k in (0, 1):
-            self._data.move_to(instants_s if alike else instants_s[k : k + 1])
-            launch.set_param_by_name("scene", self._data.scene)
             launch.set_param_by_name("start", k)
             for row, place in enumerate(self._places):
                 launch.set_param_by_name("at", wp.vec2(*place))
@@ -202,7 +199,7 @@ class Retracer:
         if self._data.still:
             return max(first + 1, int(np.searchsorted(ends, done + _MOST_REQUESTS, side="right")))
         alike = self._data.features.instants and not self._data.light_changes
-        return min(first + (_MOST_INSTANTS if alike else 1), len(ends))
+        return min(first + (self._data.most_instants if alike else 1), len(ends))
 
     def _trace(
         self, pixels: npt.NDArray[np.int32], instants_s: npt.NDArray[np.float64], numbers: npt.NDArray[np.int64]

@@ -143,17 +143,12 @@ class SceneData:
     def move_to(self, times_s: npt.NDArray[np.float64]) -> None:
         """Put everything where it is at each of those times [s], for rays that tell which of them is theirs.
 
-        Raises:
-            ValueError: what deforms can be at one of them at a time only.
+        They are at most `most_instants`, where something deforms.
         """
         if self.features.instants:
             self._geometry.update(times_s)
             self._lights.update(times_s)
             self.scene.geometry, self.scene.lights = self._geometry.geometry, self._lights.lights
-        elif not self.still:
-            if len(times_s) != 1:
-                raise ValueError(f"what deforms is at one instant at a time, got {len(times_s)}")
-            self.move(float(times_s[0]))
 
     def farthest_m(self, place: npt.NDArray[np.float64]) -> float:
         """Return a distance beyond which nothing lies, from a place in the world; infinite where anything moves."""
@@ -166,6 +161,11 @@ class SceneData:
     def smallest_m(self, places: npt.NDArray[np.float64], pixel_angle: float) -> npt.NDArray[np.float64]:
         """Return the width below which nothing lies as seen from each place ``[K, 3]``; 0 where that is unknown."""
         return self._smallest.seen_from(places, pixel_angle) if self._smallest else np.zeros(len(places))
+
+    @property
+    def most_instants(self) -> int:
+        """How many instants at a time serve well: boxes hold all places of a thing, and shapes take memory."""
+        return self._geometry.most_instants
 
     @property
     def still(self) -> bool:

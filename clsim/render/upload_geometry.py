@@ -21,6 +21,10 @@ from clsim.scene import Mesh, Motion, SphereLight
 from clsim.scene.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
+_MOST_INSTANTS = 64
+"""Instants at a time where something moves: boxes of things hold all places that they have meanwhile."""
+_MOST_VERTICES = 1 << 18
+"""Vertices of what deforms, all its shapes together: they take memory."""
 
 
 class GeometryData:
@@ -28,6 +32,7 @@ class GeometryData:
 
     Attributes:
         geometry: what the kernel takes.
+        most_instants: how many instants at a time serve well.
         middle_m: middle of the box around all triangles, from the origin, at the first times.
         radius_m: half the diagonal of that box.
     """
@@ -53,8 +58,13 @@ class GeometryData:
         self._sphere_lights = sphere_lights
         meshes = placement.meshes
         first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)])
-        # A mesh that deforms within the interval stands in the table once for each key.
-        counts = [SHUTTER_KEYS if features.deforming_blur and deforms(mesh) else 1 for mesh in meshes]
+        # A mesh that deforms stands in the table once for each key of the interval, or each of several instants.
+        deforming_vertices = sum(len(mesh.vertices) for mesh in meshes if deforms(mesh))
+        self.most_instants = max(2, min(_MOST_INSTANTS, _MOST_VERTICES // max(1, deforming_vertices)))
+        shapes_of_one = SHUTTER_KEYS if features.deforming_blur else 1
+        if features.deforming_instants:
+            shapes_of_one = self.most_instants
+        counts = [shapes_of_one if deforms(mesh) else 1 for mesh in meshes]
         first_entry = np.cumsum([0, *counts])
         owner = np.repeat(np.arange(len(meshes)), counts)
         shapes = [meshes[i] for i in owner]
@@ -81,13 +91,13 @@ class GeometryData:
             vertices = geometry.vertices[own]
             indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
             search = partial(Bvh16, may_pass=may_pass[mesh.material_ids], rows=rows) if tree == "bvh16" else wp.Mesh
+            key = entry - int(first_entry[i])
+            # All shapes of a mesh have one tree until each is given its own.
+            self._trees.append(search(vertices, indices) if key == 0 else self._trees[-1])
             if deforms(mesh):
                 normals = geometry.normals[own] if features.smooth_normals else None
-                deforming = DeformingMesh(mesh, search, vertices, indices, normals)
-                self._deforming[entry] = entry - int(first_entry[i]), deforming
-                self._trees.append(deforming.tree)
-            else:
-                self._trees.append(search(vertices, indices))
+                shape = DeformingMesh(mesh, search, vertices, indices, normals, self._trees[-1])
+                self._deforming[entry] = key, shape
         self._handles = array([each.id for each in self._trees], wp.uint64, device)
         geometry.mesh_handles = self._handles
         self._boxes = np.array([box(mesh) for mesh in shapes])
@@ -103,8 +113,9 @@ class GeometryData:
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
         for entry, (key, deforming) in self._deforming.items():
-            self._boxes[entry] = deforming.update(float(times_s[key]))
-            self._trees[entry] = deforming.tree
+            if key < len(times_s):
+                self._boxes[entry] = deforming.update(float(times_s[key]))
+                self._trees[entry] = deforming.tree
         if self._deforming:
             self._handles.assign(np.array([tree.id for tree in self._trees], np.uint64))
         if self._features.instants and len(times_s) > self._most_times:
@@ -168,7 +179,7 @@ class GeometryData:
 
     def _bounds(self, poses: _F64, steps: _F64) -> tuple[_F64, _F64]:
         """Boxes of what the instances sweep, a little wide so that flat ones and rounding miss nothing."""
-        boxes = self._boxes[self._entries]  # [keys, instances, 2, 3]
+        boxes = self._boxes[self._entries[: len(poses)]]  # [keys, instances, 2, 3]
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
         extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)

@@ -136,12 +136,27 @@ def test_what_cannot_be_traced_at_instants_is_told():
         Retracer(SceneData(blurred, instants=True), RenderOptions())
 
 
+@dataclass(frozen=True)
+class Carried:
+    """A shape that goes to the right, with nothing to tell it but its vertices."""
+
+    rest: object
+    duration_s: float = 10.0
+
+    def vertices_at(self, time_s):
+        return np.add(self.rest.vertices, (1.5 * time_s, 0.0, 0.0), dtype=np.float32), None
+
+
 @pytest.mark.slow
-def test_ways_on_the_image_are_those_of_the_pinhole():
+@pytest.mark.parametrize("deforms", [False, True])
+def test_ways_on_the_image_are_those_of_the_pinhole(deforms):
     """A wall that goes to the right before a camera that goes back; at the pixels' middles, by plain projection."""
     wall = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
+    motion = Glide((0.0, 0.0, 0.0), (1.5, 0.0, 0.0))
+    if deforms:
+        wall, motion = replace(wall, normals=None, deformation=Carried(wall)), hw.IDENTITY
     view = replace(hw.camera(width=16, height=12, fov_deg=90.0), motion=Glide((0.0, 0.0, 0.0), (0.0, 0.0, 3.0)))
-    world = hw.world(wall, view=view, motions=[Glide((0.0, 0.0, 0.0), (1.5, 0.0, 0.0))], fps=FPS)
+    world = hw.world(wall, view=view, motions=[motion], fps=FPS)
     retracer = Retracer(SceneData(world, instants=True), RenderOptions(spp=1, max_depth=1))
     ways = retracer.motion(0.0, 0.1)
     retracer.close()
@@ -175,7 +190,7 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
 
 @pytest.mark.slow
 def test_what_deforms_is_traced_in_the_shape_of_its_time():
-    """An instant at a time, each with trees of its own: exactly what a frame shows."""
+    """Several instants at a time, each with shapes and trees of its own: exactly what a frame shows."""
     scene = replace(swelling(moving=True), fps=FPS)
     compare(scene, RenderOptions(spp=2, max_depth=3))
 
