@@ -21,6 +21,7 @@ import warp as wp
 
 from clsim.render.by_time import ByTime
 from clsim.render.features import Features
+from clsim.render.pixel_angle import pixel_angle, widest_pixel
 from clsim.render.shutter import (
     key_steps,
     key_times,
@@ -315,8 +316,10 @@ class CameraData:
         """Return the width below which nothing lies as seen from each of some poses ``[K, 4, 4]`` [m]."""
         if self._smallest_m is None:
             return np.zeros(len(poses), np.float32)
-        pixel_angle = math.radians(self._camera.fov_deg) / self._camera.width
-        return self._smallest_m(poses[:, :3, 3], pixel_angle).astype(np.float32)
+        # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
+        average, widest = pixel_angle(self._camera), widest_pixel(self._camera)
+        wider = max(1.0, widest / (2.0 * average))
+        return (self._smallest_m(poses[:, :3, 3], wider * average) / wider).astype(np.float32)
 
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from clsim.errors import InputError
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.deform import deforms
 from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, PunctualLight, SphereLight, World
@@ -319,6 +320,12 @@ def light_stands_still(world: World) -> bool:
     """Whether nothing but the camera moves, and no light changes, so that the light on a surface stays as it is."""
     deforming = any(deforms(mesh) for mesh in _used_meshes(world))
     return not (deforming or objects_move(world) or world.light_changes())
+
+
+def check_kept_light(world: World, light_cache: bool) -> None:
+    """Raise InputError where light shall be kept on surfaces and does not stand still."""
+    if light_cache and not light_stands_still(world):
+        raise InputError("light is kept on surfaces only where nothing but the camera moves")
 
 
 def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:

@@ -30,7 +30,7 @@ from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE, make_lamp_light, rim_draw, rim_place
 from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import LightSample, make_lights, make_side
-from clsim.render.materials import Materials, make_materials
+from clsim.render.materials import Materials, has_details, make_materials
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.sobol import make_sampler
 from clsim.render.towards_light import looks_ahead, make_towards_light
@@ -230,6 +230,11 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.front = point.front
                     sample.material = wp.where(depth == 0, point.material + 1, 0)
                     sample.triangle = wp.where(depth == 0, 1 + hit.triangle + hit.instance * 65537, 0)
+                    if wp.static(features.textures):
+                        averaged = textured(scene.materials, point.material)
+                        if has_details(scene.materials, point.material, averaged):
+                            # Rays look for what is finer than a pixel, as for what is small.
+                            sample.triangle = 0
                 if wp.static(features.lamp_light):
                     apart = looked_at and not looking and bsdf.kind == DIFFUSE
                     sample.lamp = sample.lamp or apart

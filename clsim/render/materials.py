@@ -113,6 +113,14 @@ class Bsdf:
     dark: bool
 
 
+@wp.func
+def has_details(materials: Materials, material: int, averaged: bool) -> bool:
+    """Whether a surface has textures whose means over pixels are not known; ``averaged``: that of its colour is."""
+    row = materials.rows[material]
+    others = row.emission_texture >= 0 or row.roughness_texture >= 0 or row.blend_texture >= 0
+    return others or (row.texture >= 0 and not averaged)
+
+
 def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
     """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and more.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +18,7 @@ from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.motion_field import build_motion_field, build_pass_over
 from clsim.render.options import RenderOptions
+from clsim.render.pixel_angle import pixel_angle
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.view import RenderCancelled, settings_of
@@ -82,8 +82,7 @@ class Retracer:
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
-        pixel_angle = math.radians(camera.fov_deg) / camera.width
-        self._sight = Sight(pixel_angle, features.sharp, features.lamp_light)
+        self._sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
         if self._first_hits:
             self._settings.samples = self._first_hits
         # Most pixels need few of their first-hit rays.

@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.render.bvh16_build import grow
 from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
-from clsim.render.features import light_stands_still, scene_features
+from clsim.render.features import check_kept_light, light_stands_still, scene_features
 from clsim.render.geometry import Tree
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Scene
@@ -174,6 +174,7 @@ class SceneData:
 
     def _compile(self, options: RenderOptions) -> None:
         """Compile what renders at the same time as what builds trees."""
+        check_kept_light(self.world, options.light_cache)
         kernels = [build_kernel(options.features(self.features, self.world.camera), self.tree)]
         if self.tree == "bvh16":
             kernels.append(grow)

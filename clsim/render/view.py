@@ -13,12 +13,13 @@ from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
-from clsim.render.features import light_stands_still
+from clsim.render.features import check_kept_light
 from clsim.render.film import Sample
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Settings
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
+from clsim.render.pixel_angle import pixel_angle
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
@@ -103,6 +104,7 @@ class View:
         self._data = data
         self._options = options
         self._device = data.device
+        check_kept_light(data.world, options.light_cache)
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
         smallest_m = data.smallest_m if options.first_hit_rays else None
@@ -117,12 +119,10 @@ class View:
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
-            size, pixel_angle = (camera.width, camera.height), math.radians(camera.fov_deg) / camera.width
+            size = camera.width, camera.height
             self._sharp = features.sharp
-            sight = Sight(pixel_angle, features.sharp, features.lamp_light)
+            sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
             if options.light_cache:
-                if not light_stands_still(data.world):
-                    raise InputError("light is kept on surfaces only where nothing but the camera moves")
                 from clsim.render.light_keeper import LightKeeper
 
                 self._steerer = LightKeeper(*size, effort, sight, options.light_hz, options.look_again, self._device)

@@ -167,7 +167,7 @@ def test_where_distortion_folds_there_are_no_rays():
     np.testing.assert_allclose(
         (project(view, directions) + 0.5)[radius < 0.99 * edge], xy[radius < 0.99 * edge], atol=5e-3
     )
-    room = hw.world(hw.box((-9, -9, -9), (9, 9, 9)), materials=(Material(emission=(1, 1, 1)),), view=view)
+    room = hw.world(hw.box((-9, -9, -9), (9, 9, 9)), view=view, environment=(1, 1, 1))
     frame = hw.render(room, spp=8)
     x, y = np.meshgrid(np.arange(64) + 0.5 - 32, np.arange(64) + 0.5 - 32)
     beyond = np.hypot(x, y) / 32 > edge + 0.04

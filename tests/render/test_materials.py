@@ -150,6 +150,7 @@ def test_features_follow_a_mirror():
     assert np.all(frame.plane("Coverage") == 1)
 
 
+@pytest.mark.slow
 def test_features_of_the_mirror_itself_on_request():
     silver = Material(kind="conductor", color=(0.9, 0.8, 0.7))
     frame = hw.render(mirrored_wall(silver), spp=64, follow_specular=False)

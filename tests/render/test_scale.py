@@ -143,7 +143,8 @@ def test_a_world_far_from_its_origin_looks_as_it_does_there(moving):
 
     def scene(matrix):
         lamp = SphereLight(0.2, (9.0,) * 3, Static(matrix @ hw.translation(1, 2, 1)))
-        point = PunctualLight("point", (2.0,) * 3, Static(matrix @ hw.translation(-1, 1.5, 1)))
+        above = matrix @ hw.translation(-1, 1.5, 1)
+        point = PunctualLight("point", (2.0,) * 3, Still(above) if moving else Static(above))
         still = hw.world(hw.quad((-2, -0.5, 2), (4, 0, 0), (0, 0, -4)), hw.ball(0.5, rings=8), materials=(GREY,))
         motions = [Static(matrix), Still(matrix) if moving else Static(matrix)]
         return replace(

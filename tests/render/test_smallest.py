@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from test_steered import Run, textured_world
 
+from clsim.render.camera import CameraData
+from clsim.render.features import scene_features, view_features
+from clsim.render.pixel_angle import widest_pixel
 from clsim.render.placement import place
 from clsim.render.smallest import smallest_of
-from clsim.scene import Material, Mesh, SphereLight, Static
+from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
 SCALED = np.diag([2.0, 2.0, 2.0, 1.0])
@@ -115,6 +118,68 @@ def seen_coverage(mesh, crumb=()):
     )  # fmt: skip
     frame = Run(scene, spp=1, first_hit_rays=16).fill(0)
     return 1.0 - frame.plane("Emission")[:, 12]
+
+
+@pytest.mark.parametrize(
+    ("lens", "fov_deg"),
+    [
+        (Lens(), 40.0),
+        (Lens(), 160.0),
+        (Lens(distortion=(-0.3, 0.05)), 80.0),
+        (Lens(model="fisheye"), 200.0),
+        (Lens(model="fisheye", distortion=(-0.05,)), 150.0),
+    ],
+    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye"],
+)
+def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
+    """Rays by OpenCV's models, and how far they turn for a hundredth of a pixel to the right and down."""
+    camera = Camera(64, 48, fov_deg, hw.IDENTITY, lens=lens)
+    k = [*lens.distortion, 0.0, 0.0]
+    fisheye, fov = lens.model == "fisheye", np.radians(fov_deg)
+    focal = 64 / fov if fisheye else 32 / np.tan(fov / 2)
+    table = np.linspace(0, fov if fisheye else np.tan(np.radians(88)), 100_001)
+    radial = (1 + table**2 * (k[0] + table**2 * k[1])) * table
+    rising = slice(0, np.argmax(np.diff(radial) <= 0) or None)
+
+    def rays(x, y):
+        size = np.hypot(x, y) / focal
+        found = np.interp(size, radial[rising], table[rising], right=np.nan)
+        angle = found if fisheye else np.arctan(found)
+        return np.stack([x / focal / size * np.sin(angle), y / focal / size * np.sin(angle), np.cos(angle)], axis=-1)
+
+    x, y = np.meshgrid(np.arange(-31.995, 32, 0.5), np.arange(-23.995, 24, 0.5))
+    turns = np.stack([rays(x + 0.01, y) - rays(x, y), rays(x, y + 0.01) - rays(x, y)], axis=-1) / 0.01
+    widest = np.linalg.svd(turns[np.isfinite(turns).all(axis=(-2, -1))], compute_uv=False).max()
+    assert widest_pixel(camera) == pytest.approx(widest, rel=0.03)
+
+
+def test_wide_pixels_show_less_of_what_is_small():
+    """A box of 1 m, from 135° on by a pinhole."""
+    smallest = smallest_of(place(hw.world(hw.box((0, 0, 0), (1, 1, 1)))), ())
+    features, widths = scene_features(hw.world(hw.box((0, 0, 0), (1, 1, 1))), 0.0), []
+    for fov_deg in (90.0, 130.0, 160.0):
+        camera = Camera(64, 48, fov_deg, hw.IDENTITY)
+        data = CameraData(camera, view_features(features, camera), np.zeros(3), "cpu", smallest.seen_from)
+        widths.append(float(data.at(0.0).smallest_m.numpy()[0]))
+    assert widths[0] == widths[1] == pytest.approx(smallest.width_m)
+    wider = np.tan(np.radians(80)) / np.radians(80) / 2
+    assert widths[2] == pytest.approx(smallest.width_m / wider, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_emission_finer_than_a_pixel_is_seen_in_whole_pixels():
+    """Lines of a third of a pixel on a large sheet, on which the corners of all pixels lie."""
+    side = 3 * 12
+    checks = np.full((side, side, 4), 255, np.uint8)
+    checks[::3, :, :3] = checks[:, ::3, :3] = 0
+    size = 2 * np.tan(np.radians(20)) * 5
+    low = -size / 2 - size / side / 2
+    sheet = hw.quad((low, low, 0), (size, 0, 0), (0, size, 0))
+    material = Material(color=(0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0), emission_texture=0)
+    world = hw.world(sheet, materials=(material,), view=hw.camera(hw.translation(0, 0, 5), 12, 12, 40.0))
+    world = replace(world, textures=(ImageTexture(checks, nearest=True),))
+    frame = Run(world, spp=1, first_hit_rays=64).fill(0)
+    assert frame.plane("Emission")[2:-2, 2:-2].mean() == pytest.approx(4 / 9, abs=0.06)
 
 
 @pytest.mark.slow

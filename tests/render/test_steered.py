@@ -21,9 +21,12 @@ from clsim.frames import (
 )
 from clsim.render import Effort, PathTracer, RenderOptions
 from clsim.scene import CheckerTexture, Material
+from clsim.scene.motion import Keyframes
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
+STANDING = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0),) * 2, ((0.0, 0.0, 0.0, 1.0),) * 2)
+"""A motion, as kernels take it, that leads nowhere."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -222,7 +225,9 @@ def test_going_back_in_time_starts_anew():
 def test_light_is_neither_made_nor_lost_in_a_furnace():
     white = Material(color=(1.0, 1.0, 1.0))
     view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)))
-    world = hw.world(hw.ball(0.5, rings=12), materials=(white,), view=view, environment=(0.7, 0.7, 0.7))
+    world = hw.world(
+        hw.ball(0.5, rings=12), motions=[STANDING], materials=(white,), view=view, environment=(0.7, 0.7, 0.7)
+    )
     frame = Run(world, spp=256, first_hit_rays=32, max_depth=64, roulette_start=64).fill(0)
     assert abs(frame.plane("R").mean() / 0.7 - 1) < 2e-3
 

@@ -125,7 +125,7 @@ def test_a_run_follows_a_file_and_writes_it_again(tmp_path: Path) -> None:
         tmp_path / "path.npz", time_s=[0.0, 0.05], positions=[[0, 1, 3], [0.5, 1, 3]], quaternions=[[1, 0, 0, 0]] * 2
     )
     out = str(tmp_path / "a.npz")
-    options: dict[str, object] = {"resolution": (16, 12), "quality": "draft", "outputs": out}
+    options: dict[str, object] = {"resolution": (16, 12), "method": "esim", "spp": 1, "outputs": out}
     with clsim.stream("two-boxes", camera_path=tmp_path / "path.npz", **options) as run:
         first = np.concatenate(list(run))
     times_us, poses = run.poses
