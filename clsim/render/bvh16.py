@@ -38,7 +38,7 @@ class Bvh16:
         """Build the tree of triangles ``indices`` (int32, [3n]) over ``vertices`` (vec3), both on the CPU.
 
         The arrays are read, and ``indices`` is kept for ``refit``. ``may_pass`` ``[n]`` says which triangles may let
-        rays pass, for ``any_opaque_in_tree``; without it, none. Of ``rows``, ``ShadingRow`` ``[n]``, the one of a
+        rays pass, for ``any_opaque_in_tree``; without it, none. Of ``rows`` ``[n]``, an array of Warp's, the one of a
         triangle that is hit is on its way from memory while the search goes on.
         """
         triangles = len(indices) // 3
@@ -66,15 +66,15 @@ class Bvh16:
             self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
         # Nodes, corners, extent, blocks, three floats: from where the coordinates of a list's edges count, what may let
-        # rays pass, and rows.
-        self._header = np.zeros(8, np.uint64)
+        # rays pass, rows and the bytes of one.
+        self._header = np.zeros(9, np.uint64)
         self._header[[0, 1, 3]] = self._nodes.ctypes.data, self._corners.ctypes.data, blocks
         if may_pass is not None and may_pass.any():
             self._may_pass = may_pass.copy()
             self._header[6] = self._may_pass.ctypes.data
         if rows is not None:
             self._rows = rows
-            self._header[7] = rows.ptr
+            self._header[7:9] = rows.ptr, rows.strides[0]
         self._blocks = blocks
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)

@@ -30,9 +30,6 @@ CORNER_FLOATS = 10
 FIRST_NUMBER = 0x3F000000
 """Added to a triangle's number, so that as a float, which reading a row too wide makes it, it is an ordinary one."""
 
-ROW_BYTES = 64
-"""A ``ShadingRow``: a line of the processor's cache."""
-
 _SIZES = {
     "CHILDREN": CHILDREN,
     "NODE_FLOATS": NODE_FLOATS,
@@ -40,7 +37,6 @@ _SIZES = {
     "BLOCK_FLOATS": BLOCK_FLOATS,
     "CORNER_FLOATS": CORNER_FLOATS,
     "FIRST_NUMBER": FIRST_NUMBER,
-    "ROW_BYTES": ROW_BYTES,
 }
 
 TreeHit = wp.types.vector(length=17, dtype=wp.int32)

@@ -75,7 +75,8 @@ class GeometryData:
         geometry.vertices = array(np.concatenate([mesh.vertices for mesh in shapes]), wp.vec3, device)
         geometry.indices = array(np.concatenate([mesh.triangles for mesh in meshes]).ravel(), wp.int32, device)
         geometry.material_ids = array(np.concatenate([mesh.material_ids for mesh in meshes]), wp.int32, device)
-        rows = None
+        # What is read of a triangle first when it was hit.
+        rows = geometry.material_ids
         if features.shading_rows:
             geometry.shading_rows = rows = array(_shading_rows(meshes[0], features), ShadingRow, device)
         elif features.smooth_normals:
@@ -89,8 +90,10 @@ class GeometryData:
         for entry, (mesh, i) in enumerate(zip(shapes, owner, strict=True)):
             own = slice(int(first_vertex[entry]), int(first_vertex[entry + 1]))
             vertices = geometry.vertices[own]
-            indices = geometry.indices[int(3 * first_triangle[i]) : int(3 * first_triangle[i + 1])]
-            search = partial(Bvh16, may_pass=may_pass[mesh.material_ids], rows=rows) if tree == "bvh16" else wp.Mesh
+            first, end = int(first_triangle[i]), int(first_triangle[i + 1])
+            indices = geometry.indices[3 * first : 3 * end]
+            bvh16 = partial(Bvh16, may_pass=may_pass[mesh.material_ids], rows=rows[first:end])
+            search = bvh16 if tree == "bvh16" else wp.Mesh
             key = entry - int(first_entry[i])
             # All shapes of a mesh have one tree until each is given its own.
             self._trees.append(search(vertices, indices) if key == 0 else self._trees[-1])

@@ -8,7 +8,6 @@ import hand_worlds as hw
 import numpy as np
 
 from clsim.render import SceneData
-from clsim.render.bvh16_traverse import ROW_BYTES
 from clsim.render.placement import place
 from clsim.scene import CheckerTexture, Material
 
@@ -21,7 +20,7 @@ def test_a_row_has_what_the_corners_of_its_triangle_have() -> None:
     )
     geometry = SceneData(world).scene.geometry
     rows, mesh = geometry.shading_rows.numpy(), place(world).meshes[0]
-    assert rows.itemsize == ROW_BYTES
+    assert rows.itemsize == 64, "a line of the cache"
     assert len(rows) == len(ball.triangles) + len(quad.triangles)
     for k in range(3):
         np.testing.assert_array_equal(rows[f"normal{k}"], mesh.normals[mesh.triangles[:, k]])

@@ -46,7 +46,7 @@ for (;;) {
                 nearest_u = u[i];
                 nearest_v = v[i];
                 const int number = ((const int*)nearest)[9 * count] - FIRST_NUMBER;
-                if (rows) __builtin_prefetch(rows + ROW_BYTES * (long long)number);
+                if (rows) __builtin_prefetch(rows + row_bytes * number);
             }
         }
     }

@@ -18,6 +18,7 @@ const float extent = *(const float*)&tree[2];
 const int blocks = (int)tree[3];
 const float* middle = (const float*)&tree[4];
 const char* rows = (const char*)tree[7];
+const long long row_bytes = (long long)tree[8];
 
 const auto lesser = [](auto a, auto b) __attribute__((always_inline)) { return a < b ? a : b; };
 const auto greater = [](auto a, auto b) __attribute__((always_inline)) { return a > b ? a : b; };
