@@ -149,22 +149,29 @@ class FlatPixels:
         return FlatBrightness(known, found.pixels[like], knots)
 
 
-def _reach(ways: F32) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return how far left and up, and right and down, things near each pixel go in a step, ``[2, H, W]`` [pixels]."""
+def _reach(ways: F32) -> tuple[I64, I64]:
+    """Return how far left and up, and right and down, things near each square go in a step, ``[2, rows, columns]``.
+
+    Squares are `_TILE_PX` pixels wide and high.
+    """
     height, width = ways.shape[2:]
     ways = ways[:, :, ::_EVERY_PX, ::_EVERY_PX]
     rows, columns, part = -(-height // _TILE_PX), -(-width // _TILE_PX), _TILE_PX // _EVERY_PX
-    more = ((0, 0), (0, 0), (0, rows * part - ways.shape[2]), (0, columns * part - ways.shape[3]))
-    tiled = np.pad(ways, more, mode="edge").reshape(3, 2, rows, part, columns, part)
-    # Nothing farther away than the longest way comes over a pixel.
-    near = int(np.ceil(np.abs(ways).max() / _TILE_PX))
+    more = ((0, 0), (0, rows * part - ways.shape[2]), (0, columns * part - ways.shape[3]))
     found = []
-    for extreme, sign in ((tiled.max(axis=(0, 3, 5)), 1), (-tiled.min(axis=(0, 3, 5)), -1)):
-        padded = np.pad(np.maximum(extreme, 0.0), ((0, 0), (near, near), (near, near)), mode="edge")
-        around = np.lib.stride_tricks.sliding_window_view(padded, (2 * near + 1, 2 * near + 1), axis=(1, 2))
-        farthest = sign * np.ceil(around.max(axis=(3, 4))).astype(np.int64)
-        found.append(farthest.repeat(_TILE_PX, axis=1).repeat(_TILE_PX, axis=2)[:, :height, :width])
-    return found[1], found[0]
+    for extreme, sign in ((ways.max(axis=0), 1), (-ways.min(axis=0), -1)):
+        tiled = np.pad(extreme, more, mode="edge").reshape(2, rows, part, columns * part).max(axis=2)
+        tiled = np.maximum(tiled.reshape(2, rows, columns, part).max(axis=3), 0.0)
+        found.append((tiled, sign))
+    # Nothing farther away than the longest way comes over a pixel.
+    near = int(np.ceil(max(float(tiled.max()) for tiled, _ in found) / _TILE_PX))
+    reach = []
+    for tiled, sign in found:
+        padded = np.pad(tiled, ((0, 0), (near, near), (near, near)), mode="edge")
+        along = np.lib.stride_tricks.sliding_window_view(padded, 2 * near + 1, axis=2).max(axis=3)
+        around = np.lib.stride_tricks.sliding_window_view(along, 2 * near + 1, axis=1).max(axis=3)
+        reach.append(sign * np.ceil(around).astype(np.int64))
+    return reach[1], reach[0]
 
 
 def _blurred(image: F32) -> F32:
@@ -174,15 +181,23 @@ def _blurred(image: F32) -> F32:
     return np.asarray((rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9, np.float32)
 
 
-def _free(bounds: Mask, lowest: npt.NDArray[np.int64], highest: npt.NDArray[np.int64]) -> Mask:
-    """Return which pixels have no bound from ``lowest`` to ``highest``, ``[2, H, W]``, away; there are some outside."""
+def _free(bounds: Mask, lowest: I64, highest: I64) -> Mask:
+    """Return which pixels have no bound from ``lowest`` to ``highest`` away; there are some outside.
+
+    Both are those of squares, ``[2, rows, columns]``.
+    """
     height, width = bounds.shape
+    rows, columns = lowest.shape[1:]
     sums = np.zeros((height + 1, width + 1), np.int32)
     sums[1:, 1:] = bounds.cumsum(axis=0, dtype=np.int32).cumsum(axis=1)
-    left, top = np.arange(width) + lowest[0], np.arange(height)[:, None] + lowest[1]
-    right, bottom = np.arange(width) + highest[0] + 1, np.arange(height)[:, None] + highest[1] + 1
-    inside = (left >= 0) & (top >= 0) & (right <= width) & (bottom <= height)
+    # A pixel is a square and a place in it: [rows, place, columns, place].
+    x = np.arange(columns * _TILE_PX).reshape(columns, _TILE_PX)
+    y = np.arange(rows * _TILE_PX).reshape(rows, _TILE_PX)[:, :, None]
+    left, right = (x + along[0, :, None, :, None] for along in (lowest, highest + 1))
+    top, bottom = (y[..., None] + down[1, :, None, :, None] for down in (lowest, highest + 1))
+    inside = ((left >= 0) & (right <= width)) & ((top >= 0) & (bottom <= height))
     left, right = np.clip(left, 0, width), np.clip(right, 0, width)
-    top, bottom = np.clip(top, 0, height), np.clip(bottom, 0, height)
-    count = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
-    return np.asarray(inside & (count == 0), np.bool_)
+    top, bottom = (np.clip(side, 0, height) * (width + 1) for side in (top, bottom))
+    count = sums.take(bottom + right) - sums.take(top + right) - sums.take(bottom + left) + sums.take(top + left)
+    free = (inside & (count == 0)).reshape(rows * _TILE_PX, columns * _TILE_PX)
+    return np.asarray(free[:height, :width], np.bool_)

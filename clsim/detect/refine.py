@@ -8,6 +8,7 @@ time. Steps in time that follow the brightness are ESIM's idea (Rebecq et al., C
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -25,8 +26,6 @@ from clsim.opencl.workplace import Buffer, Grid, Workplace
 LONGEST_WAY_PX = 12.0
 """Where things go farther in a step, pictures between its ends are traced, so that ways are no longer."""
 _MOST_PARTS = 32
-_ROUNDS = 10
-"""Most times that a step is looked at again: errors fall by more than a half each time."""
 
 
 class Refiner(Between):
@@ -150,7 +149,8 @@ class Refiner(Between):
         tolerance = self.tolerance_us * TICKS_PER_S / 1e6
         least = max(2, int(tolerance))
         done: list[Knots] = []
-        for _ in range(_ROUNDS):
+        # Errors fall by more than a half each time.
+        for _ in range(max(1, math.ceil((path.end_us - path.start_us) / self.tolerance_us).bit_length())):
             pieces, times = vague(knots, references, self._on, self._off, tolerance, least)
             wanting = np.zeros(len(active), bool)
             wanting[knots.pixels[pieces]] = True

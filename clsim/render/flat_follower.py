@@ -42,7 +42,7 @@ class FlatFollower:
         corners, pixels = rows * (self._width + 1), self._height * self._width
         self._bounds: Any = wp.zeros(corners, dtype=wp.uint8, device=device)
         self._places: Any = wp.zeros((corners, INSTANTS), dtype=wp.vec3, device=device)
-        seen = {name: arguments[name] for name in ("settings", "corners")} | {"first": 0}
+        seen = {name: arguments[name] for name in ("settings", "corners")} | {"first": 0, "count": 1}
         scene, camera = ({name: arguments[name]} for name in ("scene", "camera"))
         self._counts: Any = wp.empty(pixels, dtype=wp.int32, device=device)
         self._knots: Any = wp.empty((pixels, MOST_KNOTS), dtype=wp.vec2, device=device)
@@ -52,13 +52,13 @@ class FlatFollower:
         def tiles(most: int, kernel: Any, **more: Any) -> Tiles:
             size = tile_size(1, device)
             return Tiles(lambda tile: record(kernel, tile, device, **seen, **more), "first", most, size, threads,
-                         device.is_cpu, "count" if "count" in more else None)  # fmt: skip
+                         device.is_cpu, "count")  # fmt: skip
 
         bound, place, follow = kernels
         self._bound = tiles(corners, bound, **scene, rows=rows, out_bounds=self._bounds)
         self._place = tiles(corners, place, **camera, rows=rows, bounds=self._bounds, out_places=self._places)
         self._follow = tiles(
-            pixels, follow, **scene, count=1, places=self._places, pixels=listed, light=light, texels=1,
+            pixels, follow, **scene, places=self._places, pixels=listed, light=light, texels=1,
             out_counts=self._counts, out_knots=self._knots, **asdict(Fineness(0.0, 0.0, 1.0, 1.0, True)),
         )  # fmt: skip
 

@@ -176,19 +176,18 @@ def pass_door(before: Door, share: float, value: float, allowed: float, linear: 
 
 @one_at_a_time
 def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
-    """Return the kernels ``bound``, ``place`` and ``follow``.
+    """Return the kernels ``bound``, ``place`` and ``follow``, a thread of which takes ``count`` of what they are of.
 
-    A thread of the first two is a corner of pixels, of which a row has one more than there are pixels; ``corners`` is
+    The first two are of corners of pixels, of which a row has one more than there are pixels; ``corners`` is
     what each saw in a frame. ``out_bounds``, uint8, is 0 where a corner and its neighbours on the right and below see
     one flat surface whose albedo its texture tells, and whose light follows it. ``out_places``, vec3
     ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
     is: uv over distance, and 1 over distance.
 
-    A thread of ``follow`` is ``count`` pixels of the list ``pixels``: on a CPU arguments are copied for each thread.
-    ``light``, float ``[6, H·W]``, is that of all pixels at the start, R, G and B, and at the end. It writes up to
-    `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B of albedo times light, and how many: 0 where
-    the albedo stays as it is, −1 where they are not enough. Lines between them are as right as `clsim.frames.Fineness`
-    says.
+    ``follow`` is of pixels of the list ``pixels``. ``light``, float ``[6, H·W]``, is that of all pixels at the start, R,
+    G and B, and at the end. It writes up to `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B of
+    albedo times light, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between
+    them are as right as `clsim.frames.Fineness` says.
     """
     _, _, _, textured, resolve_mean, *_ = make_materials(features)
     *_, albedo_of = make_bsdf(features)
@@ -200,52 +199,58 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         scene: Scene,
         settings: Settings,
         first: int,
+        count: int,
         rows: int,
         corners: wp.array(dtype=Sample),
         out_bounds: wp.array(dtype=wp.uint8),
     ):
-        corner = first + wp.tid()
         row = settings.width + 1
-        bounds = wp.uint8(1)
-        if corner % row < row - 1 and corner // row < rows - 1:
-            if flat(scene, corners[corner]) and _matt(corners[corner]):
-                plane = _plane_through(corners, corner, 1, row)
-                if plane.known:
-                    bounds = wp.uint8(0)
-        out_bounds[corner] = bounds
+        begin = first + wp.tid() * count
+        for corner in range(begin, begin + count):
+            bounds = wp.uint8(1)
+            if corner % row < row - 1 and corner // row < rows - 1:
+                if flat(scene, corners[corner]) and _matt(corners[corner]):
+                    plane = _plane_through(corners, corner, 1, row)
+                    if plane.known:
+                        bounds = wp.uint8(0)
+            out_bounds[corner] = bounds
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def place(
         camera: CameraState,
         settings: Settings,
         first: int,
+        count: int,
         rows: int,
         corners: wp.array(dtype=Sample),
         bounds: wp.array(dtype=wp.uint8),
         out_places: wp.array2d(dtype=wp.vec3),
     ):
-        corner = first + wp.tid()
-        if bounds[corner] != wp.uint8(0):
-            return
         row = settings.width + 1
-        x = corner % row
-        y = corner // row
-        plane = Plane()
-        if x + _STRIDE < row and y + _STRIDE < rows:
-            plane = _plane_through(corners, corner, _STRIDE, _STRIDE * row)
-        if not plane.known:
-            plane = _plane_through(corners, corner, 1, row)
         powers = wp.zeros(shape=wp.static(INSTANTS), dtype=wp.vec3)
-        for k in range(_INSTANTS):
-            ray = camera_ray(camera, float(x), float(y), wp.vec2(), float(k))
-            facing = wp.dot(ray.direction, plane.normal)
-            distance = wp.dot(plane.position - ray.origin, plane.normal) / wp.where(facing == 0.0, 1.0e-12, facing)
-            uv = _uv_on(plane, ray.origin + ray.direction * distance)
-            at = wp.vec3(uv[0], uv[1], 1.0) / distance
+        begin = first + wp.tid() * count
+        for corner in range(begin, begin + count):
+            if bounds[corner] != wp.uint8(0):
+                continue
+            x = corner % row
+            y = corner // row
+            plane = Plane()
+            if x + _STRIDE < row and y + _STRIDE < rows:
+                plane = _plane_through(corners, corner, _STRIDE, _STRIDE * row)
+            if not plane.known:
+                plane = _plane_through(corners, corner, 1, row)
             for j in range(_INSTANTS):
-                powers[j] += at * wp.static(_COEFFICIENTS)[j, k]
-        for j in range(_INSTANTS):
-            out_places[corner, j] = powers[j]
+                powers[j] = wp.vec3()
+            for k in range(_INSTANTS):
+                ray = camera_ray(camera, float(x), float(y), wp.vec2(), float(k))
+                facing = wp.dot(ray.direction, plane.normal)
+                distance = wp.dot(plane.position - ray.origin, plane.normal) / wp.where(facing == 0.0, 1.0e-12, facing)
+                uv = _uv_on(plane, ray.origin + ray.direction * distance)
+                at = wp.vec3(uv[0], uv[1], 1.0) / distance
+                for j in range(_INSTANTS):
+                    powers[j] += at * wp.static(_COEFFICIENTS)[j, k]
+            for j in range(_INSTANTS):
+                out_places[corner, j] = powers[j]
 
     @wp.func
     def place_at(places: wp.array2d(dtype=wp.vec3), corner: int, share: float) -> wp.vec3:

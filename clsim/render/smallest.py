@@ -59,11 +59,11 @@ class Smallest:
     def _all_wide(self, places: F64, pixel_angle: float) -> Mask:
         """Return from which places ``[K, 3]`` no sheet is seen on its edge."""
         ways = self.sheets - places[:, None, None]
-        toward = ways / np.maximum(np.linalg.norm(ways, axis=3, keepdims=True), 1e-30)
+        a, b, c = np.moveaxis(ways / np.maximum(np.linalg.norm(ways, axis=3, keepdims=True), 1e-30), 2, 0)
         # Seen from there, a corner is so far away from the great circle through the two others.
-        planes = np.cross(np.roll(toward, -1, axis=2), np.roll(toward, -2, axis=2))
-        off = np.abs((toward[:, :, 0] * planes[:, :, 0]).sum(axis=2))
-        longest = np.linalg.norm(planes, axis=3).max(axis=2)
+        off = np.abs((a * np.cross(b, c)).sum(axis=2))
+        cosines = [(one * other).sum(axis=2) for one, other in ((a, b), (b, c), (c, a))]
+        longest = np.sqrt(np.maximum(1.0 - np.square(cosines).min(axis=0), 0.0))
         return np.asarray((off >= np.sin(_WIDE_PX * pixel_angle) * longest).all(axis=1))
 
 
