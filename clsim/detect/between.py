@@ -89,21 +89,25 @@ class Between(ABC):
             frame: the frame.
             references: levels of the last events, ``[H, span]``; NaN where there is none.
         """
-        self._advance(frame)
-        self._frames += 1
-        if self._frames == 1:
-            return path
-        starts_s, ends_s = path.start_us * 1e-6, path.end_us * 1e-6
-        halves = self._tracer.motion(starts_s, 0.5 * (starts_s + ends_s))
-        ways = self._tracer.motion(starts_s, ends_s)
-        if ways is None or halves is None:
-            return path
-        self._levels.begin(self._image(path.start), self._image(path.end), ways)
-        return self._find(path, Motion(ways, halves), references)
-
-    def _advance(self, frame: Frame) -> None:
-        """Take notice of a frame."""
         self._levels.advance(frame)
+        self._frames += 1
+        motion = self._motion(path) if self._frames > 1 else None
+        self._advance(frame, self._frames > 1 and motion is None)
+        if motion is None:
+            return path
+        self._levels.begin(self._image(path.start), self._image(path.end), motion.ways)
+        return self._find(path, motion, references)
+
+    def _motion(self, path: BrightnessPath) -> Motion | None:
+        """Return where things go in a step; None where all rests."""
+        starts_s, ends_s = path.start_us * 1e-6, path.end_us * 1e-6
+        ways = self._tracer.motion(starts_s, ends_s)
+        halves = None if ways is None else self._tracer.motion(starts_s, 0.5 * (starts_s + ends_s))
+        return None if ways is None else Motion(ways, np.zeros_like(ways) if halves is None else halves)
+
+    @abstractmethod
+    def _advance(self, frame: Frame, rested: bool) -> None:
+        """Take notice of a frame, and of whether all has rested since the one before."""
 
     @abstractmethod
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:

@@ -64,9 +64,12 @@ class Refiner(Between):
         super().reset()
         self._flat.reset()
 
-    def _advance(self, frame: Frame) -> None:
-        super()._advance(frame)
-        self._flat.advance(frame, self._tracer)
+    def _advance(self, frame: Frame, rested: bool) -> None:
+        # Where nothing moves this is for nothing; so it is not known of the first step of a motion.
+        if rested:
+            self._flat.reset()
+        else:
+            self._flat.advance(frame, self._tracer)
 
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:
         start, end, ref = (self._image(buffer).ravel() for buffer in (path.start, path.end, references))

@@ -13,7 +13,7 @@ import numpy as np
 from clsim.detect.between import F32, Between, Motion
 from clsim.detect.config import DetectorConfig
 from clsim.detect.knots import Knots, ticks
-from clsim.frames import PixelTracer
+from clsim.frames import Frame, PixelTracer
 from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
@@ -30,6 +30,9 @@ class WholePictures(Between):
         """Prepare; between two pictures nothing goes farther than ``way_px`` [pixels]."""
         super().__init__(place, config, names, tracer)
         self._way_px = way_px
+
+    def _advance(self, frame: Frame, rested: bool) -> None:
+        """Take notice of nothing: all of a picture is traced."""
 
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:
         parts = min(MOST_PARTS, math.ceil(motion.longest_px / self._way_px))

@@ -184,9 +184,9 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
     is: uv over distance, and 1 over distance.
 
-    ``follow`` is of pixels of the list ``pixels``. ``light``, float ``[6, H·W]``, is that of all pixels at the start, R,
-    G and B, and at the end. It writes up to `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B of
-    albedo times light, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between
+    ``follow`` is of pixels of the list ``pixels``. ``light``, float ``[6, H·W]``, is that of all pixels at the start,
+    R, G and B, and at the end. It writes up to `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B
+    of albedo times light, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between
     them are as right as `clsim.frames.Fineness` says.
     """
     _, _, _, textured, resolve_mean, *_ = make_materials(features)
