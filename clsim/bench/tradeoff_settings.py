@@ -151,7 +151,7 @@ class Light:
         return cls(light_stands_still(world), not light_is_found_apart(world))
 
 
-LIGHTS = (Light(), Light(stands_still=True), Light(stands_still=True, all_by_paths=True))
+LIGHTS = tuple(Light(still, by_paths) for still in (False, True) for by_paths in (False, True))
 """Those in which a quality has other settings."""
 
 

@@ -15,6 +15,7 @@ from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ALL_BY_PATHS,
+    APART_EVERY,
     CACHED,
     DEFAULT,
     PLAIN,
@@ -209,16 +210,21 @@ class LiveOptions:
         """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
-        paths, there are more of these, unless it is told how many.
+        paths, there are more of these, unless it is told how many; where it is not, and things move, there may
+        be fewer.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
-        if light_stands_still and fits and free == (None,) * len(free) and self.basis in CACHED:
+        if not fits or free != (None,) * len(free):
+            return self
+        if light_stands_still and self.basis in CACHED:
             kept = replace(self, sampling="cached")
             if all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
                 probe_spp, spp = ALL_BY_PATHS[self.basis]
                 kept = replace(kept, probe_spp=probe_spp, spp=spp, probe_every=1)
             return kept
+        if self.basis in APART_EVERY and not all_by_paths and (self.spp, self.probe_every) == (None, None):
+            return replace(self, probe_every=APART_EVERY[self.basis])
         return self
 
     @property

@@ -151,6 +151,8 @@ CACHED: dict[Quality, Point] = {
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
 ALL_BY_PATHS: dict[Quality, tuple[int, int]] = {"balanced": (4, 16), "accurate": (8, 64)}
 """Their `probe_spp` and `spp` in each frame, where paths find all light that is kept, also straight from lamps."""
+APART_EVERY: dict[Quality, int] = {"draft": 4}
+"""Their `probe_every` where things move and light straight from lamps is found apart: the rest changes slowly."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

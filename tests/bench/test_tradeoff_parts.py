@@ -142,8 +142,9 @@ def test_the_sweeps_have_each_point_once() -> None:
 def test_named_points_are_those_of_live_runs() -> None:
     from clsim.live.quality import QUALITIES
 
-    named = named_points(3)
-    assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,)))
+    light = Light(all_by_paths=True)
+    named = named_points(3, light)
+    assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,), light))
     for name, quality in QUALITIES.items():
         rendering, detector = named[name].rendering, named[name].detector
         assert (rendering.noise, rendering.sampling) == (quality.noise, quality.sampling)
@@ -166,8 +167,8 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
         environment=(1.0, 1.0, 1.0),
     )
     found = [Light.of(load_world("cornell")), Light.of(lit), Light.of(sky)]
-    assert found == list(LIGHTS)
-    for world, light in ((lit, found[1]), (sky, found[2])):
+    assert found == [Light(), Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
+    for world, light in ((load_world("cornell"), found[0]), (lit, found[1]), (sky, found[2])):
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
             point = named_points(0, light)[name]
@@ -176,6 +177,7 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
                 assert getattr(bench, field) == getattr(live.render, field), (name, field)
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
+    assert [named_points(0, light)["draft"].rendering.probe_every for light in LIGHTS] == [4, 2, 64, 64]
 
 
 def test_means_fronts_and_knobs() -> None:
