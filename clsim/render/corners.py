@@ -55,17 +55,19 @@ def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: 
 
 
 @wp.func
-def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample), nearest: int, row: int):
+def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample), nearest: int, row: int, coats: bool):
     """Put the one thing that a pixel shows where its corners see it on average: few rays inside are off the middle."""
     if things[0].rays <= 0.0:
         things[0].emission = wp.vec3()
         things[0].albedo = wp.vec3()
-        things[0].coat = wp.vec3()
+        if coats:
+            things[0].coat = wp.vec3()
         for i in range(4):
             corner = corners[nearest + (i & 1) + (i // 2) * row]
             things[0].emission += 0.25 * corner.emission
             things[0].albedo += 0.25 * lit_albedo(corner)
-            things[0].coat += 0.25 * corner.coat
+            if coats:
+                things[0].coat += 0.25 * corner.coat
     p = corners[nearest].position + corners[nearest + 1].position
     things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
     n = corners[nearest].normal + corners[nearest + 1].normal

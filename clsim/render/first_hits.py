@@ -201,9 +201,10 @@ def _off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> 
 def make_look(
     sobol: bool,
     edges: bool,
+    coats: bool,
     shoot_at: Any,
     flat: Any,
-    mean_albedo: Any,
+    mean_albedo: Any | None,
     light_things: Any | None,
     scene_type: Any,
     view_type: Any,
@@ -219,9 +220,10 @@ def make_look(
     Args:
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
+        coats: whether some things have a coat whose light is kept apart.
         shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
-        mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface.
+        mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
         light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
         scene_type, view_type, settings_type: structs of the first three.
     """
@@ -394,16 +396,17 @@ def make_look(
                     if edge.straight:
                         edge.straight = not _off_line(edge.place, edge.along, place, k == 0)
                     edge.shaded = edge.shaded or not same_light(sample, things[k].first)
-                    add_to_thing(things, k, sample)
-        finish_things(things, number, edge.straight, edge.area)
+                    add_to_thing(things, k, sample, wp.static(coats))
+        finish_things(things, number, edge.straight, edge.area, wp.static(coats))
         # Where no ray looked inside, the corners tell all.
         if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
             if inside == 0 or wp.static(light_things is not None):
-                centre_thing(things, corners, nearest, row)
-        if wp.static(edges):
+                centre_thing(things, corners, nearest, row, wp.static(coats))
+        if wp.static(edges and mean_albedo is not None):
             if edge.flat:
                 like = corners[nearest]
-                like.coat = things[0].coat
+                if wp.static(coats):
+                    like.coat = things[0].coat
                 albedo = mean_albedo(scene, like, footprint, looks.texels)
                 things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
         if wp.static(light_things is not None):

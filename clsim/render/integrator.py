@@ -383,7 +383,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
-    look = make_look(features.sobol, features.sharp, glimpse_at, flat, mean_albedo, lamps, *types)
+    mean_albedo = mean_albedo if features.textures else None
+    look = make_look(features.sobol, features.sharp, features.coats, glimpse_at, flat, mean_albedo, lamps, *types)
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.retraced import make_retraced

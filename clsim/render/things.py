@@ -110,22 +110,23 @@ def find_thing(things: wp.array(dtype=Thing), number: int, sample: Sample, by_co
 
 
 @wp.func
-def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample):
-    """Let a ray count for the means of a thing."""
+def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample, coats: bool):
+    """Let a ray count for the means of a thing; where there are no ``coats``, their sums are not worth their time."""
     things[k].rays += 1.0
     things[k].emission += sample.emission
     things[k].lamp_all += sample.lamp_all
     things[k].lamp_lit += sample.lamp_lit
     if sample.hit:
         things[k].albedo += lit_albedo(sample)
-        things[k].coat += sample.coat
+        if coats:
+            things[k].coat += sample.coat
         things[k].position += sample.position
         things[k].normal += sample.normal
         things[k].depth += sample.depth
 
 
 @wp.func
-def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, area: float):
+def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, area: float, coats: bool):
     """Turn sums into means; shares are those of the rays, or of the two sides of a straight edge.
 
     Where no ray counted, there is no more than one thing.
@@ -141,7 +142,8 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
         if mine > 0.0:
             things[k].emission = things[k].emission / mine
             things[k].albedo = things[k].albedo / mine
-            things[k].coat = things[k].coat / mine
+            if coats:
+                things[k].coat = things[k].coat / mine
             things[k].position = things[k].position / mine
             things[k].normal = things[k].normal / mine
             things[k].depth = things[k].depth / mine
@@ -151,7 +153,8 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             things[k].emission = first.emission
             if first.hit:
                 things[k].albedo = lit_albedo(first)
-                things[k].coat = first.coat
+                if coats:
+                    things[k].coat = first.coat
                 things[k].position = first.position
                 things[k].normal = first.normal
                 things[k].depth = first.depth
