@@ -269,16 +269,16 @@ def make_cached(
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
             looks = steering.looks
-            rays = int(0)
             lit = Lit()
             seen = Seen()
             last = int(0)
             while looks.most > last:
                 last = looks.most
-                seen = look(scene, camera, settings, pixel, 0, state, looks, corner, corners, nearest, row, things)
+                seen = look(
+                    scene, camera, settings, pixel, 0, state, looks, corner, corners, nearest, row, seen, things
+                )
                 if corner_pass:
                     break
-                rays = rays + seen.rays
                 lit = light_of(cells, things, seen.things, steering, settings.spectral)
                 looks = look_closer(lit, seen, steering, looks)
             if corner_pass:
@@ -331,7 +331,7 @@ def make_cached(
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]
             shown = _shown(lit, steering.earlier, learnt_so_far)
-            store_things(things, seen.things, rays + wanted, shown, settings.spectral, pixel, out_planes)
-            out_spent[0, pixel] = rays
+            store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
+            out_spent[0, pixel] = seen.rays
 
     return render_cached

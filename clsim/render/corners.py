@@ -82,10 +82,10 @@ def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample),
     things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
 
 
-def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any, coats: bool) -> tuple[Any, Any]:
+def make_flat_surfaces(textured: Any, coloured: Any, mean_texture: Any, albedo_of: Any, coats: bool) -> tuple[Any, Any]:
     """Return the Warp functions ``flat(scene, sample)`` and ``mean_albedo(scene, like, footprint, places)``.
 
-    The first two arguments are of `make_materials`, the third is of `make_bsdf`; ``coats`` is of `Features`.
+    The first three arguments are of `make_materials`, the next is of `make_bsdf`; ``coats`` is of `Features`.
     """
 
     @wp.func
@@ -100,7 +100,8 @@ def make_flat_surfaces(textured: Any, resolve_mean: Any, albedo_of: Any, coats: 
         point.uv = like.uv
         point.front = like.front
         point.material = like.material - 1
-        bsdf = resolve_mean(scene.materials, point, footprint, places)
+        texture = mean_texture(scene.materials, point, footprint, places)
+        bsdf = coloured(scene.materials, point, texture)
         albedo = albedo_of(bsdf)
         if wp.static(coats):
             if bsdf.kind == PLASTIC and not bsdf.dark:

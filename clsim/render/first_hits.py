@@ -31,6 +31,7 @@ from clsim.render.things import (
     begin_thing,
     find_thing,
     finish_things,
+    go_on_with_things,
     same_colour,
     same_surface,
 )
@@ -74,11 +75,16 @@ class Looks:
 
 @wp.struct
 class Seen:
-    """How many things a pixel shows, how many rays it took, and whether shares are counted by them."""
+    """How many things a pixel shows, and how many rays it took, of which some looked ``inside``.
+
+    ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
+    """
 
     things: int
     rays: int
+    inside: int
     counted: bool
+    by_colour: bool
 
 
 @wp.func
@@ -212,16 +218,18 @@ def make_look(
 ) -> Any:
     """Return the Warp function ``look``.
 
-    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, things) -> Seen`` looks
-    at a pixel where ``corner`` is -1. It needs what its corners see first: the top left one's stands in
-    ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which there is one more in
-    a row than there are pixels, it looks through that one alone, and writes what it sees to ``corners[nearest]``.
+    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, before, things)``
+    returns `Seen`. It looks at a pixel where ``corner`` is -1. It needs what its corners see first: the top left one's
+    stands in ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which there is
+    one more in a row than there are pixels, it looks through that one alone, and writes what it sees to
+    ``corners[nearest]``. Where shares are ``counted`` in what a look with fewer rays had ``before``, it goes on from
+    there.
 
     Args:
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
         coats: whether some things have a coat whose light is kept apart.
-        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps) -> Sample``.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
         light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
@@ -301,6 +309,7 @@ def make_look(
         corners: wp.array(dtype=Sample),
         nearest: int,
         row: int,
+        before: Seen,
         things: wp.array(dtype=Thing),
     ) -> Seen:
         stream = sampling.Stream()
@@ -311,7 +320,7 @@ def make_look(
         edge.by_colour = True
         edge.side = 4
         if wp.static(edges):
-            if looks.steps > 0 and corner < 0:
+            if looks.steps > 0 and corner < 0 and not before.counted:
                 edge = judge_corners(scene, settings, looks, camera.smallest_m[instant], corners, nearest, row)
                 if edge.flat:
                     footprint = footprint_of(corners, nearest, row)
@@ -319,8 +328,14 @@ def make_look(
                     number = begin_thing(things, number, corners[nearest])
                 if edge.straight:
                     edge = _next_side(edge, 0, looks.steps)
-        inside = int(0)
+        inside = int(before.inside)
         varied = bool(False)
+        if before.counted:
+            edge.plain = False
+            edge.by_colour = before.by_colour
+            edge.rays = before.rays - before.inside
+            number = before.things
+            go_on_with_things(things, number)
         # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
         while True:
             at = int(pixel)
@@ -364,7 +379,11 @@ def make_look(
                     to_lamps = ((corner - line * (settings.width + 1)) & 1) + 2 * (line & 1)
                     if looks.few_ask and (to_lamps == 1 or to_lamps == 2):
                         to_lamps = AT_NONE
-            sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps)
+            # Rays inside a pixel that shows many things share its area, and so the textures in it.
+            width = looks.pixel_angle / wp.sqrt(float(looks.most))
+            if corner >= 0 or places or edge.flat:
+                width = 0.0
+            sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
@@ -414,6 +433,8 @@ def make_look(
         seen = Seen()
         seen.things = number
         seen.rays = edge.rays + inside
+        seen.inside = inside
+        seen.by_colour = edge.by_colour
         seen.counted = number > 1 and not edge.straight
         return seen
 

@@ -189,9 +189,9 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     of albedo times light, and how many: 0 where the albedo stays as it is, −1 where they are not enough. Lines between
     them are as right as `clsim.frames.Fineness` says.
     """
-    _, _, _, textured, resolve_mean, *_ = make_materials(features)
+    *_, textured, coloured, _, mean_texture = make_materials(features)
     *_, albedo_of = make_bsdf(features)
-    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of, features.coats)
+    flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     camera_ray = make_camera(features)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())

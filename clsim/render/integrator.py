@@ -32,11 +32,14 @@ from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import LightSample, make_lights, make_side
 from clsim.render.materials import Materials, has_details, make_materials
 from clsim.render.normal_maps import make_normal_maps
+from clsim.render.ray_footprint import patch_round
 from clsim.render.sobol import make_sampler
 from clsim.render.towards_light import looks_ahead, make_towards_light
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
+_PLACES = wp.constant(8)
+"""Places round a ray that only looks, of which the mean of a texture is taken."""
 
 
 @one_at_a_time
@@ -48,7 +51,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, emitted, opacity, textured, resolve_mean, foresee, lit_sides = make_materials(features)
+    resolve, emitted, opacity, foresee, lit_sides, *about_textures = make_materials(features)
+    textured, coloured, texture_at, mean_texture = about_textures
     scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pick, mean_of_blend = make_blends(features, resolve, albedo_of)
@@ -109,6 +113,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         settings: Settings,
         stream: sampling.Stream,
         to_lamps: int,
+        width: float,
     ) -> Sample:
         sample = Sample()
         origin = start
@@ -184,7 +189,16 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             if wp.static(ahead and not only_look):
                 if depth + 1 < settings.max_depth:
                     light = look_ahead(scene, point, stream, dimension, choice[0], time)
-            bsdf = resolve(scene.materials, point)
+            if wp.static(only_look and features.textures):
+                texture = wp.vec3()
+                if width > 0.0 and depth == 0 and textured(scene.materials, point.material):
+                    patch = patch_round(point, direction, width * hit.t)
+                    texture = mean_texture(scene.materials, point, patch, _PLACES)
+                else:
+                    texture = texture_at(scene.materials, point)
+                bsdf = coloured(scene.materials, point, texture)
+            else:
+                bsdf = resolve(scene.materials, point)
             point.material = whole
             followed = bool(False)
             looked_at = looking
@@ -342,8 +356,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         instant: int,
         stream: sampling.Stream,
         to_lamps: int,
+        width: float,
     ) -> Sample:
-        """Follow a ray through a place in a pixel, whose corners are at 0 and 1."""
+        """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
+
+        One that only looks sees the mean of a texture over a square of that ``width`` [rad], where it is not 0.
+        """
         lens = wp.vec2()
         if wp.static(features.aperture):
             lens = uniform2(stream, sampling.LENS)
@@ -360,9 +378,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         sample = Sample()
         if ray.exists:
             if wp.static(only_look):
-                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream, to_lamps)
+                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
             else:
-                sample = follow(scene, ray.origin, ray.direction, time, settings, stream, to_lamps)
+                sample = follow(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
         return sample
 
     # Twice: rays that only look go without all that paths need. Each is called from one place, where the compiler puts
@@ -370,16 +388,16 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     only_look = False
     follow, follow_at = wp.func(trace), wp.func(shoot_at)
     only_look = True
-    glimpse, glimpse_at = wp.func(trace), wp.func(shoot_at)
+    glimpse, glimpse_at = wp.func(trace, inline=True), wp.func(shoot_at, inline=True)
 
     @wp.func
     def shoot(
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE)
+        return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, 0.0)
 
-    flat, mean_albedo = make_flat_surfaces(textured, resolve_mean, albedo_of, features.coats)
+    flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None

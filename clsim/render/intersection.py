@@ -254,7 +254,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 + geometry.colors[at[1]] * hit.weight1
                 + geometry.colors[at[2]] * weight2
             )
-        if wp.static(features.normal_maps or features.anisotropic):
+        if wp.static(features.normal_maps or features.anisotropic or (features.textures and features.first_hits)):
             uv1 = row.uv1 - row.uv0
             uv2 = row.uv2 - row.uv0
             determinant = uv1[0] * uv2[1] - uv1[1] * uv2[0]

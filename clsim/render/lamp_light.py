@@ -204,6 +204,7 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                 if lit > 0.0:
                     normal = wp.normalize(things[k].normal)
                     light = lamp_light(lights, geometry, materials, things[k].position, normal, time)
-                    things[k].emission += wp.cw_mul(things[k].albedo, light) * (lit / most)
+                    things[k].from_lamps = wp.cw_mul(things[k].albedo, light) * (lit / most)
+                    things[k].emission += things[k].from_lamps
 
     return light_things

@@ -13,7 +13,7 @@ from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.launch import record
 from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_updates
 
-KNOWN = 0.1
+KNOWN = 0.04
 """Where less is known of the light, a pixel traces all its paths."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""

@@ -121,20 +121,21 @@ def has_details(materials: Materials, material: int, averaged: bool) -> bool:
     return others or (row.texture >= 0 and not averaged)
 
 
-def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any, Any, Any]:
+def make_materials(features: Features) -> tuple[Any, ...]:
     """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and more.
 
-    ``textured(materials, material)`` tells whether a texture changes its albedo and nothing else does;
-    ``resolve_mean(materials, surface, footprint, places)`` takes the mean of that texture over a pixel. The last two
-    read no textures: ``foresee(materials, surface)`` says that they will be read soon, and ``lit_sides`` tells from how
-    many sides, 0 to 2, light may be scattered there.
+    The next two read no textures: ``foresee(materials, surface)`` says that they will be read soon, and ``lit_sides``
+    tells from how many sides, 0 to 2, light may be scattered there. ``textured(materials, material)`` tells whether a
+    texture changes its albedo and nothing else does. ``coloured(materials, surface, texture)`` is ``resolve`` with that
+    texture's colour: one of ``texture_at(materials, surface)`` and, over a part of the picture,
+    ``mean_texture(materials, surface, footprint, places)``.
     """
     lookup, mean, foresee_texture = make_textures(features)
     only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
     glossy = features.kinds != ("diffuse",)
 
     @wp.func
-    def resolve(materials: Materials, point: Surface) -> Bsdf:
+    def coloured(materials: Materials, point: Surface, texture: wp.vec3) -> Bsdf:
         row = materials.rows[point.material]
         b = Bsdf()
         b.kind = row.kind
@@ -145,8 +146,7 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any, Any, An
         b.dark = False
         if wp.static(features.textures):
             if row.texture >= 0:
-                rgba = lookup(materials.textures, row.texture, point.uv)
-                b.color = wp.cw_mul(b.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
+                b.color = wp.cw_mul(b.color, texture)
         if wp.static(features.vertex_colors):
             b.color = wp.cw_mul(b.color, point.tint)
         if wp.static(features.dark_backs):
@@ -258,12 +258,25 @@ def make_materials(features: Features) -> tuple[Any, Any, Any, Any, Any, Any, An
         return found
 
     @wp.func
-    def resolve_mean(materials: Materials, point: Surface, footprint: Footprint, places: int) -> Bsdf:
-        b = resolve(materials, point)
+    def texture_at(materials: Materials, point: Surface) -> wp.vec3:
+        value = wp.vec3()
         if wp.static(features.textures):
-            row = materials.rows[point.material]
-            rgba = mean(materials.textures, row.texture, footprint, places)
-            b.color = wp.cw_mul(row.color, wp.vec3(rgba[0], rgba[1], rgba[2]))
-        return b
+            texture = materials.rows[point.material].texture
+            if texture >= 0:
+                rgba = lookup(materials.textures, texture, point.uv)
+                value = wp.vec3(rgba[0], rgba[1], rgba[2])
+        return value
 
-    return resolve, emitted, opacity, textured, resolve_mean, foresee, lit_sides
+    @wp.func
+    def mean_texture(materials: Materials, point: Surface, footprint: Footprint, places: int) -> wp.vec3:
+        value = wp.vec3()
+        if wp.static(features.textures):
+            rgba = mean(materials.textures, materials.rows[point.material].texture, footprint, places)
+            value = wp.vec3(rgba[0], rgba[1], rgba[2])
+        return value
+
+    @wp.func
+    def resolve(materials: Materials, point: Surface) -> Bsdf:
+        return coloured(materials, point, texture_at(materials, point))
+
+    return resolve, emitted, opacity, foresee, lit_sides, textured, coloured, texture_at, mean_texture

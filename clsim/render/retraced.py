@@ -58,17 +58,20 @@ def make_retraced(
         pixel: int,
         instant: int,
         looks: Looks,
+        before: Seen,
         things: wp.array(dtype=Thing),
     ) -> Seen:
-        """Look through the corners of a pixel, and then at it."""
+        """Look through the corners of a pixel, and then at it; or go on from what was seen of it before."""
         state = sampling.absorb(settings.stream, pixel)
         corners = wp.zeros(shape=4, dtype=Sample)
         seen = Seen()
-        i = wp.where(looks.steps > 0, 0, 4)
+        i = wp.where(looks.steps > 0 and not before.counted, 0, 4)
         while i <= 4:
             corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
             corner = wp.where(i < 4, corner, -1)
-            seen = look(scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, things)
+            seen = look(
+                scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, before, things
+            )
             i = i + 1
         return seen
 
@@ -85,7 +88,7 @@ def make_retraced(
     ):
         request = first + wp.tid()
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look_around(scene, camera, settings, pixels[request], instants[request], looks, things)
+        seen = look_around(scene, camera, settings, pixels[request], instants[request], looks, Seen(), things)
         emission = wp.vec3()
         for k in range(seen.things):
             emission += things[k].emission * things[k].share
@@ -110,17 +113,15 @@ def make_retraced(
         pixel = pixels[request]
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
         looks = steering.looks
-        rays = int(0)
         lit = Lit()
         seen = Seen()
         last = int(0)
         while looks.most > last:
             last = looks.most
-            seen = look_around(scene, camera, settings, pixel, instants[request], looks, things)
-            rays = rays + seen.rays
+            seen = look_around(scene, camera, settings, pixel, instants[request], looks, seen, things)
             lit = light_of(cells, things, seen.things, steering, settings.spectral)
             looks = look_closer(lit, seen, steering, looks)
         shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
-        store_things(things, seen.things, rays, shown, settings.spectral, request, out_planes)
+        store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
 
     return retrace_paths, retrace_first_hits, retrace_in_kept_light

@@ -24,6 +24,7 @@ from clsim.render.pose_cache import PoseCache
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.smallest import smallest_of
+from clsim.render.texture_levels import add_levels
 from clsim.render.upload_geometry import GeometryData
 from clsim.render.upload_lights import LightData
 from clsim.render.upload_materials import upload_materials
@@ -104,7 +105,14 @@ class SceneData:
         self.scene.geometry = self._geometry.geometry
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
+        self._levels = False
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
+
+    def add_texture_levels(self) -> None:
+        """Give image textures the coarser levels that first-hit rays read, unless they have them."""
+        if self.features.images and not self._levels:
+            add_levels(self.world, self.scene.materials.textures)
+            self._levels = True
 
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""

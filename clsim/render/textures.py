@@ -27,9 +27,14 @@ mat23 = wp.types.matrix(shape=(2, 3), dtype=wp.float32)
 
 @wp.struct
 class TextureRow:
-    """A texture; ``first`` is its first texel, −1 for a checkerboard; ``decoding`` where its byte table begins."""
+    """A texture; ``first`` is its first texel, −1 for a checkerboard; ``decoding`` where its byte table begins.
+
+    ``coarse`` is where its ``levels`` begin, each of half as many rows and columns as the one before.
+    """
 
     first: int
+    coarse: int
+    levels: int
     width: int
     height: int
     wrap_u: int
@@ -44,10 +49,14 @@ class TextureRow:
 
 @wp.struct
 class Textures:
-    """All textures; ``decoding`` holds what the 256 bytes mean as plain numbers, and then as sRGB."""
+    """All textures; ``decoding`` holds what the 256 bytes mean as plain numbers, and then as sRGB.
+
+    ``coarse`` is the texels of all coarser levels: of means over 2×2, 4×4 … of the others.
+    """
 
     rows: wp.array(dtype=TextureRow)
     texels: wp.array(dtype=wp.uint32)
+    coarse: wp.array(dtype=wp.uint32)
     decoding: wp.array(dtype=float)
 
 

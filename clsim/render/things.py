@@ -38,6 +38,7 @@ class Thing:
         albedo, coat, emission, position, normal, depth: sums over these rays, and means in the end; albedo is
             `lit_albedo`, and all but emission are 0 where nothing was hit.
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
+        from_lamps: the part of ``emission`` that is light straight from lamps, once that was added.
     """
 
     first: Sample
@@ -51,6 +52,7 @@ class Thing:
     depth: float
     lamp_all: float
     lamp_lit: float
+    from_lamps: wp.vec3
 
 
 @wp.func
@@ -158,6 +160,20 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
                 things[k].position = first.position
                 things[k].normal = first.normal
                 things[k].depth = first.depth
+
+
+@wp.func
+def go_on_with_things(things: wp.array(dtype=Thing), number: int):
+    """Turn means into sums again, so that more rays may count."""
+    for k in range(number):
+        mine = things[k].rays
+        things[k].emission = (things[k].emission - things[k].from_lamps) * mine
+        things[k].from_lamps = wp.vec3()
+        things[k].albedo = things[k].albedo * mine
+        things[k].coat = things[k].coat * mine
+        things[k].position = things[k].position * mine
+        things[k].normal = things[k].normal * mine
+        things[k].depth = things[k].depth * mine
 
 
 @wp.func

@@ -99,6 +99,7 @@ def _textures(world: World, device: Any) -> Any:
     textures = Textures()
     textures.rows = _structs(rows or [TextureRow()], TextureRow, device)
     textures.texels = array(np.concatenate(images) if images else [], wp.uint32, device)
+    textures.coarse = array([], wp.uint32, device)
     textures.decoding = array(decoding(), wp.float32, device)
     return textures
 

@@ -116,6 +116,7 @@ class View:
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
         self._steerer: Steerer | LightKeeper | None = None
         if options.first_hit_rays:
+            data.add_texture_levels()
             probe_spp = options.probe_spp or options.spp
             effort = Effort(options.spp, probe_spp, options.first_hit_rays, options.probe_every)
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)

@@ -1,9 +1,10 @@
 // The mean of an image over a pixel, with the bits of `image` at each of the places: what is rounded there is rounded
 // here. Many places at a time: then they are found without branches, and their texels on the way from memory together.
+// Where the places lie more than two texels apart, they read a coarser level, whose texels are means of these.
 {
 #pragma clang fp contract(off)
 wp::vec_t<4, wp::float32> total(0.0f);
-const float width = (float)row.width, height = (float)row.height, all = (float)places;
+const float all = (float)places;
 const auto fold = [](float x, int mode) {
     float folded = x < 0.0f ? 0.0f : x > 1.0f ? 1.0f : x;
     if (mode == REPEAT) folded = x - ::floorf(x);
@@ -20,16 +21,53 @@ const auto neighbour = [](int i, int n, int mode) {
 const auto across = [](const wp::vec_t<3, wp::float32>& from, const wp::vec_t<3, wp::float32>& to, int k, float x) {
     return from[k] + (to[k] - from[k]) * x;
 };
+const unsigned* texels = textures.texels.data + row.first;
+int wide = row.width, high = row.height;
+if (row.levels > 0) {
+    float side[2][2];
+    for (int way = 0; way < 2; ++way) {
+        float end[2][2];
+        for (int last = 0; last < 2; ++last) {
+            const float right = way == 0 ? (float)last : 0.5f, below = way == 0 ? 0.5f : (float)last;
+            float both[3];
+            for (int k = 0; k < 3; ++k) {
+                const float top = across(footprint.top_left, footprint.top_right, k, right);
+                const float bottom = across(footprint.bottom_left, footprint.bottom_right, k, right);
+                both[k] = top + (bottom - top) * below;
+            }
+            end[last][0] = both[0] / both[2];
+            end[last][1] = both[1] / both[2];
+        }
+        const float u = end[1][0] - end[0][0], v = end[1][1] - end[0][1];
+        for (int k = 0; k < 2; ++k)
+            side[way][k] = (row.uv_matrix.data[k][0] * u + row.uv_matrix.data[k][1] * v) * (float)(k == 0 ? wide : high);
+    }
+    const float turned = side[0][0] * side[1][1] - side[0][1] * side[1][0], area = turned < 0.0f ? -turned : turned;
+    const float across2 = side[0][0] * side[0][0] + side[0][1] * side[0][1];
+    const float down2 = side[1][0] * side[1][0] + side[1][1] * side[1][1];
+    // Of a long strip the narrow side counts: nothing is blurred more than the places are apart.
+    float apart = area / ::sqrtf((across2 > down2 ? across2 : down2) * all + 1e-20f);
+    const unsigned* coarser = textures.coarse.data + row.coarse;
+    for (int level = 0; level < row.levels && apart >= 2.0f; ++level) {
+        texels = coarser;
+        wide >>= 1;
+        high >>= 1;
+        coarser += wide * high;
+        apart *= 0.5f;
+    }
+}
+const float width = (float)wide, height = (float)high;
 float next = 0.5f;
 for (int start = 0; start < places; start += AT_ONCE) {
+    const int many = places - start < AT_ONCE ? places - start : AT_ONCE;
     float down[AT_ONCE], right_share[AT_ONCE], bottom_share[AT_ONCE];
     int at[AT_ONCE][4];
-    for (int j = 0; j < AT_ONCE; ++j) {
+    for (int j = 0; j < many; ++j) {
         down[j] = next;
         next = next + GOLDEN;
         next = next - ::floorf(next);
     }
-    for (int j = 0; j < AT_ONCE; ++j) {
+    for (int j = 0; j < many; ++j) {
         const float right = ((float)(start + j) + 0.5f) / all;
         float both[3];
         for (int k = 0; k < 3; ++k) {
@@ -45,22 +83,22 @@ for (int start = 0; start < places; start += AT_ONCE) {
         const float left = ::floorf(x), above = ::floorf(y);
         right_share[j] = x - left;
         bottom_share[j] = y - above;
-        const int x0 = neighbour((int)left, row.width, row.wrap_u), x1 = neighbour((int)left + 1, row.width, row.wrap_u);
-        const int y0 = neighbour((int)above, row.height, row.wrap_v);
-        const int y1 = neighbour((int)above + 1, row.height, row.wrap_v);
-        at[j][0] = row.first + y0 * row.width + x0;
-        at[j][1] = row.first + y0 * row.width + x1;
-        at[j][2] = row.first + y1 * row.width + x0;
-        at[j][3] = row.first + y1 * row.width + x1;
+        const int x0 = neighbour((int)left, wide, row.wrap_u), x1 = neighbour((int)left + 1, wide, row.wrap_u);
+        const int y0 = neighbour((int)above, high, row.wrap_v);
+        const int y1 = neighbour((int)above + 1, high, row.wrap_v);
+        at[j][0] = y0 * wide + x0;
+        at[j][1] = y0 * wide + x1;
+        at[j][2] = y1 * wide + x0;
+        at[j][3] = y1 * wide + x1;
     }
 #if !defined(__CUDA_ARCH__)
-    for (int j = 0; j < AT_ONCE; ++j)
-        for (int i = 0; i < 4; i += 2) __builtin_prefetch(textures.texels.data + at[j][i]);
+    for (int j = 0; j < many; ++j)
+        for (int i = 0; i < 4; i += 2) __builtin_prefetch(texels + at[j][i]);
 #endif
-    for (int j = 0; j < AT_ONCE && start + j < places; ++j) {
+    for (int j = 0; j < many; ++j) {
         float corner[4][4];
         for (int i = 0; i < 4; ++i) {
-            const unsigned word = textures.texels.data[at[j][i]];
+            const unsigned word = texels[at[j][i]];
             const float* plain = textures.decoding.data;
             const float* coded = plain + row.decoding;
             corner[i][0] = coded[word & 255];

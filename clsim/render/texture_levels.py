@@ -1,0 +1,74 @@
+"""Coarser levels of image textures: what the mean over a pixel reads where a pixel shows many texels.
+
+Reading hundreds of texels from all over a large image, each comes from far away in memory. A level of half as many rows
+and columns has their means (Williams, Pyramidal Parametrics, SIGGRAPH 1983).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.textures import TextureRow
+from clsim.render.upload_arrays import array
+from clsim.render.upload_materials import decoding
+from clsim.scene import ImageTexture, World
+
+_STEPS = 1 << 16
+"""Steps of linear light by which its byte is looked up: a tenth of the smallest between two bytes of sRGB."""
+
+
+def add_levels(world: World, textures: Any) -> None:
+    """Give the images among a world's ``Textures`` coarser levels, but for those that change with time."""
+    rows = textures.rows.numpy()
+    device = textures.rows.device
+    levels: list[npt.NDArray[np.uint32]] = []
+    begins: dict[int, tuple[int, int]] = {}
+    size = 0
+    for row, texture in zip(rows, world.textures, strict=False):
+        if row["first"] < 0 or not isinstance(texture, ImageTexture) or texture.film or texture.nearest:
+            continue
+        key = id(texture.pixels)
+        if key not in begins:
+            new = coarser(texture.pixels, texture.srgb)
+            begins[key] = size, len(new)
+            levels += new
+            size += sum(map(len, new))
+        row["coarse"], row["levels"] = begins[key]
+    textures.coarse = array(np.concatenate(levels) if levels else [], wp.uint32, device)
+    textures.rows.assign(wp.array(rows, dtype=TextureRow, device=device))
+
+
+def coarser(pixels: npt.NDArray[np.uint8], srgb: bool) -> list[npt.NDArray[np.uint32]]:
+    """Return the levels of an image, uint8 ``[h, w, 4]``, as texels in raster order, down to one row or column.
+
+    Means are of linear light, alpha is 1.
+    """
+    table = decoding()[256:] if srgb else decoding()[:256]
+    between = 0.5 * (table[1:] + table[:-1])
+    encoding = np.searchsorted(between, (np.arange(_STEPS) + 0.5) / _STEPS).astype(np.uint8)
+    linear = table.astype(np.float32)[pixels[..., :3]]
+    levels = []
+    while min(linear.shape[:2]) > 1:
+        linear = _halved(_halved(linear, 0), 1)
+        texels = np.full((*linear.shape[:2], 4), 255, np.uint8)
+        texels[..., :3] = encoding[np.minimum((linear * _STEPS).astype(np.int32), _STEPS - 1)]
+        levels.append(texels.view("<u4").ravel())
+    return levels
+
+
+def _halved(values: npt.NDArray[np.float32], axis: int) -> npt.NDArray[np.float32]:
+    """Return means over half as many rows, or columns, rounded down; each covers as much as any other."""
+    count = values.shape[axis]
+    half = count // 2
+    each: Any = np.moveaxis(values, axis, 0)
+    if count % 2 == 0:
+        means = 0.5 * (each[0::2] + each[1::2])
+    else:
+        # Each covers two and a bit: of three, the outer two in part (NVIDIA, Non-Power-of-Two Mipmap Creation, 2005).
+        i = np.arange(half, dtype=np.float32).reshape(-1, *[1] * (values.ndim - 1))
+        means = ((half - i) * each[0:-1:2] + half * each[1::2] + (i + 1) * each[2::2]) / np.float32(count)
+    return np.moveaxis(means, 0, axis)
