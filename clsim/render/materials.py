@@ -11,7 +11,7 @@ from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
 from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
-from clsim.render.textures import Footprint, Textures, make_textures
+from clsim.render.textures import Footprint, Textures, make_textures, straightened
 
 _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
@@ -271,8 +271,13 @@ def make_materials(features: Features) -> tuple[Any, ...]:
     def mean_texture(materials: Materials, point: Surface, footprint: Footprint, places: int) -> wp.vec3:
         value = wp.vec3()
         if wp.static(features.textures):
-            rgba = mean(materials.textures, materials.rows[point.material].texture, footprint, places)
-            value = wp.vec3(rgba[0], rgba[1], rgba[2])
+            row = materials.rows[point.material]
+            bend = wp.vec3()
+            if wp.static("plastic" in features.kinds):
+                if row.nonlinear != 0:
+                    bend = row.color * row.inner
+            rgba = mean(materials.textures, row.texture, footprint, places, bend)
+            value = straightened(wp.vec3(rgba[0], rgba[1], rgba[2]), bend)
         return value
 
     @wp.func

@@ -333,6 +333,32 @@ def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places
     return total
 
 
+@wp.func
+def bent(color: wp.vec3, bend: wp.vec3) -> wp.vec3:
+    """Return c / (1 − bend·c): of colours under a coat that light crosses again and again."""
+    return wp.cw_div(color, wp.vec3(1.0, 1.0, 1.0) - wp.cw_mul(bend, color))
+
+
+@wp.func
+def straightened(color: wp.vec3, bend: wp.vec3) -> wp.vec3:
+    """Return the colour that is ``bent`` to that one."""
+    return wp.cw_div(color, wp.vec3(1.0, 1.0, 1.0) + wp.cw_mul(bend, color))
+
+
+@wp.func
+def bent_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
+    """Return the mean of an image's bent colours at so many places of a pixel: each is bent for itself."""
+    total = wp.vec4()
+    y = float(0.5)
+    for i in range(places):
+        rgba = image(textures, row, uv_in(footprint, (float(i) + 0.5) / float(places), y))
+        color = bent(wp.vec3(rgba[0], rgba[1], rgba[2]), bend)
+        total += wp.vec4(color[0], color[1], color[2], rgba[3]) / float(places)
+        y = y + wp.static(_GOLDEN)
+        y = y - wp.floor(y)
+    return total
+
+
 @wp.func_native(native_code("prefetch.h"))
 def _prefetch(array: wp.array(dtype=wp.uint32), index: int): ...
 
@@ -348,11 +374,11 @@ def _foresee_image(textures: Textures, row: TextureRow, uv: wp.vec2):
 
 
 def make_textures(features: Features) -> tuple[Any, Any, Any]:
-    """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places)``.
+    """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places, bend)``.
 
-    Both return linear R, G, B and alpha; ``mean`` that over a pixel: of images, from so many places on a Fibonacci
-    lattice, of checkerboards, exact along the lines of as fine a grid. A third, ``foresee(textures, index, uv)``, says
-    that a place will be looked up soon.
+    Both return linear R, G, B and alpha; ``mean`` that over a pixel, of colours `bent` by ``bend``: of images, from so
+    many places on a Fibonacci lattice, of checkerboards, exact along the lines of as fine a grid. A third,
+    ``foresee(textures, index, uv)``, says that a place will be looked up soon.
     """
 
     @wp.func
@@ -374,15 +400,22 @@ def make_textures(features: Features) -> tuple[Any, Any, Any]:
         return value
 
     @wp.func
-    def mean(textures: Textures, index: int, footprint: Footprint, places: int) -> wp.vec4:
+    def mean(textures: Textures, index: int, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
         row = textures.rows[index]
         total = wp.vec4()
         if wp.static(features.checkers):
             if row.first < 0:
-                total = checker_mean(row, footprint, int(wp.sqrt(float(places))))
+                board = TextureRow()
+                board.scale = row.scale
+                board.color_a = bent(row.color_a, bend)
+                board.color_b = bent(row.color_b, bend)
+                total = checker_mean(board, footprint, int(wp.sqrt(float(places))))
         if wp.static(features.images):
             if row.first >= 0:
-                total = image_mean(textures, row, footprint, places)
+                if bend[0] + bend[1] + bend[2] > 0.0:
+                    total = bent_mean(textures, row, footprint, places, bend)
+                else:
+                    total = image_mean(textures, row, footprint, places)
         return total
 
     return lookup, mean, foresee
