@@ -43,3 +43,21 @@ def make_gather(
         return moments
 
     return gather
+
+
+def make_plain(gather: Any, store: Any, scene_type: Any, view_type: Any, settings_type: Any, options: Any) -> Any:
+    """Return the kernel ``render``, of which a thread is a pixel with all its paths."""
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
+    def render(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        first_pixel: int,
+        out_planes: wp.array2d(dtype=float),
+        out_bits: wp.array2d(dtype=wp.uint32),
+    ):
+        pixel = first_pixel + wp.tid()
+        store(gather(scene, camera, settings, pixel, 0), pixel, out_planes, out_bits)
+
+    return render

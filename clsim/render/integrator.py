@@ -23,7 +23,7 @@ from clsim.render.environment import foresee_environment
 from clsim.render.features import Features
 from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
-from clsim.render.gather import make_gather
+from clsim.render.gather import make_gather, make_plain
 from clsim.render.geometry import Hit, Tree, make_sphere_at, offset_origin
 from clsim.render.intersection import face, make_intersection
 from clsim.render.kernel_input import Scene, Settings
@@ -31,6 +31,7 @@ from clsim.render.lamp_light import AT_NONE, make_lamp_light, rim_draw, rim_plac
 from clsim.render.light_tree import Receiver, make_receiver
 from clsim.render.lights import LightSample, make_lights, make_side
 from clsim.render.materials import Materials, has_details, make_materials
+from clsim.render.mis import make_weight
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.ray_footprint import patch_round
 from clsim.render.sobol import make_sampler
@@ -91,19 +92,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         features, occluded, transmittance, sample_light, foresee, lit_sides
     )
     ahead = looks_ahead(features)
-
-    @wp.func
-    def weight(alone: bool, apart: bool, scattered: float, drawn: float) -> float:
-        """MIS weight of light that scattering found, given both densities; 0 where lamps' light is found ``apart``."""
-        w = float(1.0)
-        if not alone:
-            if wp.static(not by_scatter):
-                w = 0.0
-            elif wp.static(by_light):
-                w = sampling.power_heuristic(scattered, drawn)
-        if apart and drawn > 0.0:
-            w = 0.0
-        return w
+    weight = make_weight(features)
 
     def trace(
         scene: Scene,
@@ -419,20 +408,4 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             from clsim.render.steered import make_steered as make
         return make(features.sobol, look, shoot, *types, kernel_options())
 
-    @wp.kernel(
-        module="unique",
-        enable_backward=False,
-        module_options=kernel_options(),
-    )
-    def render(
-        scene: Scene,
-        camera: CameraState,
-        settings: Settings,
-        first_pixel: int,
-        out_planes: wp.array2d(dtype=float),
-        out_bits: wp.array2d(dtype=wp.uint32),
-    ):
-        pixel = first_pixel + wp.tid()
-        store(gather(scene, camera, settings, pixel, 0), pixel, out_planes, out_bits)
-
-    return render
+    return make_plain(gather, store, *types, kernel_options())
