@@ -9,7 +9,7 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
-from clsim.frames import Frame, frame_time_us, page_aligned
+from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, frame_time_us, page_aligned
 from clsim.score.matching import Sampling, one_to_one
 from clsim.sensor import SensorSettings, Specimen
 from clsim.sensor.pixel_stages import FrontEnd, Noise, Refractory, Threshold
@@ -95,6 +95,39 @@ def test_a_thin_bar_that_comes_and_goes_between_frames_fires_where_it_goes():
     found = errors(events, reference)
     assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40
     assert scene.asked < 4 * len(events) and stats.many_crossings == 0
+
+
+def test_what_rests_until_the_middle_of_a_step_is_looked_at():
+    class Late(Bars):
+        def motion(self, start_s, end_s):
+            return super().motion(start_s, end_s) if end_s - start_s > 0.02 else None
+
+    scene = Late(300.0, bar_px=5.0, gap_px=9.0, first_px=200.0)
+    reference, _ = run(Bars(300.0, bar_px=5.0, gap_px=9.0, first_px=200.0), 120, 10.0)
+    events, _ = run(scene, 30, 10.0)
+    assert scene.asked > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
+
+
+def test_where_all_rests_no_frame_but_the_first_is_searched_for_flat_pixels():
+    names = (*RADIANCE, *ALBEDO, *COVERAGE)
+    searched = []
+
+    class Rest(Bars):
+        def motion(self, start_s, end_s):
+            return None
+
+        def bounds(self):
+            searched.append(True)
+            return np.zeros((HEIGHT, WIDTH), bool)
+
+    detector = Detector(CONFIG, WIDTH, HEIGHT, names, tracer=Rest(0.0, names=names), tolerance_us=100.0)
+    frame = Frame(page_aligned((len(names), HEIGHT, WIDTH)), names)
+    frame.planes[:] = 0.5
+    for index in range(4):
+        frame.time_us, frame.index = frame_time_us(index, 30), index
+        detector.step(frame)
+    detector.close()
+    assert len(searched) == 1
 
 
 @pytest.mark.parametrize("fps", [30, 60, 240])
