@@ -309,30 +309,6 @@ def checker_mean(row: TextureRow, footprint: Footprint, lines: int) -> wp.vec4:
     return wp.vec4(color[0], color[1], color[2], 1.0)
 
 
-@wp.func_native(
-    native_code("image_mean.h", {"REPEAT": REPEAT, "MIRROR": MIRROR, "GOLDEN": _GOLDEN, "AT_ONCE": _AT_ONCE})
-)
-def smooth_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int) -> wp.vec4:
-    """Return the mean of an image, interpolated between its texels, at so many places of a pixel."""
-    ...
-
-
-@wp.func
-def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int) -> wp.vec4:
-    """Return the mean of an image at so many places of a pixel, on a Fibonacci lattice."""
-    total = wp.vec4()
-    if row.nearest == 0:
-        total = smooth_mean(textures, row, footprint, places)
-    else:
-        y = float(0.5)
-        for i in range(places):
-            uv = uv_in(footprint, (float(i) + 0.5) / float(places), y)
-            total += image(textures, row, uv) / float(places)
-            y = y + wp.static(_GOLDEN)
-            y = y - wp.floor(y)
-    return total
-
-
 @wp.func
 def bent(color: wp.vec3, bend: wp.vec3) -> wp.vec3:
     """Return c / (1 − bend·c): of colours under a coat that light crosses again and again."""
@@ -345,17 +321,29 @@ def straightened(color: wp.vec3, bend: wp.vec3) -> wp.vec3:
     return wp.cw_div(color, wp.vec3(1.0, 1.0, 1.0) + wp.cw_mul(bend, color))
 
 
+@wp.func_native(
+    native_code("image_mean.h", {"REPEAT": REPEAT, "MIRROR": MIRROR, "GOLDEN": _GOLDEN, "AT_ONCE": _AT_ONCE})
+)
+def smooth_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
+    """Return the mean of an image's colours, interpolated between its texels and `bent`, at so many places."""
+    ...
+
+
 @wp.func
-def bent_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
-    """Return the mean of an image's bent colours at so many places of a pixel: each is bent for itself."""
+def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
+    """Return the mean of an image's `bent` colours at so many places of a pixel, on a Fibonacci lattice."""
     total = wp.vec4()
-    y = float(0.5)
-    for i in range(places):
-        rgba = image(textures, row, uv_in(footprint, (float(i) + 0.5) / float(places), y))
-        color = bent(wp.vec3(rgba[0], rgba[1], rgba[2]), bend)
-        total += wp.vec4(color[0], color[1], color[2], rgba[3]) / float(places)
-        y = y + wp.static(_GOLDEN)
-        y = y - wp.floor(y)
+    if row.nearest == 0:
+        total = smooth_mean(textures, row, footprint, places, bend)
+    else:
+        y = float(0.5)
+        for i in range(places):
+            uv = uv_in(footprint, (float(i) + 0.5) / float(places), y)
+            rgba = image(textures, row, uv)
+            color = bent(wp.vec3(rgba[0], rgba[1], rgba[2]), bend)
+            total += wp.vec4(color[0], color[1], color[2], rgba[3]) / float(places)
+            y = y + wp.static(_GOLDEN)
+            y = y - wp.floor(y)
     return total
 
 
@@ -412,10 +400,7 @@ def make_textures(features: Features) -> tuple[Any, Any, Any]:
                 total = checker_mean(board, footprint, int(wp.sqrt(float(places))))
         if wp.static(features.images):
             if row.first >= 0:
-                if bend[0] + bend[1] + bend[2] > 0.0:
-                    total = bent_mean(textures, row, footprint, places, bend)
-                else:
-                    total = image_mean(textures, row, footprint, places)
+                total = image_mean(textures, row, footprint, places, bend)
         return total
 
     return lookup, mean, foresee

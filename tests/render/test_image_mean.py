@@ -19,7 +19,7 @@ def means(textures: Textures, footprints: wp.array(dtype=Footprint), places: int
     """Write the mean of the texture of each number over a pixel, and the same place by place."""
     i, number = wp.tid()
     row = textures.rows[number]
-    out[2 * number, i] = image_mean(textures, row, footprints[i], places)
+    out[2 * number, i] = image_mean(textures, row, footprints[i], places, wp.vec3())
     total = wp.vec4()
     y = float(0.5)
     for k in range(places):

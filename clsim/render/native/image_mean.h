@@ -57,6 +57,7 @@ if (row.levels > 0) {
     }
 }
 const float width = (float)wide, height = (float)high;
+const bool is_bent = bend[0] + bend[1] + bend[2] > 0.0f;
 float next = 0.5f;
 for (int start = 0; start < places; start += AT_ONCE) {
     const int many = places - start < AT_ONCE ? places - start : AT_ONCE;
@@ -110,7 +111,9 @@ for (int start = 0; start < places; start += AT_ONCE) {
         for (int k = 0; k < 4; ++k) {
             const float upper = corner[0][k] * left_share + corner[1][k] * right_share[j];
             const float lower = corner[2][k] * left_share + corner[3][k] * right_share[j];
-            total[k] += (upper * top_share + lower * bottom_share[j]) / all;
+            float value = upper * top_share + lower * bottom_share[j];
+            if (is_bent && k < 3) value = value / (1.0f - bend[k] * value);
+            total[k] += value / all;
         }
     }
 }
