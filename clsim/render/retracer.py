@@ -84,6 +84,7 @@ class Retracer:
         self._settings.stream = stream_state(options.seed, None)
         self._sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
         if self._first_hits:
+            data.add_texture_levels()
             self._settings.samples = self._first_hits
         # Most pixels need few of their first-hit rays.
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples

@@ -22,16 +22,20 @@ _STEPS = 1 << 16
 
 
 def add_levels(world: World, textures: Any) -> None:
-    """Give the images among a world's ``Textures`` coarser levels, but for those that change with time."""
+    """Give the images of colours among a world's ``Textures`` coarser levels, but for those that change with time."""
     rows = textures.rows.numpy()
     device = textures.rows.device
     levels: list[npt.NDArray[np.uint32]] = []
-    begins: dict[int, tuple[int, int]] = {}
+    begins: dict[tuple[int, bool], tuple[int, int]] = {}
     size = 0
-    for row, texture in zip(rows, world.textures, strict=False):
-        if row["first"] < 0 or not isinstance(texture, ImageTexture) or texture.film or texture.nearest:
+    # No mean is taken of the others.
+    colours = {material.texture for material in world.materials}
+    for number, (row, texture) in enumerate(zip(rows, world.textures, strict=False)):
+        if number not in colours or row["first"] < 0 or not isinstance(texture, ImageTexture):
             continue
-        key = id(texture.pixels)
+        if texture.film or texture.nearest:
+            continue
+        key = id(texture.pixels), texture.srgb
         if key not in begins:
             new = coarser(texture.pixels, texture.srgb)
             begins[key] = size, len(new)

@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
-from clsim.scene import Material, PunctualLight, SphereLight, Static, load_world
+from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -125,6 +125,17 @@ def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
     lens = replace(world.camera.lens, aperture_radius_m=0.05, focus_distance_m=2.0)
     blurred = replace(world, camera=replace(world.camera, lens=lens))
     compare(blurred, RenderOptions(spp=1, sampler="sobol", first_hit_rays=16), left_out=("R", "G", "B", "Samples"))
+
+
+@pytest.mark.slow
+def test_first_hits_of_a_request_see_a_texture_as_those_of_the_frame_do():
+    """Many texels a pixel: what is read of them are coarser levels, here and there."""
+    world = busy_world(things_move=False)
+    texels = np.random.default_rng(5).integers(0, 256, (128, 128, 4), dtype=np.uint8)
+    materials = (replace(world.materials[0], texture=0), *world.materials[1:])
+    tiles = ImageTexture(texels, uv_matrix=((16.0, 0.0, 0.0), (0.0, 16.0, 0.0)))
+    world = replace(world, textures=(tiles,), materials=materials)
+    compare(world, RenderOptions(spp=1, first_hit_rays=16), left_out=("R", "G", "B", "Samples"))
 
 
 def test_what_cannot_be_traced_at_instants_is_told():

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import hand_worlds as hw
 import numpy as np
 import pytest
 import warp as wp
 
+from clsim.render import SceneData
 from clsim.render.texture_levels import coarser
 from clsim.render.textures import Footprint, TextureRow, Textures
 from clsim.render.upload_materials import decoding
+from clsim.scene import ImageTexture, Material
 from tests.render.test_image_mean import means
 
 SRGB = decoding()[256:]
@@ -39,6 +44,22 @@ def test_a_level_lies_where_the_image_does():
         places = (np.arange(columns) + 0.5) / columns * width - 0.5
         # To a twentieth of a texel, and a byte's steps.
         np.testing.assert_allclose(row, 0.1 + 0.8 * places / (width - 1), atol=0.05 * 0.8 / columns + 0.004)
+
+
+def test_levels_mean_what_their_texture_says_of_the_bytes():
+    """One image as sRGB and as plain numbers; one of which no mean is taken has none."""
+    pixels = np.full((2, 2, 4), 255, np.uint8)
+    pixels[0] = 0
+    materials = [Material(texture=0), Material(texture=1, normal_texture=2)]
+    world = hw.world(*(hw.quad((0, 0, -i), (1, 0, 0), (0, 1, 0), i) for i in range(2)), materials=materials)
+    textures = [ImageTexture(pixels, srgb=True), ImageTexture(pixels, srgb=False), ImageTexture(pixels.copy(), False)]
+    data = SceneData(replace(world, textures=tuple(textures)))
+    data.add_texture_levels()
+    found = data.scene.materials.textures
+    rows, coarse = found.rows.numpy(), found.coarse.numpy()
+    assert rows["levels"].tolist() == [1, 1, 0]
+    values = decoding()[rows["decoding"][:2] + (coarse[rows["coarse"][:2]] & 255)]
+    np.testing.assert_allclose(values, 0.5, atol=0.005)
 
 
 def test_the_mean_over_a_pixel_is_right_from_few_places_of_coarse_levels():
