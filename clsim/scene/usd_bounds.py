@@ -1,19 +1,19 @@
 """A bound on what a USD file may take to open.
 
 A few hundred bytes can unfold to more prims than any memory holds: each refers twice to the next, or inherits from many
-in long chains. usd-core has no bound of its own and cannot be stopped, so a file that refers to anything is opened
-first by a process of its own, within limits of time and memory.
+in long chains. Text that is nested very deep makes usd-core's parser crash. usd-core has no bound of its own and cannot
+be stopped, so files that may do so are opened first by a process of its own, within limits of time and memory.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pxr import Sdf, Tf
 
 from clsim.errors import InputError
@@ -21,9 +21,9 @@ from clsim.errors import InputError
 CPU_S = 60
 """Processor time that opening may take: some two million prims."""
 MAX_BYTES = 8 << 30
-MAX_NESTING = 1000
-"""Levels of braces in a file of text; usd-core's parser crashes at some tens of thousands."""
-_CHUNK = 1 << 24
+SMALL_BYTES = 1 << 14
+"""Text no longer than that cannot be nested deep enough for a crash; some ten thousand levels are needed."""
+_BINARY = b"PXR-USDC"
 _ARCS = {"references", "payload", "inheritPaths", "specializes"}
 
 
@@ -31,34 +31,24 @@ def check_bounds(path: Path) -> Any:
     """Return the layer of a file, which usd-core need not read again while it is kept; None where it cannot be read.
 
     Raises:
-        InputError: it is nested too deep, or takes too much to open.
+        InputError: it takes too much to open.
     """
-    if _nesting(path) > MAX_NESTING:
-        raise InputError(f"{path}: is nested more than {MAX_NESTING} levels deep")
+    parsed = _may_be_deep(path)
+    if parsed:
+        _try_to_open(path)
     try:
         layer = Sdf.Layer.FindOrOpen(str(path))
     except Tf.ErrorException:
         return None  # it says why when the file is opened as a stage
-    if _refers(layer) and not _opens(path):
-        raise InputError(
-            f"{path}: usd-core cannot open it within {CPU_S} s of processor time and {MAX_BYTES / 2**30:g} GiB: "
-            "what it refers to may unfold without end"
-        )
+    if not parsed and layer is not None and _refers(layer):
+        _try_to_open(path)
     return layer
 
 
-def _nesting(path: Path) -> int:
-    """Return how deep braces stand in each other in a file of text."""
-    depth = most = 0
+def _may_be_deep(path: Path) -> bool:
+    """Whether a file is long, and text, or a package, which may hold text."""
     with path.open("rb") as file:
-        chunk = file.read(_CHUNK)
-        while chunk and (most or chunk.startswith(b"#usda")):
-            text = np.frombuffer(chunk, np.uint8)
-            steps = np.cumsum((text == ord("{")).astype(np.int32) - (text == ord("}")))
-            most = max(most, 1, depth + int(steps.max()))
-            depth += int(steps[-1])
-            chunk = file.read(_CHUNK)
-    return most
+        return file.read(len(_BINARY)) != _BINARY and path.stat().st_size > SMALL_BYTES
 
 
 def _refers(layer: Any) -> bool:
@@ -74,8 +64,23 @@ def _refers(layer: Any) -> bool:
     return found
 
 
-def _opens(path: Path) -> bool:
-    """Whether a process of its own opens a file within the limits."""
+def _try_to_open(path: Path) -> None:
+    """Let a process of its own open a file within the limits; an embedded Python has none to start.
+
+    Raises:
+        InputError: it did not come to an end.
+    """
+    if not sys.executable or getattr(sys, "frozen", False):
+        return
     script = Path(__file__).with_name("usd_trial.py")
-    words = [sys.executable, "-I", str(script), str(path), json.dumps(sys.path), str(CPU_S), str(MAX_BYTES)]
-    return subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, check=False).returncode == 0
+    folders = json.dumps([folder for folder in sys.path if isinstance(folder, str)])
+    words = [sys.executable, "-I", str(script), str(path), folders, str(CPU_S), str(MAX_BYTES)]
+    nothing = subprocess.DEVNULL
+    # Each thread else reserves 64 MiB of addresses, which with a hundred cores are all that there may be.
+    env = os.environ | {"MALLOC_ARENA_MAX": "2"}
+    trial = subprocess.run(words, stdin=nothing, stdout=nothing, stderr=nothing, env=env, check=False)
+    if trial.returncode != 0:
+        raise InputError(
+            f"{path}: usd-core cannot open it within {CPU_S} s of processor time and {MAX_BYTES / 2**30:g} GiB: "
+            "what it refers to may unfold without end, or it is nested too deep"
+        )

@@ -1,5 +1,7 @@
 """USD files: where things are and how they move, against usd-core's own evaluation, and what a hostile file is told."""
 
+import zipfile
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdUtils
@@ -236,6 +238,14 @@ def test_a_missing_library_is_told_with_what_to_install(tmp_path, monkeypatch):
         load_world(path)
 
 
+def test_a_package_that_is_none_is_told(tmp_path):
+    path = tmp_path / "bad.usdz"
+    path.write_bytes(b"hello")
+    with pytest.raises(InputError) as caught:
+        load_world(path)
+    assert str(caught.value).startswith(f"{path}: cannot be read as USD (")
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -270,10 +280,24 @@ def test_what_unfolds_without_end_is_refused(tmp_path, monkeypatch):
     assert str(caught.value).startswith(f"{path}: usd-core cannot open it within 1 s of processor time and 8 GiB")
 
 
-def test_text_that_is_nested_too_deep_is_refused(tmp_path):
-    """Some tens of thousands of levels make usd-core's parser crash."""
-    with pytest.raises(InputError, match="nested more than 1000 levels deep"):
-        load_world(usda(tmp_path, 'def "a" {\n' * 1001 + "}" * 1001))
+@pytest.mark.parametrize(
+    "deep", ['def "a" {\n' * 100_000, 'def "a" {\nint[] x = ' + "[" * 200_000], ids=["prims", "lists"]
+)
+@pytest.mark.parametrize("packed", [False, True])
+def test_text_that_is_nested_too_deep_is_refused(tmp_path, deep, packed):
+    """It makes usd-core's parser crash."""
+    path = usda(tmp_path, deep)
+    if packed:
+        path = tmp_path / "scene.usdz"
+        with zipfile.ZipFile(path, "w") as package:
+            package.writestr("scene.usda", "#usda 1.0\n" + deep)
+    with pytest.raises(InputError, match="or it is nested too deep"):
+        load_world(path)
+
+
+def test_an_embedded_python_opens_files_without_a_trial(tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.executable", "")
+    assert len(load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }')).instances) == 2
 
 
 def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch):
