@@ -255,6 +255,9 @@ def make_materials(features: Features) -> tuple[Any, ...]:
             found = row.texture >= 0 and row.roughness_texture < 0 and row.emission_texture < 0
             if wp.static(features.blends):
                 found = found and row.blend_with < 0
+            if wp.static(features.alpha):
+                # What is cut out has a colour too, and nobody sees it.
+                found = found and (row.alpha_mode == OPAQUE or row.opacity_texture < 0)
         return found
 
     @wp.func

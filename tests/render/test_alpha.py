@@ -146,3 +146,20 @@ def test_shadow_rays_end_after_as_many_layers_as_others(strategy):
     assert np.all(none > 0.1)
     np.testing.assert_allclose(lit(250), none, rtol=1e-3)
     assert np.all(lit(300) == 0)
+
+
+@pytest.mark.slow
+def test_first_hits_do_not_see_the_colour_of_what_is_cut_out():
+    """Squares of leaf between squares of black air, many a pixel: what is hit is leaf and nothing else."""
+    pixels = np.zeros((64, 64, 4), np.uint8)
+    pixels[np.kron(np.indices((16, 16)).sum(axis=0) % 2, np.ones((4, 4))) == 1] = (200, 100, 50, 255)
+    leaves = ImageTexture(pixels, srgb=False, nearest=True, uv_matrix=((8.0, 0.0, 0.0), (0.0, 8.0, 0.0)))
+    cut = replace(LEAF, color=(1.0, 1.0, 1.0), texture=0, alpha_mode="mask", opacity_texture=0)
+    wall = hw.quad((-1, -1, 0), (2, 0, 0), (0, 2, 0))
+    view = hw.camera(hw.translation(0, 0, 5), 6, 6, fov_deg=10.0)
+    frame = hw.render(
+        hw.world(wall, materials=(cut,), view=view, textures=(leaves,)), spp=1, first_hit_rays=64, variances=False
+    )
+    assert frame.plane("Coverage").mean() == pytest.approx(0.5, abs=0.1)
+    for name, value in zip(("Albedo.R", "Albedo.G", "Albedo.B"), (200, 100, 50), strict=True):
+        np.testing.assert_allclose(frame.plane(name), value / 255, rtol=1e-3)
