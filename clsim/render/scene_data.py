@@ -172,8 +172,11 @@ class SceneData:
 
     @property
     def most_instants(self) -> int:
-        """How many instants at a time serve well: boxes hold all places of a thing, and shapes take memory."""
-        return self._geometry.most_instants
+        """How many instants at a time serve well: boxes hold all places of a thing, and shapes take memory.
+
+        A tree of lights that move is of one: what is drawn from it must not depend on what else is asked for.
+        """
+        return 1 if self._lights.follows else self._geometry.most_instants
 
     @property
     def still(self) -> bool:

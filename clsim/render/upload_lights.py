@@ -98,9 +98,14 @@ class LightData:
             for out, rows in zip((own.positions, own.steps, own.axes, own.rights), tables, strict=True):
                 write(out, rows)
 
+    @property
+    def follows(self) -> bool:
+        """Whether there is a tree of lights, some of which move."""
+        return self._features.light_tree and len(self._moving.rows) > 0
+
     def _follow(self, times_s: _F64) -> None:
         """Let the tree know where its lights are at those times."""
-        if self._features.light_tree and len(self._moving.rows):
+        if self.follows:
             self._tree.refit(self._moving.rows, self._moving.at(times_s))
 
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:

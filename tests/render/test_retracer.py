@@ -200,6 +200,16 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
 
 
 @pytest.mark.slow
+def test_which_of_many_lights_is_drawn_is_of_the_instant_alone():
+    """Lamps of a tree that move, at several instants: their bounds are those of each."""
+    world = busy_world(size=(7, 5))
+    places = np.random.default_rng(0).uniform((-2, 0.3, -2), (2, 2, 2), (12, 3))
+    lamps = [SphereLight(0.05, (9.0, 8.0, 7.0), Swing(hw.translation(*place), (-1.5, 0.2, 0.1))) for place in places]
+    world = replace(world, sphere_lights=tuple(lamps))
+    compare(world, RenderOptions(spp=4))
+
+
+@pytest.mark.slow
 def test_what_deforms_is_traced_in_the_shape_of_its_time():
     """Several instants at a time, each with shapes and trees of its own: exactly what a frame shows."""
     scene = replace(swelling(moving=True), fps=FPS)
