@@ -25,6 +25,19 @@ BEHIND = wp.constant(4.0)
 """The share of what the back shows: more than any chance."""
 
 
+@wp.func
+def mixes_textures(materials: Materials, material: int) -> bool:
+    """Whether another of a blend has textures."""
+    found = bool(False)
+    other = int(materials.rows[material].blend_with)
+    for _ in range(_STEPS):
+        if other >= 0:
+            row = materials.rows[other]
+            found = found or row.texture >= 0 or row.roughness_texture >= 0 or row.blend_texture >= 0
+            other = row.blend_with
+    return found
+
+
 def make_blends(features: Features, resolve: Any, albedo_of: Any) -> tuple[Any, Any]:
     """Return the Warp functions ``pick`` and ``mean_albedo``.
 

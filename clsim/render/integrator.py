@@ -12,7 +12,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.absorption import absorption_towards, dimmed
 from clsim.render.alpha import make_alpha
-from clsim.render.blends import FIRST, make_blends
+from clsim.render.blends import FIRST, make_blends, mixes_textures
 from clsim.render.bsdf import make_bsdf
 from clsim.render.bsdf_kinds import DIFFUSE, PLASTIC
 from clsim.render.bsdf_plastic import base_albedo, passing_out
@@ -235,7 +235,10 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     sample.triangle = wp.where(depth == 0, 1 + hit.triangle + hit.instance * 65537, 0)
                     if wp.static(features.textures):
                         averaged = textured(scene.materials, point.material)
-                        if has_details(scene.materials, point.material, averaged):
+                        detailed = has_details(scene.materials, point.material, averaged)
+                        if wp.static(features.blends):
+                            detailed = detailed or mixes_textures(scene.materials, point.material)
+                        if detailed:
                             # Rays look for what is finer than a pixel, as for what is small.
                             sample.triangle = 0
                 if wp.static(features.lamp_light):

@@ -167,7 +167,15 @@ def test_wide_pixels_show_less_of_what_is_small():
 
 
 @pytest.mark.slow
-def test_emission_finer_than_a_pixel_is_seen_in_whole_pixels():
+@pytest.mark.parametrize(
+    ("plane", "materials"),
+    [
+        ("Emission", [Material(color=(0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0), emission_texture=0)]),
+        ("Albedo.G", [Material(blend_with=1, blend_share=1.0), Material(color=(1.0, 1.0, 1.0), texture=0)]),
+    ],
+    ids=["emission", "blend"],
+)
+def test_textures_finer_than_a_pixel_are_seen_in_whole_pixels(plane, materials):
     """Lines of a third of a pixel on a large sheet, on which the corners of all pixels lie."""
     side = 3 * 12
     checks = np.full((side, side, 4), 255, np.uint8)
@@ -175,11 +183,10 @@ def test_emission_finer_than_a_pixel_is_seen_in_whole_pixels():
     size = 2 * np.tan(np.radians(20)) * 5
     low = -size / 2 - size / side / 2
     sheet = hw.quad((low, low, 0), (size, 0, 0), (0, size, 0))
-    material = Material(color=(0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0), emission_texture=0)
-    world = hw.world(sheet, materials=(material,), view=hw.camera(hw.translation(0, 0, 5), 12, 12, 40.0))
+    world = hw.world(sheet, materials=materials, view=hw.camera(hw.translation(0, 0, 5), 12, 12, 40.0))
     world = replace(world, textures=(ImageTexture(checks, nearest=True),))
     frame = Run(world, spp=1, first_hit_rays=64).fill(0)
-    assert frame.plane("Emission")[2:-2, 2:-2].mean() == pytest.approx(4 / 9, abs=0.06)
+    assert frame.plane(plane)[2:-2, 2:-2].mean() == pytest.approx(4 / 9, abs=0.06)
 
 
 @pytest.mark.slow
