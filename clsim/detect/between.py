@@ -51,6 +51,11 @@ class Motion:
         # What has turned once by the end has gone far by the middle.
         return max(_longest(self.ways), 2.0 * _longest(self.halves))
 
+    @property
+    def turns(self) -> bool:
+        """Whether things come back within the step, so that they were farther away than their ways to its end tell."""
+        return _longest(self.halves) > _longest(self.ways)
+
 
 class Between(ABC):
     """Adds to brightness paths what must be known between frames.

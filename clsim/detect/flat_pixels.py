@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from clsim.detect.between import Motion
 from clsim.detect.config import DetectorConfig
 from clsim.detect.features import luminance_weights
 from clsim.detect.knots import Knots, ticks
@@ -102,24 +103,24 @@ class FlatPixels:
         self._ends = [*self._ends[-1:], (light, weighted.sum(axis=0), bounds | apart, even)]
 
     def find(
-        self, path: BrightnessPath, tracer: PixelTracer, ways: F32, ends: tuple[F32, F32], tolerance_us: float
+        self, path: BrightnessPath, tracer: PixelTracer, motion: Motion, ends: tuple[F32, F32], tolerance_us: float
     ) -> FlatBrightness:
         """Return what is known of a step.
 
         Args:
             path: of the step.
             tracer: what knows what is reflected.
-            ways: where things go, ``[3, 2, H, W]`` [pixels].
+            motion: where things go; nothing is known where they turn back.
             ends: levels at both ends, ``[H·W]``.
             tolerance_us: error of an event's time that will do [µs].
         """
         known = np.zeros(self._shape[0] * self._shape[1], np.bool_)
         nowhere, nothing = np.zeros(0, np.int64), np.zeros(0)
         none = FlatBrightness(known, nowhere, Knots(nowhere, nowhere, nothing, nothing, self._linear))
-        if len(self._ends) < 2:
+        if len(self._ends) < 2 or motion.turns:
             return none
         (light, before, bounds, even), (later, after, later_bounds, later_even) = self._ends
-        lowest, highest = _reach(ways)
+        lowest, highest = _reach(motion.ways)
         # What passes over a pixel was there at the start, and will be there at the end: either of both tells all.
         calm = _free(bounds, -highest, -lowest) | _free(later_bounds, lowest, highest)
         calm &= even & later_even & ~bounds & ~later_bounds

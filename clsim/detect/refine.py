@@ -73,10 +73,10 @@ class Refiner(Between):
 
     def _find(self, path: BrightnessPath, motion: Motion, references: Buffer) -> BrightnessPath:
         start, end, ref = (self._image(buffer).ravel() for buffer in (path.start, path.end, references))
-        flat = self._flat.find(path, self._tracer, motion.ways, (start, end), self.tolerance_us)
+        flat = self._flat.find(path, self._tracer, motion, (start, end), self.tolerance_us)
         traced = np.where(flat.known, np.nan, ref).astype(np.float32)
         touched = np.any(motion.ways, axis=(0, 1)) | np.any(motion.halves, axis=(0, 1))
-        times, levels = self._pictures(path, motion.longest_px, touched.ravel() & ~flat.known, start, end)
+        times, levels = self._pictures(path, motion, touched.ravel() & ~flat.known, start, end)
         for level, time in zip(levels[1:-1], times[1:-1], strict=True):
             level[flat.pixels] = flat.knots.at(int(time))
         with np.errstate(invalid="ignore"):
@@ -99,13 +99,14 @@ class Refiner(Between):
         return self._with_knots(path, both, every)
 
     def _pictures(
-        self, path: BrightnessPath, longest_px: float, touched: npt.NDArray[np.bool_], start: F32, end: F32
+        self, path: BrightnessPath, motion: Motion, touched: npt.NDArray[np.bool_], start: F32, end: F32
     ) -> tuple[I64, F32]:
-        """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between where ways are long.
+        """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between where ways are long or turn back.
 
         They are traced for pixels that are ``touched`` by what moves; others' levels are straight in time.
         """
-        parts = min(_MOST_PARTS, 2 ** max(0, int(np.ceil(np.log2(max(longest_px, 1e-6) / LONGEST_WAY_PX)))))
+        halvings = int(np.ceil(np.log2(max(motion.longest_px, 1e-6) / LONGEST_WAY_PX)))
+        parts = min(_MOST_PARTS, 2 ** max(1 if motion.turns else 0, halvings))
         times = np.linspace(ticks(path.start_us), ticks(path.end_us), parts + 1).round().astype(np.int64)
         levels = np.linspace(start, end, parts + 1, dtype=np.float32)
         levels[-1] = end

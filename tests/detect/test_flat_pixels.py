@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from clsim.detect.between import Motion
 from clsim.detect.config import DetectorConfig
 from clsim.detect.flat_pixels import FlatPixels
 from clsim.detect.knots import TICKS_PER_S
@@ -47,7 +48,7 @@ class Wall:
         return Reflected(pixels, pixels, firsts, shares.ravel(), values.astype(np.float32).ravel())
 
 
-def found_by(wall, lights=(2.0, 2.0), albedos=None):
+def found_by(wall, lights=(2.0, 2.0), albedos=None, halfway=0.5):
     """Show a wall at both ends of a step, in light [H, W]; return what is known of it, and the levels at both."""
     flat = FlatPixels(DetectorConfig(method="esim", event_rule="linear-light"), NAMES, SIZE)
     levels = []
@@ -60,7 +61,8 @@ def found_by(wall, lights=(2.0, 2.0), albedos=None):
         levels.append(np.log(frame.planes[0].ravel()))
     ways = np.tile(np.array(WAY, np.float32)[:, None, None], (3, 1, *SIZE))
     path = BrightnessPath(0, STEP_US, *[None] * 3, 0)
-    return flat.find(path, wall, ways, tuple(levels), 100.0), levels
+    motion = Motion(ways, halfway * ways)
+    return flat.find(path, wall, motion, tuple(levels), 100.0), levels
 
 
 def test_light_goes_straight_and_albedo_as_it_is_told():
@@ -90,6 +92,11 @@ def test_nothing_is_known_where_something_else_may_come_over_a_pixel():
     expected[19:21, 30:34] = False
     expected[0, :3] = expected[-1, -3:] = False
     np.testing.assert_array_equal(known, expected)
+
+
+def test_nothing_is_known_of_a_step_in_which_things_turn_back():
+    """What is farther away than the step's way may come and go meanwhile."""
+    assert found_by(Wall(), halfway=0.9)[0].known.any() and not found_by(Wall(), halfway=1.5)[0].known.any()
 
 
 @pytest.mark.parametrize("ratio, kept", [(1.03, True), (3.0, False)], ids=["wide", "sharp"])

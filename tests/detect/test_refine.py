@@ -108,6 +108,25 @@ def test_what_rests_until_the_middle_of_a_step_is_looked_at():
     assert scene.asked > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
 
 
+def test_what_goes_there_and_back_within_a_step_is_looked_at():
+    class Swing(Bars):
+        def place(self, time_s):
+            return 0.5 - 0.5 * np.cos(2.0 * np.pi * 30.0 * time_s)
+
+        def luminance(self, pixels, times_s):
+            return super().luminance(pixels, self.place(times_s)) * (1.0 + 0.3 * times_s)
+
+        def motion(self, start_s, end_s):
+            moved = np.zeros((3, 2, HEIGHT, WIDTH), np.float32)
+            moved[:, 0] = self.speed_px * (self.place(end_s) - self.place(start_s))
+            return moved
+
+    scene, finely = (Swing(6.0, bar_px=5.0, gap_px=9.0, first_px=200.0, day=0.0) for _ in range(2))
+    reference, _ = run(finely, 240, 10.0)
+    events, _ = run(scene, 30, 10.0)
+    assert len(reference) > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
+
+
 def test_where_all_rests_no_frame_but_the_first_is_searched_for_flat_pixels():
     names = (*RADIANCE, *ALBEDO, *COVERAGE)
     searched = []
