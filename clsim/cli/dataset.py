@@ -14,9 +14,14 @@ from clsim.cli.options import JSON, advanced
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.console import Console
 
     from clsim.datasets.engine import Progress
+
+_TOLD = 5
+"""Warnings, and failures, that are printed."""
 
 
 def dataset(
@@ -63,7 +68,7 @@ def dataset(
         from clsim.datasets.preview import preview
 
         told = preview(chosen, folder, workers)
-        say_about_scene(console, told.sentences, told.warnings)
+        say_about_scene(console, told.sentences, _first(told.warnings))
         if as_json:
             print(json.dumps(told.as_dict()))
         return 0
@@ -83,11 +88,17 @@ def dataset(
         sentences.append(f"{done.rejected:,} were rejected at each attempt; their job.json tell why")
     if packed:
         sentences.append(f"{len(packed):,} shards are in {packed[0].parent}")
-    failed = [f"sequence {index} failed: {why}" for index, why in sorted(done.failures.items())[:5]]
-    say_about_scene(console, sentences, [*done.warnings, *failed])
+    failed = [f"sequence {index} failed: {why}" for index, why in sorted(done.failures.items())[:_TOLD]]
+    say_about_scene(console, sentences, [*_first(done.warnings), *failed])
     if as_json:
         print(json.dumps(vars(done)))
     return OUTPUT_FAILED if done.failures else 0
+
+
+def _first(warnings: Sequence[str]) -> list[str]:
+    """Return the first warnings, and how many more there are: each of thousands of scenes may have its own."""
+    more = len(warnings) - _TOLD
+    return [*warnings[:_TOLD], *([f"{more:,} more warnings are in the job.json of the sequences"] if more > 0 else [])]
 
 
 class _bar:  # noqa: N801 - a context manager

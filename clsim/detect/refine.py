@@ -101,7 +101,7 @@ class Refiner(Between):
     def _pictures(
         self, path: BrightnessPath, motion: Motion, touched: npt.NDArray[np.bool_], start: F32, end: F32
     ) -> tuple[I64, F32]:
-        """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between where ways are long or turn back.
+        """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between if ways are long or turn.
 
         They are traced for pixels that are ``touched`` by what moves; others' levels are straight in time.
         """
