@@ -386,7 +386,8 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
                     left = right
                     value = there
                     square = squares[top]
-                    top = top - 1
+                    # The end is one more; what needs too many is not followed to it.
+                    top = wp.where(knots >= _MOST_KNOTS, -1, top - 1)
             knots = knots + 1
             if knots <= _MOST_KNOTS:
                 out_knots[number, knots - 1] = wp.vec2(door.share, door.value)

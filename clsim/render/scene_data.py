@@ -110,9 +110,10 @@ class SceneData:
 
     def add_texture_levels(self) -> None:
         """Give image textures the coarser levels that first-hit rays read, unless they have them."""
-        if self.features.images and not self._levels:
-            add_levels(self.world, self.scene.materials.textures)
-            self._levels = True
+        with self.lock:
+            if self.features.images and not self._levels:
+                add_levels(self.world, self.scene.materials.textures)
+                self._levels = True
 
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""

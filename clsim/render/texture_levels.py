@@ -19,6 +19,8 @@ from clsim.scene import ImageTexture, World
 
 _STEPS = 1 << 16
 """Steps of linear light by which its byte is looked up: a tenth of the smallest between two bytes of sRGB."""
+_STRIP = 64
+"""Rows that are averaged at a time; even."""
 
 
 def add_levels(world: World, textures: Any) -> None:
@@ -54,14 +56,26 @@ def coarser(pixels: npt.NDArray[np.uint8], srgb: bool) -> list[npt.NDArray[np.ui
     table = decoding()[256:] if srgb else decoding()[:256]
     between = 0.5 * (table[1:] + table[:-1])
     encoding = np.searchsorted(between, (np.arange(_STEPS) + 0.5) / _STEPS).astype(np.uint8)
-    linear = table.astype(np.float32)[pixels[..., :3]]
-    levels = []
-    while min(linear.shape[:2]) > 1:
-        linear = _halved(_halved(linear, 0), 1)
+    single = table.astype(np.float32)
+    levels: list[npt.NDArray[np.uint32]] = []
+    if min(pixels.shape[:2]) < 2:
+        return levels
+    # Strips stay in the processor's caches, where pairs of rows are whole.
+    height = len(pixels)
+    strip = height if height % 2 else _STRIP
+    linear = np.concatenate([_quartered(single[pixels[i : i + strip, :, :3]]) for i in range(0, height, strip)])
+    while True:
         texels = np.full((*linear.shape[:2], 4), 255, np.uint8)
         texels[..., :3] = encoding[np.minimum((linear * _STEPS).astype(np.int32), _STEPS - 1)]
         levels.append(texels.view("<u4").ravel())
-    return levels
+        if min(linear.shape[:2]) < 2:
+            return levels
+        linear = _quartered(linear)
+
+
+def _quartered(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return means over half as many rows and columns, rounded down."""
+    return _halved(_halved(values, 0), 1)
 
 
 def _halved(values: npt.NDArray[np.float32], axis: int) -> npt.NDArray[np.float32]:
