@@ -111,6 +111,7 @@ def player(tmp_path: Path) -> Iterator[Player]:
     opened.close()
 
 
+@pytest.mark.slow
 def test_a_hostile_page_upsets_neither_itself_nor_the_recording(player: Player) -> None:
     extremes = ('{"command": "seek", "value": 1e30}', '{"command": "seek", "value": -1e30}')
     play(player.url, *NONSENSE, *extremes, '{"command": "speed", "value": 1e308}', until=int(EVENTS["t"][-1]))

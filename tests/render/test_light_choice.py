@@ -33,7 +33,7 @@ def lamp_in_the_shade(sun):
     )
 
 
-@pytest.mark.parametrize("sun", ["directional", "sphere"])
+@pytest.mark.parametrize("sun", ["directional", pytest.param("sphere", marks=pytest.mark.slow)])
 def test_a_lamp_is_not_starved_by_the_sun(sun):
     """Radiance 0.5/π·10 W/m²; a sample is that over its probability p, or 0: its deviation is the mean's √(1/p − 1)."""
     spp = 256

@@ -157,7 +157,9 @@ def test_a_lamp_shines_alike_whether_it_could_move_or_not():
     assert np.mean(np.isclose(found, expected, rtol=1e-4)) > 0.95
 
 
-@pytest.mark.parametrize("lit_by", LIT_ROOMS)
+@pytest.mark.parametrize(
+    "lit_by", [pytest.param(name, marks=() if name == "triangles" else pytest.mark.slow) for name in LIT_ROOMS]
+)
 def test_every_way_of_finding_light_agrees(lit_by):
     scene = LIT_ROOMS[lit_by]
     results = {

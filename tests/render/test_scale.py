@@ -136,7 +136,7 @@ def test_a_lamp_does_not_hide_itself_from_far_away():
         assert np.all(np.abs(hw.radiance(frame).mean(axis=(1, 2)) / expected - 1) < 0.01), moving
 
 
-@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("moving", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_world_far_from_its_origin_looks_as_it_does_there(moving):
     """A thousand kilometres off, float32 tells 6 cm apart."""
     away = hw.translation(1e6, -4e5, 7e5)

@@ -99,6 +99,7 @@ def lit_world(width=16, height=12):
     )
 
 
+@pytest.mark.slow
 def test_pictures_keep_what_holds_for_independent_samples():
     """Neither threads nor tiles nor variances change a bit; frames share their noise unless asked; seeds differ."""
     scene = lit_world()
