@@ -106,14 +106,17 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
     assert about["options"]["quality"] == "balanced" and about["options"]["sampling"] == "cached"
 
 
+@pytest.mark.slow
 def test_light_is_kept_where_only_the_camera_moves() -> None:
     """Kept light finds the events of a run with far more paths better than paths of each frame do."""
-    truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8)
-    found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8)
-    others = events_of("two-boxes", quality="balanced", frame_count=8)
-    scores = (score(events, truth, *SIZE, fps=60, within_us=(5_000,)) for events in (found, others))
-    kept, fresh = (each.within[5_000].f1 for each in scores)
-    assert kept > fresh + 0.02
+    gains = []
+    for seed in range(3):
+        truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8, seed=seed)
+        found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8, seed=seed)
+        others = events_of("two-boxes", quality="balanced", frame_count=8, seed=seed)
+        kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
+        gains.append(kept - fresh)
+    assert np.mean(gains) > 0.02
 
 
 @pytest.mark.parametrize("time", ["fixed", pytest.param("adaptive", marks=pytest.mark.slow)])
