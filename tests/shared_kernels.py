@@ -10,8 +10,10 @@ from typing import Any
 
 import pytest
 
-from clsim.render import features, scene_data
+from clsim.render import scene_data
 from clsim.render.bsdf_kinds import KINDS
+from clsim.render.features import SceneFeatures
+from clsim.render.scene_features import scene_features
 
 ORDINARY: dict[str, Any] = {
     "smooth_normals": True,
@@ -53,10 +55,9 @@ MATERIALS: dict[str, Any] = {
 
 def widen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, known: dict[str, Any]) -> None:
     """Build kernels that know all this, whatever the world has, until the test ends."""
-    exact = features.scene_features
 
-    def widened(*given: Any, **more: Any) -> features.SceneFeatures:
-        return replace(exact(*given, **more), **known)
+    def widened(*given: Any, **more: Any) -> SceneFeatures:
+        return replace(scene_features(*given, **more), **known)
 
     if not request.config.getoption("own_kernels"):
         monkeypatch.setattr(scene_data, "scene_features", widened)

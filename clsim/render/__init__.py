@@ -2,9 +2,10 @@
 
 from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
-from clsim.render.features import lamps_move, light_is_found_apart, light_stands_still
 from clsim.render.options import RenderOptions
 from clsim.render.scene_data import SceneData
+from clsim.render.scene_features import light_is_found_apart, light_stands_still
+from clsim.render.scene_lamps import lamps_move
 from clsim.render.tracer import PathTracer, describe_build
 from clsim.render.view import RenderCancelled, View
 

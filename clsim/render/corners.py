@@ -14,7 +14,7 @@ from clsim.render.bsdf_plastic import base_albedo
 from clsim.render.film import Sample
 from clsim.render.geometry import Surface
 from clsim.render.kernel_input import Scene
-from clsim.render.textures import Footprint, uv_in
+from clsim.render.texture_data import Footprint, uv_in
 from clsim.render.things import Thing, lit_albedo, same_surface
 
 _OFF_UV = wp.constant(0.02)

@@ -1,23 +1,15 @@
-"""What a scene has: kernels are built for exactly that and nothing more."""
+"""What a scene and a camera have: kernels are built for exactly that and nothing more."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
-from clsim.errors import InputError
 from clsim.render.bsdf_kinds import KINDS
-from clsim.render.deform import deforms
-from clsim.scene import Camera, CheckerTexture, ImageTexture, Material, Mesh, PunctualLight, SphereLight, World
+from clsim.scene import Camera
 from clsim.scene.world import Kind
 
 Strategy = Literal["mis", "light", "scatter"]
-_FEW_LAMPS = 4
-"""Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows."""
-_SHARP_DEG = 1.0
-"""How wide the edge of a spot's cone is at least where its light is asked for once a pixel."""
 
 
 @dataclass(frozen=True)
@@ -184,201 +176,7 @@ class Features(SceneFeatures):
         }
 
 
-def _used_meshes(world: World) -> list[Mesh]:
-    return [world.meshes[index] for index in sorted({instance.mesh for instance in world.instances})]
-
-
-def _used_materials(world: World) -> list[Material]:
-    meshes = _used_meshes(world)
-    used = {int(i) for mesh in meshes for i in np.unique(mesh.material_ids)}
-    others = {world.materials[i].blend_with for i in used} - {-1}
-    while others - used:
-        used |= others
-        others = {world.materials[i].blend_with for i in used} - {-1}
-    return [world.materials[i] for i in sorted(used)]
-
-
-def textures_of(material: Material) -> dict[str, int]:
-    """Return the textures that the tracer reads for a material, by use."""
-    uses = {
-        "color": material.texture,
-        "emission": material.emission_texture if max(material.emission) > 0 else -1,
-        "roughness": material.roughness_texture if has_roughness(material) else -1,
-        "normal": material.normal_texture,
-        "bump": material.bump_texture,
-        "blend": material.blend_texture if material.blend_with >= 0 else -1,
-        "opacity": material.opacity_texture if material.alpha_mode != "opaque" else -1,
-    }
-    return {use: index for use, index in uses.items() if index >= 0}
-
-
-def has_roughness(material: Material) -> bool:
-    """Whether a texture of roughness means anything for the material."""
-    return material.kind in ("conductor", "dielectric", "plastic", "principled", "disney")
-
-
-def passes_light(material: Material) -> bool:
-    """Whether light crosses the surface other than through its cut-outs."""
-    passes = material.kind in ("principled", "disney") and material.transmission > 0
-    return passes or material.kind in ("dielectric", "thin-dielectric")
-
-
-def may_be_mirror(material: Material) -> bool:
-    """Whether the material has points with no lobe but perfectly smooth ones."""
-    if material.kind == "principled":
-        single = material.metallic >= 1 or material.transmission >= 1
-        return single and (material.alpha < 1e-3 or material.roughness_texture >= 0)
-    if material.kind in ("conductor", "dielectric"):
-        return material.alpha < 1e-3 or material.roughness_texture >= 0
-    return material.kind == "thin-dielectric"
-
-
-def _still_lamps(world: World) -> bool:
-    """Whether no triangle that emits moves or deforms, or has a texture that matters to its light."""
-    return not _lamps_are_textured(world) and not _triangles_that_emit_move(world)
-
-
-def _lamps_are_textured(world: World) -> bool:
-    return any(
-        max(material.emission) > 0 and (material.emission_texture >= 0 or material.alpha_mode != "opaque")
-        for material in world.materials
-    )
-
-
-def _few_lamps(world: World) -> bool:
-    """Whether there are some lamps but not many, whose light hardly changes within a pixel but for shadows."""
-    plain = not _lamps_are_textured(world) and not _lamps_show_pictures(world)
-    return plain and 0 < _lamps(world) <= _FEW_LAMPS
-
-
-def _lamps_show_pictures(world: World) -> bool:
-    """Whether a light without size has a picture, or a frame or a cone where its light ends at once."""
-    return any(light.picture >= 0 or light.falloff == "frame" or _is_sharp(light) for light in world.punctual_lights)
-
-
-def _is_sharp(light: PunctualLight) -> bool:
-    return light.kind == "spot" and light.outer_deg - light.inner_deg < _SHARP_DEG
-
-
-def _lamps(world: World) -> int:
-    """Return how many triangles emit, and how many other lights there are but the environment."""
-    emits = np.array([max(material.emission) > 0 for material in world.materials], bool)
-    triangles = (np.count_nonzero(emits[world.meshes[i.mesh].material_ids]) for i in world.instances if len(emits))
-    return sum(map(int, triangles)) + len(world.sphere_lights) + len(world.punctual_lights)
-
-
-def _triangles_that_emit_move(world: World) -> bool:
-    lamps = [max(material.emission) > 0 for material in world.materials]
-    moving = {i.mesh for i in world.instances if i.motion.duration_s > 0 or deforms(world.meshes[i.mesh])}
-    return any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
-
-
-def lamps_move(world: World) -> bool:
-    """Whether something moves, or deforms, that shines."""
-    motions = [light.motion for light in world.sphere_lights] + [light.motion for light in world.punctual_lights]
-    return any(motion.duration_s > 0 for motion in motions) or _triangles_that_emit_move(world)
-
-
-def tree_follows(world: World) -> bool:
-    """Whether the light tree holds lights that move too: where they are so many that power is a poor guide."""
-    return _lamps(world) > _FEW_LAMPS
-
-
-def in_light_tree(light: SphereLight | PunctualLight, follows: bool) -> bool:
-    """Whether a light has a place that a tree may know; ``follows`` says that those which move are held too."""
-    directional = isinstance(light, PunctualLight) and light.kind == "directional"
-    return (follows or light.motion.duration_s == 0) and not directional
-
-
-def _several_lights_of_a_tree(world: World) -> bool:
-    """Whether there are several lights that a tree would hold; the two triangles of a panel are one light."""
-    follows = tree_follows(world)
-    lamps = np.array([max(material.emission) > 0 for material in world.materials], bool)
-    triangles = 0
-    for instance in world.instances:
-        mesh = world.meshes[instance.mesh]
-        if len(lamps) and (follows or instance.motion.duration_s == 0) and not deforms(mesh):
-            triangles += int(np.count_nonzero(lamps[mesh.material_ids]))
-    small: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
-    others = sum(in_light_tree(light, follows) for light in small)
-    return triangles > 2 or (triangles > 0) + others > 1
-
-
-def used_textures(world: World) -> list[int]:
-    """Return the indices of the textures that the tracer reads."""
-    of_surfaces = {index for material in _used_materials(world) for index in textures_of(material).values()}
-    return sorted(of_surfaces | {light.picture for light in world.punctual_lights if light.picture >= 0})
-
-
-def objects_move(world: World) -> bool:
-    """Whether an object or a light moves rigidly."""
-    _, *others = world.motions()
-    return any(motion.duration_s > 0 for motion in others)
-
-
-def light_stands_still(world: World) -> bool:
-    """Whether nothing but the camera moves, and no light changes, so that the light on a surface stays as it is."""
-    deforming = any(deforms(mesh) for mesh in _used_meshes(world))
-    return not (deforming or objects_move(world) or world.light_changes())
-
-
-def check_kept_light(world: World, light_cache: bool) -> None:
-    """Raise InputError where light shall be kept on surfaces and does not stand still."""
-    if light_cache and not light_stands_still(world):
-        raise InputError("light is kept on surfaces only where nothing but the camera moves")
-
-
-def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:
-    """Return what the world needs on a device, over an interval of that length [s], or at several ``instants``."""
-    meshes, materials = _used_meshes(world), _used_materials(world)
-    kinds = {material.kind for material in materials} or {"diffuse"}
-    uses = {use for material in materials for use in textures_of(material)}
-    textures = [world.textures[index] for index in used_textures(world)]
-    deforming = any(deforms(mesh) for mesh in meshes)
-    return SceneFeatures(
-        two_level=deforming or any(instance.motion.duration_s > 0 for instance in world.instances),
-        smooth_normals=any(mesh.normals is not None for mesh in meshes),
-        vertex_colors=any(mesh.colors is not None for mesh in meshes),
-        kinds=tuple(kind for kind in KINDS if kind in kinds),
-        textures=bool(textures),
-        checkers=any(isinstance(texture, CheckerTexture) for texture in textures),
-        images=any(isinstance(texture, ImageTexture) for texture in textures),
-        roughness_textures="roughness" in uses,
-        emission_textures="emission" in uses,
-        normal_maps="normal" in uses or "bump" in uses,
-        bump_maps="bump" in uses,
-        beckmann=any(material.distribution == "beckmann" for material in materials),
-        anisotropic=any(material.stretch != 1 for material in materials),
-        absorption=any(max(material.absorption) > 0 and passes_light(material) for material in materials),
-        blends=any(material.blend_with >= 0 for material in materials),
-        alpha=any(material.alpha_mode != "opaque" for material in materials),
-        transmission=any(passes_light(material) for material in materials),
-        mirrors=any(may_be_mirror(material) for material in materials),
-        dark_backs=any(material.back == "black" and not passes_light(material) for material in materials),
-        culled_backs=any(material.back == "culled" for material in materials),
-        one_sided_lamps=any(max(material.emission) > 0 and not material.emits_behind for material in materials),
-        triangle_lights=any(max(material.emission) > 0 for material in materials),
-        still_lamps=_still_lamps(world),
-        sphere_lights=bool(world.sphere_lights),
-        punctual_lights=bool(world.punctual_lights),
-        light_pictures=any(light.picture >= 0 for light in world.punctual_lights),
-        few_lamps=_few_lamps(world),
-        light_tree=_several_lights_of_a_tree(world),
-        environment=max(world.environment) > 0 or world.environment_map is not None,
-        environment_map=world.environment_map is not None,
-        motion_blur=interval_s > 0 and (deforming or objects_move(world)),
-        deforming_blur=interval_s > 0 and deforming,
-        instants=instants and (deforming or objects_move(world)),
-        deforming_instants=instants and deforming,
-    )
-
-
-def light_is_found_apart(world: World) -> bool:
-    """Whether light straight from lamps is found apart from paths, where first hits are; paths find the rest."""
-    return _lamps_apart(scene_features(world, 0.0), "mis")
-
-
-def _lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
+def lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
     """Whether light straight from lamps may be found apart from paths."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
     return plain and scene.few_lamps and "diffuse" in scene.kinds and strategy == "mis"
@@ -409,6 +207,6 @@ def view_features(
         light_cache=light_cache,
         requests=requests,
         coats=light_cache and "plastic" in scene.kinds and not scene.blends,
-        lamp_light=first_hits and _lamps_apart(scene, strategy),
+        lamp_light=first_hits and lamps_apart(scene, strategy),
         strategy=strategy,
     )

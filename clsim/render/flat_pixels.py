@@ -15,13 +15,14 @@ import warp as wp
 
 from clsim.render.bsdf import make_bsdf
 from clsim.render.camera import CameraState, make_camera
+from clsim.render.checkerboards import square_shown
 from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.corners import make_flat_surfaces
 from clsim.render.features import Features
 from clsim.render.film import Sample
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.materials import make_materials
-from clsim.render.textures import Footprint, square_shown, uv_in
+from clsim.render.texture_data import Footprint, uv_in
 from clsim.render.things import DARK
 
 INSTANTS = 5

@@ -16,7 +16,7 @@ from clsim.render.blends import FIRST, make_blends, mixes_textures
 from clsim.render.bsdf import make_bsdf
 from clsim.render.bsdf_kinds import DIFFUSE, PLASTIC
 from clsim.render.bsdf_plastic import base_albedo, passing_out
-from clsim.render.camera import CameraState, make_camera
+from clsim.render.camera import CameraState
 from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.corners import make_flat_surfaces
 from clsim.render.environment import foresee_environment
@@ -34,6 +34,7 @@ from clsim.render.materials import Materials, has_details, make_materials
 from clsim.render.mis import make_weight
 from clsim.render.normal_maps import make_normal_maps
 from clsim.render.ray_footprint import patch_round
+from clsim.render.shots import make_shoot, make_shoot_at
 from clsim.render.sobol import make_sampler
 from clsim.render.towards_light import looks_ahead, make_towards_light
 
@@ -74,7 +75,6 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     sample_light, triangle_pdf, sphere_pdf, environment, on_lamp = make_lights(features, surface, shining)
     add, merge, store = make_film(features.variances, features.sobol)
     uniform2 = make_sampler(features.sobol)
-    camera_ray = make_camera(features)
     by_light = features.strategy != "scatter"
     by_scatter = features.strategy != "light"
     has_lights = features.triangle_lights or features.sphere_lights or features.punctual_lights or features.environment
@@ -339,55 +339,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             origin = offset_origin(point.position, side(point.normal, direction), point.reach_m)
         return sample
 
-    def shoot_at(
-        scene: Scene,
-        camera: CameraState,
-        settings: Settings,
-        pixel: int,
-        place: wp.vec2,
-        instant: int,
-        stream: sampling.Stream,
-        to_lamps: int,
-        width: float,
-    ) -> Sample:
-        """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
-
-        One that only looks sees the mean of a texture over a square of that ``width`` [rad], where it is not 0.
-        """
-        lens = wp.vec2()
-        if wp.static(features.aperture):
-            lens = uniform2(stream, sampling.LENS)
-        shutter = float(0.0)
-        if wp.static(features.camera_blur or features.motion_blur):
-            shutter = uniform2(stream, sampling.TIME)[0]
-        time = settings.opens + settings.lasts * shutter
-        if wp.static(features.requests):
-            shutter = float(instant)
-            time = float(instant)
-        x = float(pixel % settings.width)
-        y = float(pixel // settings.width)
-        ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
-        sample = Sample()
-        if ray.exists:
-            if wp.static(only_look):
-                sample = glimpse(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
-            else:
-                sample = follow(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
-        return sample
-
     # Twice: rays that only look go without all that paths need. Each is called from one place, where the compiler puts
     # it whole; else the scene would be copied for each call.
     only_look = False
-    follow, follow_at = wp.func(trace), wp.func(shoot_at)
+    shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(trace)))
     only_look = True
-    glimpse, glimpse_at = wp.func(trace, inline=True), wp.func(shoot_at, inline=True)
-
-    @wp.func
-    def shoot(
-        scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
-    ) -> Sample:
-        place = uniform2(stream, sampling.CAMERA)
-        return follow_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, 0.0)
+    glimpse_at = make_shoot_at(features, wp.func(trace, inline=True), inline=True)
 
     flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     types = Scene, CameraState, Settings

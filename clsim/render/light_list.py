@@ -13,10 +13,10 @@ from clsim.render import lights_punctual
 from clsim.render.deform import deforms
 from clsim.render.emission_textures import mean_emission
 from clsim.render.environment_build import LUMINANCE
-from clsim.render.features import in_light_tree, tree_follows
 from clsim.render.light_choice import arriving
 from clsim.render.light_tree_build import around, of_spot, of_triangles
 from clsim.render.placement import Placement
+from clsim.render.scene_lamps import in_light_tree, tree_follows
 from clsim.scene import PunctualLight, SphereLight, World
 from clsim.scene.modulation import Modulation
 

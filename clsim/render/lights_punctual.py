@@ -15,7 +15,8 @@ import warp as wp
 from clsim.render.features import Features, SceneFeatures
 from clsim.render.geometry import make_row
 from clsim.render.shutter import key_steps, position_between, shutter_key, shutter_weight
-from clsim.render.textures import Textures, make_textures
+from clsim.render.texture_data import Textures
+from clsim.render.textures import make_textures
 from clsim.scene import PunctualLight
 from clsim.scene.world import Falloff
 

@@ -11,7 +11,8 @@ from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
 from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
-from clsim.render.textures import Footprint, Textures, make_textures, straightened
+from clsim.render.texture_data import Footprint, Textures
+from clsim.render.textures import make_textures, straightened
 
 _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)

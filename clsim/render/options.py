@@ -7,9 +7,10 @@ from typing import Literal
 
 from clsim.errors import InputError, require_choice
 from clsim.frames import TRUTH_PLANES
-from clsim.render.features import Features, SceneFeatures, Strategy, scene_features, view_features
+from clsim.render.features import Features, SceneFeatures, Strategy, view_features
 from clsim.render.geometry import Tree
 from clsim.render.sampling import MAX_BOUNCES
+from clsim.render.scene_features import scene_features
 from clsim.scene import Camera, World
 
 LARGEST_SPP, LARGEST_FIRST_HIT_RAYS = 1 << 20, 4096

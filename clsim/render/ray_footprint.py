@@ -3,7 +3,7 @@
 import warp as wp
 
 from clsim.render.geometry import Surface
-from clsim.render.textures import Footprint
+from clsim.render.texture_data import Footprint
 
 _MOST_GRAZING = wp.constant(0.02)
 """Cosine beyond which a patch on a surface becomes no longer."""

@@ -14,13 +14,13 @@ from clsim.errors import InputError
 from clsim.render.bvh16_build import grow
 from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
-from clsim.render.features import check_kept_light, light_stands_still, scene_features
 from clsim.render.geometry import Tree
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Scene
 from clsim.render.options import RenderOptions
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
+from clsim.render.scene_features import check_kept_light, light_stands_still, scene_features
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.smallest import smallest_of

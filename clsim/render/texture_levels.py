@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.textures import TextureRow
+from clsim.render.texture_data import TextureRow
 from clsim.render.upload_arrays import array
 from clsim.render.upload_materials import decoding
 from clsim.scene import ImageTexture, World

@@ -9,10 +9,10 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.bsdf_kinds import NUMBERS
-from clsim.render.features import has_roughness, passes_light, used_textures
 from clsim.render.materials import BLEND, MASK, OPAQUE, MaterialRow, Materials
 from clsim.render.plastic_tables import coat, coats
-from clsim.render.textures import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
+from clsim.render.scene_features import has_roughness, passes_light, used_textures
+from clsim.render.texture_data import CLAMP, MIRROR, REPEAT, TextureRow, Textures, mat23
 from clsim.render.upload_arrays import array
 from clsim.scene import CheckerTexture, Material, World
 

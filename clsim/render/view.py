@@ -13,7 +13,6 @@ from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
 from clsim.render.camera import CameraData
 from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
-from clsim.render.features import check_kept_light
 from clsim.render.film import Sample
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Settings
@@ -22,6 +21,7 @@ from clsim.render.options import RenderOptions
 from clsim.render.pixel_angle import pixel_angle
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
+from clsim.render.scene_features import check_kept_light
 from clsim.scene import Camera
 from clsim.scene.spectral import spectral_weights
 from clsim.scene.world import Spectral

@@ -12,8 +12,8 @@ from test_steered import LUMINANCE, Run
 from test_tracer import LAMP, lit_world
 
 from clsim.render.compiler import kernel_options
-from clsim.render.features import light_is_found_apart
 from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
+from clsim.render.scene_features import light_is_found_apart
 from clsim.scene import ImageTexture, Material, PunctualLight, Static
 
 pytestmark = pytest.mark.usefixtures("ordinary")

@@ -7,7 +7,7 @@ import warp as wp
 
 from clsim.render.geometry import Surface
 from clsim.render.ray_footprint import patch_round
-from clsim.render.textures import Footprint
+from clsim.render.texture_data import Footprint
 
 
 @wp.kernel(enable_backward=False)

@@ -10,9 +10,10 @@ import pytest
 from test_steered import Run, textured_world
 
 from clsim.render.camera import CameraData
-from clsim.render.features import scene_features, view_features
+from clsim.render.features import view_features
 from clsim.render.pixel_angle import widest_pixel
 from clsim.render.placement import place
+from clsim.render.scene_features import scene_features
 from clsim.render.smallest import smallest_of
 from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
 from clsim.scene.motion import Keyframes
