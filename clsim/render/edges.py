@@ -38,8 +38,9 @@ class Edge:
     ``whole`` is that all see one triangle, or none, and that nothing is so small that it may hide before it.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
-    and the row ``second`` of the corners has the other. ``marks`` has a bit for each corner that sees the second.
-    ``area`` is the share of the first; the edge goes through ``place``, ``along`` there.
+    and the row ``second`` of the corners has the other. ``varied`` is that a ray inside saw another colour on one side
+    than its corner. ``marks`` has a bit for each corner that sees the second. ``area`` is the share of the first; the
+    edge goes through ``place``, ``along`` there.
 
     The edge crosses the pixel's border in some of its four sides, which are taken in turn: ``side`` is the one where
     rays look for it now, 4 where none is left. It lies behind ``low`` and within twice ``step``, as shares of the side
@@ -48,6 +49,7 @@ class Edge:
 
     plain: bool
     straight: bool
+    varied: bool
     by_colour: bool
     flat: bool
     whole: bool

@@ -83,6 +83,78 @@ class Seen:
     by_colour: bool
 
 
+@wp.func
+def _pixel_below(corner: int, width: int) -> int:
+    """Return a pixel that has that corner at its top: of its number, but for a row's last."""
+    return corner // (width + 1) * width + wp.min(corner % (width + 1), width - 1)
+
+
+@wp.func
+def _rim_of(corner: int, width: int, few_ask: bool) -> int:
+    """Return which place on a lamp's rim a corner asks for: each of a pixel's four asks another one, or two do."""
+    line = corner // (width + 1)
+    rim = ((corner - line * (width + 1)) & 1) + 2 * (line & 1)
+    if few_ask and (rim == 1 or rim == 2):
+        rim = AT_NONE
+    return rim
+
+
+@wp.func
+def _wanted_inside(edge: Edge, looks: Looks) -> int:
+    """Return how many rays look inside a pixel, by what is known of it so far."""
+    wanted = wp.max(looks.most - edge.rays, _COUNTED)
+    if edge.plain or edge.flat:
+        wanted = wp.where(edge.whole, 0, looks.inside)
+    if edge.straight and not edge.varied:
+        wanted = looks.by_edge
+    wanted = wp.min(wanted, looks.most)
+    if edge.shaded:
+        wanted = wp.max(wanted, looks.in_shadow - edge.rays)
+    return wanted
+
+
+@wp.func
+def _take_in(
+    things: wp.array(dtype=Thing),
+    number: int,
+    edge: Edge,
+    sample: Sample,
+    place: wp.vec2,
+    footprint: Footprint,
+    corner: Sample,
+    pixel_angle: float,
+    coats: bool,
+) -> tuple[Edge, int]:
+    """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told.
+
+    Returns:
+        The edge, and the number of things.
+    """
+    e = edge
+    known = number
+    k = int(0)
+    if e.flat:
+        e.flat = on_flat_surface(footprint, corner, sample, place, pixel_angle)
+        e.plain = e.plain and e.flat
+    if not e.flat:
+        k = find_thing(things, known, sample, e.by_colour, pixel_angle)
+    if k < 0:
+        e.plain = e.plain and known == 0
+        e.straight = False
+        if k == -1:
+            known = begin_thing(things, known, sample)
+            k = known - 1
+        else:
+            k = -2 - k
+    elif e.straight and not same_colour(sample, things[k].first):
+        e.varied = True
+    if e.straight:
+        e.straight = not off_line(e.place, e.along, place, k == 0)
+    e.shaded = e.shaded or not same_light(sample, things[k].first)
+    add_to_thing(things, k, sample, coats)
+    return e, known
+
+
 def make_look(
     sobol: bool,
     edges: bool,
@@ -116,6 +188,15 @@ def make_look(
     """
     uniform2 = make_sampler(sobol)
     judge_corners = make_judge(flat, scene_type, settings_type)
+
+    @wp.func
+    def paint(scene: scene_type, things: wp.array(dtype=Thing), corner: Sample, footprint: Footprint, texels: int):
+        """Give the one thing that a pixel shows the mean albedo of its texture."""
+        like = corner
+        if wp.static(coats):
+            like.coat = things[0].coat
+        albedo = mean_albedo(scene, like, footprint, texels)
+        things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
 
     @wp.func
     def look(
@@ -152,7 +233,6 @@ def make_look(
                 if edge.straight:
                     edge = next_side(edge, 0, looks.steps)
         inside = int(before.inside)
-        varied = bool(False)
         if before.counted:
             edge.plain = False
             edge.by_colour = before.by_colour
@@ -168,24 +248,14 @@ def make_look(
                 if corner >= 0:
                     stream.key = sampling.stream_key(sampling.absorb(sampling.absorb(settings.stream, _CORNER), corner))
                     stream.scrambling = stream.key
-                    # The pixel of that number is at the corner's place, but for a row's last.
-                    column = corner % (settings.width + 1)
-                    at = corner // (settings.width + 1) * settings.width + wp.min(column, settings.width - 1)
-                    place = wp.vec2(float(column - at % settings.width), 0.0)
+                    at = _pixel_below(corner, settings.width)
+                    place = wp.vec2(float(corner % (settings.width + 1) - at % settings.width), 0.0)
                 elif places:
                     stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
                     stream.scrambling = stream.key
                     place = on_side(edge, edge.low + edge.step)
             if corner < 0 and not places:
-                wanted = wp.max(looks.most - edge.rays, _COUNTED)
-                if edge.plain or edge.flat:
-                    wanted = wp.where(edge.whole, 0, looks.inside)
-                if edge.straight and not varied:
-                    wanted = looks.by_edge
-                wanted = wp.min(wanted, looks.most)
-                if edge.shaded:
-                    wanted = wp.max(wanted, looks.in_shadow - edge.rays)
-                if inside >= wanted:
+                if inside >= _wanted_inside(edge, looks):
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
@@ -197,11 +267,7 @@ def make_look(
             to_lamps = wp.where(places or asked, AT_NONE, AT_ANY)
             if wp.static(edges):
                 if corner >= 0:
-                    # Each of a pixel's four corners asks another place.
-                    line = corner // (settings.width + 1)
-                    to_lamps = ((corner - line * (settings.width + 1)) & 1) + 2 * (line & 1)
-                    if looks.few_ask and (to_lamps == 1 or to_lamps == 2):
-                        to_lamps = AT_NONE
+                    to_lamps = _rim_of(corner, settings.width, looks.few_ask)
             # Rays inside a pixel that shows many things share its area, and so the textures in it.
             width = looks.pixel_angle / wp.sqrt(float(looks.most))
             if corner >= 0 or places or edge.flat:
@@ -219,26 +285,9 @@ def make_look(
             else:
                 inside = inside + 1
                 if is_sound(sample):
-                    k = int(0)
-                    if edge.flat:
-                        edge.flat = on_flat_surface(footprint, corners[nearest], sample, place, looks.pixel_angle)
-                        edge.plain = edge.plain and edge.flat
-                    if not edge.flat:
-                        k = find_thing(things, number, sample, edge.by_colour, looks.pixel_angle)
-                    if k < 0:
-                        edge.plain = edge.plain and number == 0
-                        edge.straight = False
-                        if k == -1:
-                            number = begin_thing(things, number, sample)
-                            k = number - 1
-                        else:
-                            k = -2 - k
-                    elif edge.straight and not same_colour(sample, things[k].first):
-                        varied = True
-                    if edge.straight:
-                        edge.straight = not off_line(edge.place, edge.along, place, k == 0)
-                    edge.shaded = edge.shaded or not same_light(sample, things[k].first)
-                    add_to_thing(things, k, sample, wp.static(coats))
+                    edge, number = _take_in(
+                        things, number, edge, sample, place, footprint, corners[nearest], looks.pixel_angle, coats
+                    )
         finish_things(things, number, edge.straight, edge.area, wp.static(coats))
         # Where no ray looked inside, the corners tell all.
         if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
@@ -246,11 +295,7 @@ def make_look(
                 centre_thing(things, corners, nearest, row, wp.static(coats))
         if wp.static(edges and mean_albedo is not None):
             if edge.flat:
-                like = corners[nearest]
-                if wp.static(coats):
-                    like.coat = things[0].coat
-                albedo = mean_albedo(scene, like, footprint, looks.texels)
-                things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+                paint(scene, things, corners[nearest], footprint, looks.texels)
         if wp.static(light_things is not None):
             light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
         seen = Seen()
