@@ -26,6 +26,13 @@ def need_usd(path: Path) -> None:
         raise InputError(f"{path}: USD files need usd-core; install it with: pip install 'clsim[usd]'")
 
 
+def need_file(path: Path, expected: str) -> None:
+    """Raise InputError where a file that a user gives is missing, or no ordinary one: a pipe may have no end."""
+    if not os.path.isfile(path):  # False, unlike Path's, for names that are too long
+        what = "is no ordinary file" if os.path.exists(path) else "no such file"
+        raise InputError(f"{path}: {what}, expected {expected}")
+
+
 def named_file(reference: str, folder: Path) -> Path:
     """Return the path of a file that a scene description names, relative to its folder.
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.drift import drifting
-from clsim.scene.files import USD_ENDINGS, need_usd
+from clsim.scene.files import USD_ENDINGS, need_file, need_usd
 from clsim.scene.motion import Motion
 from clsim.scene.paths import on_path, read_path
 from clsim.scene.trajectory import Axes, Interpolation
@@ -127,8 +127,7 @@ def _load(scene: str | Path, motion: Motion | None) -> World:
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
         return follow(_load_bundled(str(scene)))
-    if not os.path.isfile(path):  # False, unlike Path's, for names that are too long
-        raise InputError(f"{path}: no such file, expected a scene")
+    need_file(path, "a scene")
     if animation is not None and suffix not in (".gltf", ".glb", ".xml"):
         raise InputError(f"{scene}: only glTF files have animations to choose from, and Mitsuba's parameters to set")
     if suffix == ".toml":

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene.driven import place_of
-from clsim.scene.files import USD_ENDINGS, need_usd
+from clsim.scene.files import USD_ENDINGS, need_file, need_usd
 from clsim.scene.motion import Motion
 from clsim.scene.trajectory import MAX_BYTES, Axes, Interpolation, Timed, joined, read_tum
 from clsim.scene.world import World
@@ -48,6 +48,7 @@ def read_path(path: Path, *, axes: Axes = "opencv", interpolation: Interpolation
     suffix = path.suffix.lower()
     if suffix not in ENDINGS:
         raise InputError(f"{path}: ends in {suffix or 'nothing'}, expected a camera path: {', '.join(ENDINGS)}")
+    need_file(path, "a camera path")
     if suffix in (".glb", ".gltf"):
         from clsim.scene.gltf_scene import read_camera
 

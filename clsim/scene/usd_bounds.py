@@ -2,7 +2,8 @@
 
 A few hundred bytes can unfold to more prims than any memory holds: each refers twice to the next, or inherits from many
 in long chains. Text that is nested very deep makes usd-core's parser crash. usd-core has no bound of its own and cannot
-be stopped, so files that may do so are opened first by a process of its own, within limits of time and memory.
+be stopped, so files that may do so are opened first by a process of its own, within limits of time and memory. So are
+those that refer to others: one that is a pipe is waited for without end.
 """
 
 from __future__ import annotations
@@ -20,9 +21,13 @@ from clsim.errors import InputError
 
 CPU_S = 60
 """Processor time that opening may take: some two million prims."""
+WALL_S = 180
+"""Time that opening may take in all: much more of it means that it waits for something."""
 MAX_BYTES = 8 << 30
 SMALL_BYTES = 1 << 14
 """Text no longer than that cannot be nested deep enough for a crash; some ten thousand levels are needed."""
+_NOT_ORDINARY = 3
+"""Exit code of that process where a file is referred to that is no ordinary one."""
 _BINARY = b"PXR-USDC"
 _ARCS = {"references", "payload", "inheritPaths", "specializes"}
 
@@ -68,17 +73,24 @@ def _try_to_open(path: Path) -> None:
     """Let a process of its own open a file within the limits; an embedded Python has none to start.
 
     Raises:
-        InputError: it did not come to an end.
+        InputError: it did not come to an end, or would not.
     """
     if not sys.executable or getattr(sys, "frozen", False):
         return
     script = Path(__file__).with_name("usd_trial.py")
     folders = json.dumps([folder for folder in sys.path if isinstance(folder, str)])
-    words = [sys.executable, "-I", str(script), str(path), folders, str(CPU_S), str(MAX_BYTES)]
+    words = [sys.executable, "-I", str(script), str(path), folders, str(CPU_S), str(MAX_BYTES), str(_NOT_ORDINARY)]
     nothing = subprocess.DEVNULL
     # Each thread else reserves 64 MiB of addresses, which with a hundred cores are all that there may be.
     env = os.environ | {"MALLOC_ARENA_MAX": "2"}
-    trial = subprocess.run(words, stdin=nothing, stdout=nothing, stderr=nothing, env=env, check=False)
+    try:
+        trial = subprocess.run(
+            words, stdin=nothing, stdout=subprocess.PIPE, stderr=nothing, env=env, timeout=WALL_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        raise InputError(f"{path}: usd-core has not opened it after {WALL_S} s: it waits for something") from None
+    if trial.returncode == _NOT_ORDINARY:
+        raise InputError(f"{path}: refers to {trial.stdout.decode(errors='replace')}, which is no ordinary file")
     if trial.returncode != 0:
         raise InputError(
             f"{path}: usd-core cannot open it within {CPU_S} s of processor time and {MAX_BYTES / 2**30:g} GiB: "

@@ -1,6 +1,7 @@
 """Names, files and bundled scenes."""
 
 import json
+import os
 from dataclasses import fields, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import bundled_names, bundled_scenes, describe, load_world
+from clsim.scene.load import SUFFIXES
 from clsim.scene.motion import Static
 from clsim.scene.parts import with_textures_from
 from clsim.scene.world import Material, PunctualLight
@@ -187,3 +189,11 @@ def test_a_scene_without_any_light_is_warned_about(tmp_path, light, lit):
 @pytest.mark.parametrize("name", bundled_names())
 def test_bundled_scenes_have_light(name):
     assert not load_world(name).warnings
+
+
+@pytest.mark.parametrize("ending", SUFFIXES)
+def test_a_pipe_is_not_waited_for(tmp_path, ending):
+    path = tmp_path / f"scene{ending}"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="is no ordinary file, expected a scene"):
+        load_world(path)

@@ -1,6 +1,7 @@
 """Camera paths from files, and by chance."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from clsim.errors import InputError
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.scene.motion import Nested, Orbit, compose, rotation_matrix
-from clsim.scene.paths import read_path
+from clsim.scene.paths import ENDINGS, read_path
 from clsim.scene.rigid import quaternion_of
 from clsim.scene.wandering import Shake, Wander
 from tests.scene.gltf_files import gltf, with_camera, write_gltf
@@ -205,3 +206,11 @@ def test_what_cannot_wander_is_told() -> None:
         Wander(duration_s=0.0)
     with pytest.raises(InputError, match="frequencies must be above 0 and in order, got 9 and 3 Hz"):
         Shake(lowest_hz=9.0, highest_hz=3.0)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_a_pipe_is_not_waited_for(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"path{ending}"
+    os.mkfifo(path)
+    with pytest.raises(InputError, match="is no ordinary file, expected a camera path"):
+        read_path(path)

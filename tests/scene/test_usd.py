@@ -1,7 +1,5 @@
 """USD files: where things are and how they move, against usd-core's own evaluation, and what a hostile file is told."""
 
-import zipfile
-
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdUtils
@@ -263,48 +261,6 @@ def test_a_file_that_cannot_be_used_is_told_in_one_sentence(tmp_path, text, said
         load_world(path)
     assert str(caught.value).startswith(str(path)) and said in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_what_unfolds_without_end_is_refused(tmp_path, monkeypatch):
-    """Each of sixty prims refers twice to the next: 2⁶⁰ in all, out of a few kilobytes."""
-    monkeypatch.setattr("clsim.scene.usd_bounds.CPU_S", 1)
-    twice = [
-        f'def "p{k}" {{\n'
-        + "".join(f'def "{name}" (references = </p{k + 1}>\n) {{ }}\n' for name in ("one", "two"))
-        + "}\n"
-        for k in range(60)
-    ]
-    path = usda(tmp_path, mesh(name="p60") + "".join(twice))
-    with pytest.raises(InputError) as caught:
-        load_world(path)
-    assert str(caught.value).startswith(f"{path}: usd-core cannot open it within 1 s of processor time and 8 GiB")
-
-
-@pytest.mark.parametrize(
-    "deep", ['def "a" {\n' * 100_000, 'def "a" {\nint[] x = ' + "[" * 200_000], ids=["prims", "lists"]
-)
-@pytest.mark.parametrize("packed", [False, True])
-def test_text_that_is_nested_too_deep_is_refused(tmp_path, deep, packed):
-    """It makes usd-core's parser crash."""
-    path = usda(tmp_path, deep)
-    if packed:
-        path = tmp_path / "scene.usdz"
-        with zipfile.ZipFile(path, "w") as package:
-            package.writestr("scene.usda", "#usda 1.0\n" + deep)
-    with pytest.raises(InputError, match="or it is nested too deep"):
-        load_world(path)
-
-
-def test_an_embedded_python_opens_files_without_a_trial(tmp_path, monkeypatch):
-    monkeypatch.setattr("sys.executable", "")
-    assert len(load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }')).instances) == 2
-
-
-def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("clsim.scene.usd_bounds.subprocess.run", None)
-    assert len(load_world(usda(tmp_path, mesh())).instances) == 1
-    with pytest.raises(TypeError):
-        load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }', name="other.usda"))
 
 
 @pytest.mark.parametrize(
