@@ -15,7 +15,7 @@ from clsim.render.bsdf_dielectric import make_dielectric, thin_sample
 from clsim.render.bsdf_diffuse import diffuse_sample, diffuse_value
 from clsim.render.bsdf_disney import disney_sample, disney_value
 from clsim.render.bsdf_kinds import CONDUCTOR, DIELECTRIC, DIFFUSE, DISNEY, PLASTIC, PRINCIPLED, THIN_DIELECTRIC
-from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.bsdf_parts import Outgoing, Scattered, Scattering
 from clsim.render.bsdf_plastic import make_plastic
 from clsim.render.bsdf_principled import principled_sample, principled_value
 from clsim.render.features import Features
@@ -23,17 +23,18 @@ from clsim.render.materials import Bsdf, Materials
 from clsim.render.sampling import tangent_frame
 
 
-def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
-    """Return the Warp functions ``value``, ``sample`` and ``albedo``.
+def make_bsdf(features: Features) -> tuple[Any, Any, Any, Any]:
+    """Return the Warp functions ``outgoing``, ``value``, ``sample`` and ``albedo``.
 
-    ``value(materials, bsdf, normal, wo, wi)`` and ``sample(materials, bsdf, normal, wo, choice, u)`` take unit
-    directions away from the surface, ``wo`` on the side of the shading normal.
+    ``outgoing(materials, bsdf, normal, wo)`` is what the next two need of the way to where a point is seen from:
+    ``value(materials, bsdf, normal, out, wi)`` and ``sample(materials, bsdf, normal, out, choice, u)``. Directions are
+    of unit length and lead away from the surface, ``wo`` on the side of the shading normal.
     """
     kinds = features.kinds
     glossy = kinds != ("diffuse",)
     conductor_value, conductor_sample = make_conductor(features)
     dielectric_value, dielectric_sample = make_dielectric(features)
-    plastic_value, plastic_sample = make_plastic(features)
+    leaving_plastic, plastic_value, plastic_sample = make_plastic(features)
 
     @wp.func
     def frame_of(b: Bsdf, normal: wp.vec3) -> wp.mat33:
@@ -47,62 +48,72 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
         return frame
 
     @wp.func
-    def value(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3, wi: wp.vec3) -> Scattering:
+    def outgoing(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3) -> Outgoing:
+        out = Outgoing()
+        if wp.static(glossy):
+            if b.kind != DIFFUSE:
+                out.frame = frame_of(b, normal)
+                out.wo = wp.transpose(out.frame) * wo
+                if wp.static("plastic" in kinds):
+                    if b.kind == PLASTIC:
+                        out = leaving_plastic(materials.transmittance, b, out)
+        return out
+
+    @wp.func
+    def value(materials: Materials, b: Bsdf, normal: wp.vec3, out: Outgoing, wi: wp.vec3) -> Scattering:
         result = Scattering()
         if wp.static("diffuse" in kinds):
             if b.kind == DIFFUSE:
                 result = diffuse_value(b, normal, wi)
         if wp.static(glossy):
             if b.kind != DIFFUSE and not b.mirror:
-                frame = wp.transpose(frame_of(b, normal))
-                out_local = frame * wo
-                in_local = frame * wi
+                wo = out.wo
+                in_local = wp.transpose(out.frame) * wi
                 if wp.static("conductor" in kinds):
                     if b.kind == CONDUCTOR:
-                        result = conductor_value(b, out_local, in_local)
+                        result = conductor_value(b, wo, in_local)
                 if wp.static("dielectric" in kinds):
                     if b.kind == DIELECTRIC:
-                        result = dielectric_value(b, out_local, in_local)
+                        result = dielectric_value(b, wo, in_local)
                 if wp.static("plastic" in kinds):
                     if b.kind == PLASTIC:
-                        result = plastic_value(materials.transmittance, b, out_local, in_local)
+                        result = plastic_value(materials.transmittance, b, out, in_local)
                 if wp.static("principled" in kinds):
                     if b.kind == PRINCIPLED:
-                        result = principled_value(b, out_local, in_local)
+                        result = principled_value(b, wo, in_local)
                 if wp.static("disney" in kinds):
                     if b.kind == DISNEY:
-                        result = disney_value(materials, b, out_local, in_local)
+                        result = disney_value(materials, b, wo, in_local)
         return result
 
     @wp.func
-    def sample(materials: Materials, b: Bsdf, normal: wp.vec3, wo: wp.vec3, choice: float, u: wp.vec2) -> Scattered:
+    def sample(materials: Materials, b: Bsdf, normal: wp.vec3, out: Outgoing, choice: float, u: wp.vec2) -> Scattered:
         s = Scattered()
         if wp.static("diffuse" in kinds):
             if b.kind == DIFFUSE:
                 s = diffuse_sample(b, normal, u)
         if wp.static(glossy):
             if b.kind != DIFFUSE:
-                frame = frame_of(b, normal)
-                out_local = wp.transpose(frame) * wo
+                wo = out.wo
                 if wp.static("conductor" in kinds):
                     if b.kind == CONDUCTOR:
-                        s = conductor_sample(b, out_local, u)
+                        s = conductor_sample(b, wo, u)
                 if wp.static("dielectric" in kinds):
                     if b.kind == DIELECTRIC:
-                        s = dielectric_sample(b, out_local, choice, u)
+                        s = dielectric_sample(b, wo, choice, u)
                 if wp.static("thin-dielectric" in kinds):
                     if b.kind == THIN_DIELECTRIC:
-                        s = thin_sample(b, out_local, choice)
+                        s = thin_sample(b, wo, choice)
                 if wp.static("plastic" in kinds):
                     if b.kind == PLASTIC:
-                        s = plastic_sample(materials.transmittance, b, out_local, choice, u)
+                        s = plastic_sample(materials.transmittance, b, out, choice, u)
                 if wp.static("principled" in kinds):
                     if b.kind == PRINCIPLED:
-                        s = principled_sample(b, out_local, choice, u)
+                        s = principled_sample(b, wo, choice, u)
                 if wp.static("disney" in kinds):
                     if b.kind == DISNEY:
-                        s = disney_sample(materials, b, out_local, choice, u)
-                s.direction = wp.normalize(frame * s.direction)
+                        s = disney_sample(materials, b, wo, choice, u)
+                s.direction = wp.normalize(out.frame * s.direction)
         return s
 
     @wp.func
@@ -120,4 +131,4 @@ def make_bsdf(features: Features) -> tuple[Any, Any, Any]:
                 color = wp.vec3()
         return color
 
-    return value, sample, albedo
+    return outgoing, value, sample, albedo

@@ -4,6 +4,21 @@ import warp as wp
 
 
 @wp.struct
+class Outgoing:
+    """The way to where a point is seen from, ``wo`` in the ``frame`` of its shading normal.
+
+    Of plastic also what hangs on that way alone: the share of light that the coat lets pass, the probability with which
+    the ``coat`` is drawn, and the colour ``below`` it, which light meets again and again.
+    """
+
+    frame: wp.mat33
+    wo: wp.vec3
+    passing: float
+    coat: float
+    below: wp.vec3
+
+
+@wp.struct
 class Scattering:
     """f·cos θ [sr⁻¹] and the density of the model's own sampling [sr⁻¹] for one pair of directions, mirrors apart."""
 

@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.bsdf_facets import make_facets
-from clsim.render.bsdf_parts import Scattered, Scattering
+from clsim.render.bsdf_parts import Outgoing, Scattered, Scattering
 from clsim.render.features import Features
 from clsim.render.materials import Bsdf
 from clsim.render.microfacet import SMOOTH, fresnel_dielectric, reflected
@@ -56,51 +56,57 @@ def passing_out(transmittance: wp.array(dtype=float), b: Bsdf, cosine: float) ->
     return _passing(transmittance, b, cosine)
 
 
-def make_plastic(features: Features) -> tuple[Any, Any]:
-    """Return the Warp functions ``plastic_value(transmittance, bsdf, wo, wi)`` and ``plastic_sample``."""
+def make_plastic(features: Features) -> tuple[Any, Any, Any]:
+    """Return the Warp functions ``leaving_plastic``, ``plastic_value`` and ``plastic_sample``."""
     draw, seen, shadowing = make_facets(features)
 
     @wp.func
-    def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, wi: wp.vec3) -> Scattering:
+    def leaving_plastic(transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing) -> Outgoing:
+        """Return the way with what plastic needs of it."""
+        found = out
+        found.passing = _passing(transmittance, b, out.wo[2])
+        found.coat = _coat_probability(b, found.passing)
+        inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
+        found.below = wp.cw_div(b.color, inner)
+        return found
+
+    @wp.func
+    def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing, wi: wp.vec3) -> Scattering:
         """Return f·cos θ and density of plastic, without the coat where that is a mirror."""
         result = Scattering()
         if wi[2] > 0.0:
-            passing = _passing(transmittance, b, wo[2])
-            coat = _coat_probability(b, passing)
-            inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
             lambert = wi[2] / wp.pi
-            scale = passing * _passing(transmittance, b, wi[2]) * lambert / (b.eta * b.eta)
-            result.value = wp.cw_div(b.color, inner) * scale
-            result.pdf = (1.0 - coat) * lambert
+            scale = out.passing * _passing(transmittance, b, wi[2]) * lambert / (b.eta * b.eta)
+            result.value = out.below * scale
+            result.pdf = (1.0 - out.coat) * lambert
             if b.alpha >= SMOOTH:
-                h = wp.normalize(wo + wi)
-                density = seen(b, wo, h) / (4.0 * wo[2])
-                reflectance = fresnel_dielectric(wp.dot(wo, h), b.eta)[0]
+                h = wp.normalize(out.wo + wi)
+                density = seen(b, out.wo, h) / (4.0 * out.wo[2])
+                reflectance = fresnel_dielectric(wp.dot(out.wo, h), b.eta)[0]
                 result.value += b.specular * (density * shadowing(b, wi) * reflectance)
-                result.pdf += coat * density
+                result.pdf += out.coat * density
         return result
 
     @wp.func
     def plastic_sample(
-        transmittance: wp.array(dtype=float), b: Bsdf, wo: wp.vec3, choice: float, u: wp.vec2
+        transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing, choice: float, u: wp.vec2
     ) -> Scattered:
         """Draw the coat or the base, by the light that they return."""
         s = Scattered()
         s.eta2 = 1.0
-        coat = _coat_probability(b, _passing(transmittance, b, wo[2]))
-        if choice < coat and b.alpha < SMOOTH:
-            s.direction = wp.vec3(-wo[0], -wo[1], wo[2])
-            s.weight = b.specular * (fresnel_dielectric(wo[2], b.eta)[0] / coat)
+        if choice < out.coat and b.alpha < SMOOTH:
+            s.direction = wp.vec3(-out.wo[0], -out.wo[1], out.wo[2])
+            s.weight = b.specular * (fresnel_dielectric(out.wo[2], b.eta)[0] / out.coat)
             s.delta = True
         else:
-            if choice < coat:
-                s.direction = reflected(wo, draw(b, wo, u))
+            if choice < out.coat:
+                s.direction = reflected(out.wo, draw(b, out.wo, u))
             else:
                 s.direction = cosine_hemisphere(wp.vec3(0.0, 0.0, 1.0), u)
-            both = plastic_value(transmittance, b, wo, s.direction)
+            both = plastic_value(transmittance, b, out, s.direction)
             s.pdf = both.pdf
             if both.pdf > 0.0:
                 s.weight = both.value / both.pdf
         return s
 
-    return plastic_value, plastic_sample
+    return leaving_plastic, plastic_value, plastic_sample

@@ -54,8 +54,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
     resolve, emitted, opacity, foresee, lit_sides, *about_textures = make_materials(features)
-    textured, coloured, texture_at, mean_texture = about_textures
-    scatter_value, scatter, albedo_of = make_bsdf(features)
+    textured, coloured, texture_at, mean_texture, texture_seen = about_textures
+    outgoing, scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pick, mean_of_blend = make_blends(features, resolve, albedo_of)
     pierce, transmittance = make_alpha(features, closest, surface_of, opacity)
@@ -88,9 +88,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             return pierce(scene.geometry, scene.materials, origin, direction, time, word, depth == 0)
         return closest(scene.geometry, origin, direction, time)
 
-    agree, visibility, look_ahead = make_towards_light(
-        features, occluded, transmittance, sample_light, foresee, lit_sides
-    )
+    agree, visibility, look_ahead = make_towards_light(features, occluded, transmittance, sample_light, lit_sides)
     ahead = looks_ahead(features)
     weight = make_weight(features)
 
@@ -176,6 +174,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             choice = uniform2(stream, dimension + sampling.CHOICE)
             light = LightSample()
             if wp.static(ahead and not only_look):
+                spot = foresee(scene.materials, point)
                 if depth + 1 < settings.max_depth:
                     light = look_ahead(scene, point, stream, dimension, choice[0], time)
             if wp.static(only_look and features.textures):
@@ -186,6 +185,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 else:
                     texture = texture_at(scene.materials, point)
                 bsdf = coloured(scene.materials, point, texture)
+            elif wp.static(ahead and not only_look):
+                bsdf = coloured(scene.materials, point, texture_seen(scene.materials, point, spot))
             else:
                 bsdf = resolve(scene.materials, point)
             point.material = whole
@@ -262,6 +263,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     else:
                         asks = others > _NEVER
                         draw = 1.0 - others + draw * others
+            out = outgoing(scene.materials, bsdf, point.shading_normal, -direction)
             if wp.static(by_light and has_lights):
                 if asks:
                     if wp.static(not ahead):
@@ -277,9 +279,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                     if wp.static(features.lamp_light and not only_look):
                         light.pdf = light.pdf / others
                     if light.pdf > 0.0 and agree(point, light.direction):
-                        scattering = scatter_value(
-                            scene.materials, bsdf, point.shading_normal, -direction, light.direction
-                        )
+                        scattering = scatter_value(scene.materials, bsdf, point.shading_normal, out, light.direction)
                         value = wp.cw_mul(wp.cw_mul(throughput, light.radiance), scattering.value)
                         if wp.static(features.lamp_light):
                             sample.lamp_all = sampling.luminance(value) / light.pdf
@@ -312,7 +312,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             if wp.static(glossy):
                 lobe = uniform2(stream, dimension + sampling.LOBE)[0]
             u = uniform2(stream, dimension + sampling.SCATTER)
-            scattered = scatter(scene.materials, bsdf, point.shading_normal, -direction, lobe, u)
+            scattered = scatter(scene.materials, bsdf, point.shading_normal, out, lobe, u)
             if (scattered.pdf <= 0.0 and not scattered.delta) or not agree(point, scattered.direction):
                 break
             direction = scattered.direction

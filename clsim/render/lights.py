@@ -228,7 +228,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
                 distance2 = wp.dot(away, away)
                 if distance2 > 1.0e-30 and wp.dot(away, leaving) > 0.0:
                     toward = away / wp.sqrt(distance2)
-                    if wp.dot(lamp.normal, toward) > 0.0:
+                    if wp.dot(lamp.normal, away) > 0.0:
                         lamp.front = False
                         lamp.normal = -lamp.normal
                     sample.pdf = area_pdf(drawn_light.probability, lamp, toward, wp.sqrt(distance2))

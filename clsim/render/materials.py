@@ -11,8 +11,8 @@ from clsim.render.features import Features
 from clsim.render.geometry import Surface
 from clsim.render.microfacet import SMOOTH
 from clsim.render.plastic_tables import STACK_SIZE, TABLE_SIZE
-from clsim.render.texture_data import Footprint, Textures
-from clsim.render.textures import make_textures, straightened
+from clsim.render.texture_data import Footprint, Spot, Textures
+from clsim.render.textures import at_spot, make_textures, straightened
 
 _LAST_TABLE = wp.constant(STACK_SIZE - 1)
 OPAQUE = wp.constant(0)
@@ -125,11 +125,12 @@ def has_details(materials: Materials, material: int, averaged: bool) -> bool:
 def make_materials(features: Features) -> tuple[Any, ...]:
     """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and more.
 
-    The next two read no textures: ``foresee(materials, surface)`` says that they will be read soon, and ``lit_sides``
-    tells from how many sides, 0 to 2, light may be scattered there. ``textured(materials, material)`` tells whether a
-    texture changes its albedo and nothing else does. ``coloured(materials, surface, texture)`` is ``resolve`` with that
-    texture's colour: one of ``texture_at(materials, surface)`` and, over a part of the picture,
-    ``mean_texture(materials, surface, footprint, places)``.
+    The next two read no textures: ``foresee(materials, surface)`` tells where that of the colour is read, and has these
+    texels on their way from memory, and ``lit_sides`` tells from how many sides, 0 to 2, light may be scattered there.
+    ``textured(materials, material)`` tells whether a texture changes its albedo and nothing else does.
+    ``coloured(materials, surface, texture)`` is ``resolve`` with that texture's colour: one of
+    ``texture_at(materials, surface)``, ``texture_seen(materials, surface, spot)`` with what ``foresee`` gave, and, over
+    a part of the picture, ``mean_texture(materials, surface, footprint, places)``.
     """
     lookup, mean, foresee_texture = make_textures(features)
     only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
@@ -200,11 +201,28 @@ def make_materials(features: Features) -> tuple[Any, ...]:
         return b
 
     @wp.func
-    def foresee(materials: Materials, point: Surface):
+    def foresee(materials: Materials, point: Surface) -> Spot:
+        spot = Spot()
+        spot.decoding = -1
         if wp.static(features.textures):
             texture = materials.rows[point.material].texture
             if texture >= 0:
-                foresee_texture(materials.textures, texture, point.uv)
+                spot = foresee_texture(materials.textures, texture, point.uv)
+        return spot
+
+    @wp.func
+    def texture_seen(materials: Materials, point: Surface, spot: Spot) -> wp.vec3:
+        value = wp.vec3()
+        if wp.static(features.textures):
+            if spot.decoding >= 0:
+                rgba = at_spot(materials.textures, spot)
+                value = wp.vec3(rgba[0], rgba[1], rgba[2])
+            if wp.static(features.checkers):
+                texture = materials.rows[point.material].texture
+                if spot.decoding < 0 and texture >= 0:
+                    rgba = lookup(materials.textures, texture, point.uv)
+                    value = wp.vec3(rgba[0], rgba[1], rgba[2])
+        return value
 
     @wp.func
     def lit_sides(materials: Materials, point: Surface) -> int:
@@ -288,4 +306,4 @@ def make_materials(features: Features) -> tuple[Any, ...]:
     def resolve(materials: Materials, point: Surface) -> Bsdf:
         return coloured(materials, point, texture_at(materials, point))
 
-    return resolve, emitted, opacity, foresee, lit_sides, textured, coloured, texture_at, mean_texture
+    return resolve, emitted, opacity, foresee, lit_sides, textured, coloured, texture_at, mean_texture, texture_seen

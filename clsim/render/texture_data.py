@@ -50,6 +50,22 @@ class Textures:
 
 
 @wp.struct
+class Spot:
+    """Where an image is read: four texels, counted from the first of all images, and how much the later ones count.
+
+    ``decoding`` is the image's own; −1 where there is none.
+    """
+
+    upper_left: int
+    upper_right: int
+    lower_left: int
+    lower_right: int
+    right_share: float
+    bottom_share: float
+    decoding: int
+
+
+@wp.struct
 class Footprint:
     """What a pixel shows of a flat surface: uv over distance, and 1 over distance, at its corners.
 

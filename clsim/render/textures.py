@@ -9,7 +9,7 @@ import warp as wp
 from clsim.render.checkerboards import checker, checker_mean
 from clsim.render.features import Features
 from clsim.render.native import native_code
-from clsim.render.texture_data import MIRROR, REPEAT, Footprint, TextureRow, Textures, uv_in
+from clsim.render.texture_data import MIRROR, REPEAT, Footprint, Spot, TextureRow, Textures, uv_in
 
 _GOLDEN = 0.6180339887
 _AT_ONCE = 32
@@ -38,40 +38,61 @@ def neighbour(i: int, n: int, mode: int) -> int:
 
 
 @wp.func
-def texel(textures: Textures, row: TextureRow, x: int, y: int) -> wp.vec4:
+def spot_of(row: TextureRow, uv: wp.vec2) -> Spot:
+    """Return where an image is read: texel centres lie at half-integers, row 0 at v = 1."""
+    st = row.uv_matrix * wp.vec3(uv[0], uv[1], 1.0)
+    x = fold(st[0], row.wrap_u) * float(row.width)
+    y = (1.0 - fold(st[1], row.wrap_v)) * float(row.height)
+    spot = Spot()
+    spot.decoding = row.decoding
+    if row.nearest != 0:
+        # Places too far away for a number may be any.
+        nearest_row = wp.clamp(int(y), 0, row.height - 1)
+        spot.upper_left = row.first + nearest_row * row.width + wp.clamp(int(x), 0, row.width - 1)
+        spot.upper_right = spot.upper_left
+        spot.lower_left = spot.upper_left
+        spot.lower_right = spot.upper_left
+    else:
+        left = wp.floor(x - 0.5)
+        top = wp.floor(y - 0.5)
+        spot.right_share = x - 0.5 - left
+        spot.bottom_share = y - 0.5 - top
+        x0 = neighbour(int(left), row.width, row.wrap_u)
+        x1 = neighbour(int(left) + 1, row.width, row.wrap_u)
+        upper = row.first + neighbour(int(top), row.height, row.wrap_v) * row.width
+        lower = row.first + neighbour(int(top) + 1, row.height, row.wrap_v) * row.width
+        spot.upper_left = upper + x0
+        spot.upper_right = upper + x1
+        spot.lower_left = lower + x0
+        spot.lower_right = lower + x1
+    return spot
+
+
+@wp.func
+def texel(textures: Textures, decoding: int, place: int) -> wp.vec4:
     """Return the linear value of a texel; alpha is never encoded."""
-    word = int(textures.texels[row.first + y * row.width + x])
+    word = int(textures.texels[place])
     return wp.vec4(
-        textures.decoding[row.decoding + (word & 255)],
-        textures.decoding[row.decoding + ((word >> 8) & 255)],
-        textures.decoding[row.decoding + ((word >> 16) & 255)],
+        textures.decoding[decoding + (word & 255)],
+        textures.decoding[decoding + ((word >> 8) & 255)],
+        textures.decoding[decoding + ((word >> 16) & 255)],
         textures.decoding[(word >> 24) & 255],
     )
 
 
 @wp.func
+def at_spot(textures: Textures, s: Spot) -> wp.vec4:
+    """Return what an image shows there, interpolated between texels."""
+    left, right = 1.0 - s.right_share, s.right_share
+    upper = texel(textures, s.decoding, s.upper_left) * left + texel(textures, s.decoding, s.upper_right) * right
+    lower = texel(textures, s.decoding, s.lower_left) * left + texel(textures, s.decoding, s.lower_right) * right
+    return upper * (1.0 - s.bottom_share) + lower * s.bottom_share
+
+
+@wp.func
 def image(textures: Textures, row: TextureRow, uv: wp.vec2) -> wp.vec4:
-    """Return an image's value: texel centres lie at half-integers, row 0 at v = 1."""
-    st = row.uv_matrix * wp.vec3(uv[0], uv[1], 1.0)
-    x = fold(st[0], row.wrap_u) * float(row.width)
-    y = (1.0 - fold(st[1], row.wrap_v)) * float(row.height)
-    value = wp.vec4()
-    if row.nearest != 0:
-        # Places too far away for a number may be any.
-        value = texel(textures, row, wp.clamp(int(x), 0, row.width - 1), wp.clamp(int(y), 0, row.height - 1))
-    else:
-        left = wp.floor(x - 0.5)
-        top = wp.floor(y - 0.5)
-        right_share = x - 0.5 - left
-        bottom_share = y - 0.5 - top
-        x0 = neighbour(int(left), row.width, row.wrap_u)
-        x1 = neighbour(int(left) + 1, row.width, row.wrap_u)
-        y0 = neighbour(int(top), row.height, row.wrap_v)
-        y1 = neighbour(int(top) + 1, row.height, row.wrap_v)
-        upper = texel(textures, row, x0, y0) * (1.0 - right_share) + texel(textures, row, x1, y0) * right_share
-        lower = texel(textures, row, x0, y1) * (1.0 - right_share) + texel(textures, row, x1, y1) * right_share
-        value = upper * (1.0 - bottom_share) + lower * bottom_share
-    return value
+    """Return an image's value."""
+    return at_spot(textures, spot_of(row, uv))
 
 
 @wp.func
@@ -116,29 +137,25 @@ def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places
 def _prefetch(array: wp.array(dtype=wp.uint32), index: int): ...
 
 
-@wp.func
-def _foresee_image(textures: Textures, row: TextureRow, uv: wp.vec2):
-    """Ask for the two texels to the left of a place, which come from far away in memory."""
-    st = row.uv_matrix * wp.vec3(uv[0], uv[1], 1.0)
-    x = neighbour(int(wp.floor(fold(st[0], row.wrap_u) * float(row.width) - 0.5)), row.width, row.wrap_u)
-    y = int(wp.floor((1.0 - fold(st[1], row.wrap_v)) * float(row.height) - 0.5))
-    _prefetch(textures.texels, row.first + neighbour(y, row.height, row.wrap_v) * row.width + x)
-    _prefetch(textures.texels, row.first + neighbour(y + 1, row.height, row.wrap_v) * row.width + x)
-
-
 def make_textures(features: Features) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``lookup(textures, index, uv)`` and ``mean(textures, index, footprint, places, bend)``.
 
     Both return linear R, G, B and alpha; ``mean`` that over a pixel, of colours `bent` by ``bend``: of images, from so
     many places on a Fibonacci lattice, of checkerboards, exact along the lines of as fine a grid. A third,
-    ``foresee(textures, index, uv)``, says that a place will be looked up soon.
+    ``foresee(textures, index, uv)``, asks for texels to the left of a place, which come from far away in memory, and
+    returns where it is, for ``at_spot``; of a checkerboard that has no ``decoding``.
     """
 
     @wp.func
-    def foresee(textures: Textures, index: int, uv: wp.vec2):
+    def foresee(textures: Textures, index: int, uv: wp.vec2) -> Spot:
+        spot = Spot()
+        spot.decoding = -1
         if wp.static(features.images):
             if textures.rows[index].first >= 0:
-                _foresee_image(textures, textures.rows[index], uv)
+                spot = spot_of(textures.rows[index], uv)
+                _prefetch(textures.texels, spot.upper_left)
+                _prefetch(textures.texels, spot.lower_left)
+        return spot
 
     @wp.func
     def lookup(textures: Textures, index: int, uv: wp.vec2) -> wp.vec4:

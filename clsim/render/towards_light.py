@@ -30,12 +30,12 @@ def looks_ahead(features: Features) -> bool:
 
 
 def make_towards_light(
-    features: Features, occluded: Any, transmittance: Any, sample_light: Any, foresee: Any, lit_sides: Any
+    features: Features, occluded: Any, transmittance: Any, sample_light: Any, lit_sides: Any
 ) -> tuple[Any, Any, Any]:
     """Return the Warp functions ``agree``, ``visibility`` and ``look_ahead``.
 
-    The last one gives a light, as ``sample_light`` draws it, and what of it is ``visible``. ``foresee`` and
-    ``lit_sides`` are those of `make_materials`.
+    The last one gives a light, as ``sample_light`` draws it, and what of it is ``visible``. ``lit_sides`` is
+    that of `make_materials`.
     """
     uniform2 = make_sampler(features.sobol)
 
@@ -62,7 +62,6 @@ def make_towards_light(
         scene: Scene, point: Surface, stream: sampling.Stream, dimension: int, choice: float, time: float
     ) -> LightSample:
         light = LightSample()
-        foresee(scene.materials, point)
         sides = lit_sides(scene.materials, point)
         if sides > 0:
             to = Receiver()

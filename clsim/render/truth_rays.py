@@ -74,7 +74,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     closest, _, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
     resolve, _, opacity, *_ = make_materials(features)
-    _, _, albedo_of = make_bsdf(features)
+    *_, albedo_of = make_bsdf(features)
     _, mean_of_blend = make_blends(features, resolve, albedo_of)
     mapped_normal = make_normal_maps(features)
     pierce, _ = make_alpha(features, closest, surface_of, opacity, _even_odds)

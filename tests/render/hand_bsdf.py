@@ -52,7 +52,7 @@ _KERNELS = {}
 def _kernels(features):
     if features not in _KERNELS:
         resolve, *_ = make_materials(features)
-        value, sample, _ = make_bsdf(features)
+        outgoing, value, sample, _ = make_bsdf(features)
 
         @wp.kernel(module="unique", enable_backward=False)
         def evaluate(
@@ -66,7 +66,9 @@ def _kernels(features):
             i = wp.tid()
             point = Surface()
             point.front = front
-            scattering = value(materials, resolve(materials, point), wp.vec3(0.0, 0.0, 1.0), wo[i], wi[i])
+            bsdf = resolve(materials, point)
+            normal = wp.vec3(0.0, 0.0, 1.0)
+            scattering = value(materials, bsdf, normal, outgoing(materials, bsdf, normal, wo[i]), wi[i])
             out_value[i] = scattering.value
             out_pdf[i] = scattering.pdf
 
@@ -85,7 +87,9 @@ def _kernels(features):
             point = Surface()
             point.front = front
             r = random[i]
-            s = sample(materials, resolve(materials, point), wp.vec3(0.0, 0.0, 1.0), wo, r[0], wp.vec2(r[1], r[2]))
+            bsdf = resolve(materials, point)
+            normal = wp.vec3(0.0, 0.0, 1.0)
+            s = sample(materials, bsdf, normal, outgoing(materials, bsdf, normal, wo), r[0], wp.vec2(r[1], r[2]))
             out_direction[i] = s.direction
             out_weight[i] = s.weight
             out_pdf[i] = s.pdf
