@@ -53,8 +53,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
-    resolve, emitted, opacity, foresee, lit_sides, *about_textures = make_materials(features)
-    textured, coloured, texture_at, mean_texture, texture_seen = about_textures
+    resolve, emitted, opacity, foresee, texture_seen, lit_sides, *about_textures = make_materials(features)
+    textured, coloured, texture_at, mean_texture = about_textures
     outgoing, scatter_value, scatter, albedo_of = make_bsdf(features)
     mapped_normal = make_normal_maps(features)
     pick, mean_of_blend = make_blends(features, resolve, albedo_of)

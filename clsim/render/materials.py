@@ -125,12 +125,12 @@ def has_details(materials: Materials, material: int, averaged: bool) -> bool:
 def make_materials(features: Features) -> tuple[Any, ...]:
     """Return the Warp functions ``resolve``, ``emitted`` and ``opacity`` of (materials, surface), and more.
 
-    The next two read no textures: ``foresee(materials, surface)`` tells where that of the colour is read, and has these
-    texels on their way from memory, and ``lit_sides`` tells from how many sides, 0 to 2, light may be scattered there.
-    ``textured(materials, material)`` tells whether a texture changes its albedo and nothing else does.
-    ``coloured(materials, surface, texture)`` is ``resolve`` with that texture's colour: one of
-    ``texture_at(materials, surface)``, ``texture_seen(materials, surface, spot)`` with what ``foresee`` gave, and, over
-    a part of the picture, ``mean_texture(materials, surface, footprint, places)``.
+    ``foresee(materials, surface)`` reads no texture, but tells where that of the colour is read, and has these texels
+    on their way from memory; ``texture_seen(materials, surface, spot)`` reads them. ``lit_sides`` tells from how many
+    sides, 0 to 2, light may be scattered there. ``textured(materials, material)`` tells whether a texture changes its
+    albedo and nothing else does. ``coloured(materials, surface, texture)`` is ``resolve`` with that texture's colour:
+    that which ``texture_seen`` gives, ``texture_at(materials, surface)`` or, over a part of the picture,
+    ``mean_texture(materials, surface, footprint, places)``.
     """
     lookup, mean, foresee_texture = make_textures(features)
     only = NUMBERS[features.kinds[0]] if len(features.kinds) == 1 else -1
@@ -306,4 +306,4 @@ def make_materials(features: Features) -> tuple[Any, ...]:
     def resolve(materials: Materials, point: Surface) -> Bsdf:
         return coloured(materials, point, texture_at(materials, point))
 
-    return resolve, emitted, opacity, foresee, lit_sides, textured, coloured, texture_at, mean_texture, texture_seen
+    return resolve, emitted, opacity, foresee, texture_seen, lit_sides, textured, coloured, texture_at, mean_texture
