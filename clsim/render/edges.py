@@ -90,20 +90,20 @@ def on_side(edge: Edge, share: float) -> wp.vec2:
 @wp.func
 def next_side(edge: Edge, side: int, steps: int) -> Edge:
     """Go on to the next side of the pixel that the edge crosses, from that one, along corners that see the first."""
-    e = edge
-    e.side = 4
+    after = edge
+    after.side = 4
     for i in range(side, 4):
-        if e.side == 4:
-            marked = (e.marks >> i) & 1
+        if after.side == 4:
+            marked = (after.marks >> i) & 1
             if marked == 0:
-                e.area = e.area + 0.5 * _cross(e.last, corner_at(i))
-                e.last = corner_at(i)
-            if marked != ((e.marks >> ((i + 1) & 3)) & 1):
-                e.side = i
-    e.low = 0.0
-    e.step = 0.5
-    e.steps = steps
-    return e
+                after.area = after.area + 0.5 * _cross(after.last, corner_at(i))
+                after.last = corner_at(i)
+            if marked != ((after.marks >> ((i + 1) & 3)) & 1):
+                after.side = i
+    after.low = 0.0
+    after.step = 0.5
+    after.steps = steps
+    return after
 
 
 @wp.func
@@ -114,26 +114,26 @@ def narrow(
 
     The next side gets ``steps`` rays.
     """
-    e = edge
-    e.rays = e.rays + 1
-    if _alike(sample, corners[nearest], e.by_colour, pixel_angle):
-        e.low = e.low + e.step
-    elif not _alike(sample, corners[e.second], e.by_colour, pixel_angle):
-        e.straight = False
-    e.steps = e.steps - 1
-    if e.steps > 0:
-        e.step = 0.5 * e.step
+    after = edge
+    after.rays = after.rays + 1
+    if _alike(sample, corners[nearest], after.by_colour, pixel_angle):
+        after.low = after.low + after.step
+    elif not _alike(sample, corners[after.second], after.by_colour, pixel_angle):
+        after.straight = False
+    after.steps = after.steps - 1
+    if after.steps > 0:
+        after.step = 0.5 * after.step
     else:
-        place = on_side(e, e.low + 0.5 * e.step)
-        e.area = e.area + 0.5 * _cross(e.last, place)
-        e.last = place
-        if e.crossings == 0:
-            e.place = place
+        place = on_side(after, after.low + 0.5 * after.step)
+        after.area = after.area + 0.5 * _cross(after.last, place)
+        after.last = place
+        if after.crossings == 0:
+            after.place = place
         else:
-            e.along = place - e.place
-        e.crossings = e.crossings + 1
-        e = next_side(e, e.side + 1, steps)
-    return e
+            after.along = place - after.place
+        after.crossings = after.crossings + 1
+        after = next_side(after, after.side + 1, steps)
+    return after
 
 
 @wp.func

@@ -130,29 +130,29 @@ def _take_in(
     Returns:
         The edge, and the number of things.
     """
-    e = edge
+    after = edge
     known = number
     k = int(0)
-    if e.flat:
-        e.flat = on_flat_surface(footprint, corner, sample, place, pixel_angle)
-        e.plain = e.plain and e.flat
-    if not e.flat:
-        k = find_thing(things, known, sample, e.by_colour, pixel_angle)
+    if after.flat:
+        after.flat = on_flat_surface(footprint, corner, sample, place, pixel_angle)
+        after.plain = after.plain and after.flat
+    if not after.flat:
+        k = find_thing(things, known, sample, after.by_colour, pixel_angle)
     if k < 0:
-        e.plain = e.plain and known == 0
-        e.straight = False
+        after.plain = after.plain and known == 0
+        after.straight = False
         if k == -1:
             known = begin_thing(things, known, sample)
             k = known - 1
         else:
             k = -2 - k
-    elif e.straight and not same_colour(sample, things[k].first):
-        e.varied = True
-    if e.straight:
-        e.straight = not off_line(e.place, e.along, place, k == 0)
-    e.shaded = e.shaded or not same_light(sample, things[k].first)
+    elif after.straight and not same_colour(sample, things[k].first):
+        after.varied = True
+    if after.straight:
+        after.straight = not off_line(after.place, after.along, place, k == 0)
+    after.shaded = after.shaded or not same_light(sample, things[k].first)
     add_to_thing(things, k, sample, coats)
-    return e, known
+    return after, known
 
 
 def make_look(

@@ -33,7 +33,8 @@ def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> 
 
 
 def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., object]) -> None:
-    command = ("live", "still", *SMALL, "--first-hit-rays", "4", "--method", "irradiance", "--view", "none")
+    rays = ("--sampler", "sobol", "--first-hit-rays", "4")
+    command = ("live", "still", *SMALL, *rays, "--method", "irradiance", "--view", "none")
     assert "has no use for" not in clsim(*command).stderr
     outcome = clsim(*command, "--history", "2", "--gate", "delta-r")
     assert "clsim: --method irradiance has no use for --gate, --history" in words(outcome.stderr)

@@ -39,12 +39,12 @@ def test_rendered_and_detected_frames_give_the_events_of_the_live_run(
 
 def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: Path) -> None:
     """Every option, so that the same frames can be had again, and what a detector needs."""
-    command = ("render", *SMALL, "--quality", "draft", "--sampler", "pcg", "--max-depth", "3")
+    command = ("render", *SMALL, "--quality", "draft", "--seed", "7", "--max-depth", "3")
     assert clsim(*command, "--out", tmp_path / "a").status == 0
     about = json.loads((tmp_path / "a" / "frames.json").read_text())
     options = about["options"]
     assert set(options) >= set(LiveOptions.__dataclass_fields__)
-    assert (options["sampler"], options["fps"], options["resolution"]) == ("pcg", 60.0, [32, 24])
+    assert (options["seed"], options["fps"], options["resolution"]) == (7, 60.0, [32, 24])
     assert (options["max_depth"], options["spp"], options["first_hit_rays"]) == (3, 2, 8)
     assert about["fps"] == 60 and about["thresholds"] == {"on": 0.15, "off": 0.25}
     assert about["detector"]["method"] == "esim" and len(about["poses"]) == 7

@@ -9,6 +9,7 @@ import pytest
 import clsim
 from clsim.events.files import FORMATS
 from clsim.scene import load_world
+from tests.shared_kernels import ORDINARY, widen
 from tools.scene_keys import text
 
 ROOT = Path(__file__).parents[2]
@@ -48,13 +49,15 @@ LIBRARY = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def recorded(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
     """A folder with events.aedat4, of the size that the examples name."""
     folder = tmp_path_factory.mktemp("library")
-    for _ in clsim.stream(
-        "cornell", resolution=(64, 48), spp=1, frame_count=4, outputs=(str(folder / "events.aedat4"),)
-    ):
-        pass
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        widen(monkeypatch, request, ORDINARY)
+        for _ in clsim.stream(
+            "cornell", resolution=(64, 48), spp=1, frame_count=4, outputs=(str(folder / "events.aedat4"),)
+        ):
+            pass
     return folder
 
 

@@ -1,5 +1,6 @@
-"""Precompiled headers are kept where the next process finds them."""
+"""Precompiled headers are kept where the next process finds them, and nothing is compiled twice."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -8,7 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
+import warp as wp
 
+from clsim import render
 from clsim.render.compiler import one_at_a_time
 
 BUILD = """
@@ -90,3 +93,13 @@ assert inside and all(inside), inside
 def test_kernels_of_all_scenes_are_declared_one_at_a_time_too():
     """A module of kernels may be imported by one thread while another declares."""
     subprocess.run([sys.executable, "-c", DECLARE], check=True)
+
+
+def test_no_name_in_a_kernel_is_a_constant_of_warp() -> None:
+    """Warp takes `e.rays` for its number e until the function is compiled, and then compiles its kernels anew."""
+    constants = {name for name, value in vars(wp).items() if isinstance(value, float)}
+    assert "e" in constants
+    for file in Path(render.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                assert node.value.id not in constants, f"{file.name}:{node.lineno}: {ast.unparse(node)}"
