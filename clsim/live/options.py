@@ -15,7 +15,7 @@ from clsim.frames import Policy
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ALL_BY_PATHS,
-    APART_EVERY,
+    APART,
     CACHED,
     DEFAULT,
     PLAIN,
@@ -223,8 +223,8 @@ class LiveOptions:
                 probe_spp, spp = ALL_BY_PATHS[self.basis]
                 kept = replace(kept, probe_spp=probe_spp, spp=spp, probe_every=1)
             return kept
-        if self.basis in APART_EVERY and not all_by_paths and (self.spp, self.probe_every) == (None, None):
-            return replace(self, probe_every=APART_EVERY[self.basis])
+        if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
+            return replace(self, **APART[self.basis])
         return self
 
     @property

@@ -151,8 +151,11 @@ CACHED: dict[Quality, Point] = {
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
 ALL_BY_PATHS: dict[Quality, tuple[int, int]] = {"balanced": (4, 16), "accurate": (8, 64)}
 """Their `probe_spp` and `spp` in each frame, where paths find all light that is kept, also straight from lamps."""
-APART_EVERY: dict[Quality, int] = {"draft": 4}
-"""Their `probe_every` where things move and light straight from lamps is found apart: the rest changes slowly."""
+APART: dict[Quality, dict[str, int]] = {"draft": {"probe_every": 8, "window": 11}}
+"""What else holds of them where things move and light straight from lamps is found apart.
+
+The rest changes slowly and has no sharp shadows: it is found seldom, and smoothed more.
+"""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

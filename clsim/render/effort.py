@@ -28,8 +28,10 @@ _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
 """… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
 _IN_SHADOW = 8
 """Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
+_MOST_IN_SHADOW = 2
+"""They are no more than so many times those."""
 _IN_SHADOW_KEPT = 3
-"""The same where other light is kept on surfaces, and such pixels take much of the time."""
+"""Rays by that root where other light is kept on surfaces, and such pixels take much of the time."""
 _AT_CONTRAST = 16
 """Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
 _ENOUGH_FOR_CONTRAST = 16
@@ -53,8 +55,8 @@ class Effort:
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
         first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
-            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel (three
-            times where light is kept on surfaces).
+            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel, but
+            no more than twice as many (three times the root where light is kept on surfaces).
         every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 
@@ -107,7 +109,8 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
         looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_AT_CONTRAST)
     looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
-    looks.in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
+    in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
+    looks.in_shadow = in_shadow if kept else min(in_shadow, _MOST_IN_SHADOW * first_hit_rays)
     if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if sight.lamps else first_hit_rays
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

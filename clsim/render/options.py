@@ -64,7 +64,8 @@ class RenderOptions:
     """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
 
     Where a few lamps shine on diffuse surfaces, they find light straight from them too, without noise where nothing
-    stands between. At least eight times the root of their number then look into a pixel that is lit in part.
+    stands between. At least eight times the root of their number, or twice as many, then look into a pixel that is lit
+    in part.
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
     clean after few paths; frames have an emission plane then.
     """

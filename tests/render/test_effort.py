@@ -12,7 +12,7 @@ from test_tracer import lit_world, moving_world
 from clsim.errors import Error
 from clsim.frames import InterestBoard, InterestMap
 from clsim.render import Effort, RenderCancelled
-from clsim.render.effort import SURE
+from clsim.render.effort import SURE, Sight, looks_of
 from clsim.render.steered import GRADES
 
 pytestmark = pytest.mark.usefixtures("ordinary")
@@ -183,3 +183,9 @@ def test_a_map_that_the_same_thread_has_not_published_is_told_of():
     run.fill(1)
     with pytest.raises(Error, match=r"frame 2 takes the interest map of frame 0"):
         run.fill(2)
+
+
+def test_few_first_hit_rays_look_into_part_lit_pixels_no_more_than_twice_as_often() -> None:
+    sight = Sight(0.01, sharp=True, lamps=True)
+    assert [looks_of(rays, sight).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
+    assert looks_of(8, sight, kept=True).in_shadow == 8
