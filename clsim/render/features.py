@@ -202,7 +202,8 @@ def view_features(
         distortion=any(camera.lens.distortion),
         aperture=camera.lens.aperture_radius_m > 0,
         sobol=sobol,
-        variances=variances,
+        # Requests have no planes for them.
+        variances=variances and not requests,
         first_hits=first_hits,
         light_cache=light_cache,
         requests=requests,

@@ -95,6 +95,14 @@ def compare(world, options, left_out=()):
     return found
 
 
+def test_requests_have_no_variances():
+    """They have no planes for them: the kernel would write beyond its memory."""
+    data = SceneData(busy_world(), instants=True)
+    options = RenderOptions(variances=True)
+    assert options.features(data.features, data.world.camera).variances
+    assert not options.features(data.features, data.world.camera, requests=True).variances
+
+
 def test_a_request_gives_the_bits_of_the_frame_where_everything_moves():
     compare(busy_world(), RenderOptions(spp=4, sampler="sobol", threads=2, tile_pixels=50))
 
