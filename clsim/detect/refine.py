@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from clsim.detect.between import F32, I64, Between, Motion
+from clsim.detect.between import F32, I64, Between, Motion, union
 from clsim.detect.config import DetectorConfig
 from clsim.detect.flat_pixels import FlatPixels
 from clsim.detect.forecast import MOMENTS, Forecast
@@ -75,8 +75,7 @@ class Refiner(Between):
         start, end, ref = (self._image(buffer).ravel() for buffer in (path.start, path.end, references))
         flat = self._flat.find(path, self._tracer, motion, (start, end), self.tolerance_us)
         traced = np.where(flat.known, np.nan, ref).astype(np.float32)
-        touched = np.any(motion.ways, axis=(0, 1)) | np.any(motion.halves, axis=(0, 1))
-        times, levels = self._pictures(path, motion, touched.ravel() & ~flat.known, start, end)
+        times, levels = self._pictures(path, motion, ~flat.known, start, end)
         for level, time in zip(levels[1:-1], times[1:-1], strict=True):
             level[flat.pixels] = flat.knots.at(int(time))
         with np.errstate(invalid="ignore"):
@@ -91,7 +90,7 @@ class Refiner(Between):
         knots = self._first_knots(path, active, (place[marked[inside]], marks[inside]), times, levels[:, active])
         knots = self._sharpen(path, active, knots, ref[active].astype(np.float64))
         flat = flat.that_fire(ref, self._on, self._off)
-        every = np.union1d(active, flat.pixels)
+        every = union(len(ref), active, flat.pixels)
         if not len(every):
             return path
         parts = (knots, active), (flat.knots, flat.pixels)
@@ -99,19 +98,20 @@ class Refiner(Between):
         return self._with_knots(path, both, every)
 
     def _pictures(
-        self, path: BrightnessPath, motion: Motion, touched: npt.NDArray[np.bool_], start: F32, end: F32
+        self, path: BrightnessPath, motion: Motion, unknown: npt.NDArray[np.bool_], start: F32, end: F32
     ) -> tuple[I64, F32]:
         """Return ticks ``[P]`` and levels ``[P, H·W]`` of both ends, and of times between if ways are long or turn.
 
-        They are traced for pixels that are ``touched`` by what moves; others' levels are straight in time.
+        They are traced for pixels that are ``unknown`` and touched by what moves; others' levels are straight in time.
         """
         halvings = int(np.ceil(np.log2(max(motion.longest_px, 1e-6) / LONGEST_WAY_PX)))
         parts = min(_MOST_PARTS, 2 ** max(1 if motion.turns else 0, halvings))
         times = np.linspace(ticks(path.start_us), ticks(path.end_us), parts + 1).round().astype(np.int64)
         levels = np.linspace(start, end, parts + 1, dtype=np.float32)
         levels[-1] = end
-        pixels = np.flatnonzero(touched)
-        if parts > 1 and len(pixels):
+        if parts > 1:
+            touched = np.any(motion.ways, axis=(0, 1)) | np.any(motion.halves, axis=(0, 1))
+            pixels = np.flatnonzero(touched.ravel() & unknown)
             found = self._trace(path, np.tile(pixels, parts - 1), np.repeat(times[1:-1], len(pixels)))
             levels[1:-1, pixels] = found.reshape(parts - 1, -1)
         return times, levels

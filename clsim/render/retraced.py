@@ -41,14 +41,16 @@ def make_retraced(
         camera: view_type,
         settings: settings_type,
         first: int,
+        count: int,
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
         out_bits: wp.array2d(dtype=wp.uint32),
     ):
-        request = first + wp.tid()
-        moments = gather(scene, camera, settings, pixels[request], instants[request])
-        store(moments, request, out_planes, out_bits)
+        begin = first + wp.tid() * count
+        for request in range(begin, begin + count):
+            moments = gather(scene, camera, settings, pixels[request], instants[request])
+            store(moments, request, out_planes, out_bits)
 
     @wp.func
     def look_around(
@@ -59,11 +61,11 @@ def make_retraced(
         instant: int,
         looks: Looks,
         before: Seen,
+        corners: wp.array(dtype=Sample),
         things: wp.array(dtype=Thing),
     ) -> Seen:
         """Look through the corners of a pixel, and then at it; or go on from what was seen of it before."""
         state = sampling.absorb(settings.stream, pixel)
-        corners = wp.zeros(shape=4, dtype=Sample)
         seen = Seen()
         i = wp.where(looks.steps > 0 and not before.counted, 0, 4)
         while i <= 4:
@@ -81,18 +83,23 @@ def make_retraced(
         camera: view_type,
         settings: settings_type,
         first: int,
+        count: int,
         looks: Looks,
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
     ):
-        request = first + wp.tid()
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        seen = look_around(scene, camera, settings, pixels[request], instants[request], looks, Seen(), things)
-        emission = wp.vec3()
-        for k in range(seen.things):
-            emission += things[k].emission * things[k].share
-        store_things(things, seen.things, seen.rays, emission, settings.spectral, request, out_planes)
+        corners = wp.zeros(shape=4, dtype=Sample)
+        begin = first + wp.tid() * count
+        for request in range(begin, begin + count):
+            seen = look_around(
+                scene, camera, settings, pixels[request], instants[request], looks, Seen(), corners, things
+            )
+            emission = wp.vec3()
+            for k in range(seen.things):
+                emission += things[k].emission * things[k].share
+            store_things(things, seen.things, seen.rays, emission, settings.spectral, request, out_planes)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def retrace_in_kept_light(
@@ -100,6 +107,7 @@ def make_retraced(
         camera: view_type,
         settings: settings_type,
         first: int,
+        count: int,
         steering: Gathering,
         cells: wp.array(dtype=Cell),
         own: wp.array(dtype=wp.vec3),
@@ -109,19 +117,21 @@ def make_retraced(
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
     ):
-        request = first + wp.tid()
-        pixel = pixels[request]
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        looks = steering.looks
-        lit = Lit()
-        seen = Seen()
-        last = int(0)
-        while looks.most > last:
-            last = looks.most
-            seen = look_around(scene, camera, settings, pixel, instants[request], looks, seen, things)
-            lit = light_of(cells, things, seen.things, steering, settings.spectral)
-            looks = look_closer(lit, seen, steering, looks)
-        shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
-        store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
+        corners = wp.zeros(shape=4, dtype=Sample)
+        begin = first + wp.tid() * count
+        for request in range(begin, begin + count):
+            pixel = pixels[request]
+            looks = steering.looks
+            lit = Lit()
+            seen = Seen()
+            last = int(0)
+            while looks.most > last:
+                last = looks.most
+                seen = look_around(scene, camera, settings, pixel, instants[request], looks, seen, corners, things)
+                lit = light_of(cells, things, seen.things, steering, settings.spectral)
+                looks = look_closer(lit, seen, steering, looks)
+            shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
+            store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
 
     return retrace_paths, retrace_first_hits, retrace_in_kept_light

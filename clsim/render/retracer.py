@@ -89,7 +89,7 @@ class Retracer:
         # Most pixels need few of their first-hit rays.
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
-        self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu)
+        self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")
         self._threads = options.threads
         self._follower: FlatFollower | None = None
 
@@ -238,6 +238,7 @@ class Retracer:
             "camera": self._camera.at_instants(np.zeros(1)),
             "settings": self._settings,
             "first": 0,
+            "count": 1,
             "pixels": self._upload(np.zeros(tile)),
             "instants": self._upload(np.zeros(tile)),
             "out_planes": planes,
