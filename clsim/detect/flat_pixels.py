@@ -7,7 +7,7 @@ nothing is there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,8 @@ _LEAST = 0.005
 """Share of a threshold by which brightness may leave the lines between knots."""
 _PROMPT = 0.5
 """Share of the error in time that will do, by which it may be late."""
+_NEAR = 0.8
+"""Share of a threshold from which on a pixel that may show something else is looked at."""
 _LONGEST = 2.5
 """Thresholds that brightness may go from knot to knot."""
 
@@ -49,11 +51,28 @@ class FlatBrightness:
         known: where it is known, ``[H·W]``.
         pixels: those of them where it does not go straight from its start to its end, rising, ``[P]``.
         knots: theirs, numbered from 0.
+        unsure: more pixels, of which the same is known unless something else comes over them.
+        unsure_knots: theirs, numbered from 0.
     """
 
     known: Mask
     pixels: I64
     knots: Knots
+    unsure: I64
+    unsure_knots: Knots
+
+    def peaks(self, references: F32, on: float, off: float) -> tuple[I64, I64]:
+        """Return those of the unsure pixels that come near a threshold within the step, and ticks when most so."""
+        knots = self.unsure_knots
+        if not len(self.unsure):
+            return self.unsure, knots.times
+        firsts = np.flatnonzero(knots.firsts)
+        away = knots.levels - references[self.unsure][knots.pixels]
+        farthest = np.zeros(len(away), np.bool_)
+        for share in (away / on, -away / off):
+            most = np.maximum.reduceat(share, firsts)
+            farthest |= (share == most[knots.pixels]) & (share >= _NEAR)
+        return self.unsure[knots.pixels[farthest]], knots.times[farthest]
 
     def that_fire(self, references: F32, on: float, off: float) -> FlatBrightness:
         """Return those pixels that leave the thresholds around their references ``[H·W]``, and come to be known."""
@@ -64,7 +83,7 @@ class FlatBrightness:
         ref = references[self.pixels]
         fires = (highest - ref >= on) | (ref - lowest >= off)
         knots = self.knots.of(fires[self.knots.pixels])
-        return FlatBrightness(self.known, self.pixels[fires], knots.renumbered(np.cumsum(fires) - 1))
+        return replace(self, pixels=self.pixels[fires], knots=knots.renumbered(np.cumsum(fires) - 1))
 
 
 class FlatPixels:
@@ -116,17 +135,19 @@ class FlatPixels:
         """
         known = np.zeros(self._shape[0] * self._shape[1], np.bool_)
         nowhere, nothing = np.zeros(0, np.int64), np.zeros(0)
-        none = FlatBrightness(known, nowhere, Knots(nowhere, nowhere, nothing, nothing, self._linear))
+        no_knots = Knots(nowhere, nowhere, nothing, nothing, self._linear)
+        none = FlatBrightness(known, nowhere, no_knots, nowhere, no_knots)
         if len(self._ends) < 2 or motion.turns:
             return none
         (light, before, bounds, even), (later, after, later_bounds, later_even) = self._ends
         lowest, highest = _reach(motion.ways)
         # What passes over a pixel was there at the start, and will be there at the end: either of both tells all.
         calm = _free(bounds, -highest, -lowest) | _free(later_bounds, lowest, highest)
-        calm &= even & later_even & ~bounds & ~later_bounds
+        calm = (calm & even & later_even).ravel()
         with np.errstate(divide="ignore", invalid="ignore"):
             steady = np.abs(np.log(later.sum(axis=0) / light.sum(axis=0))) < _MOST_LIGHT
-        pixels = np.flatnonzero(calm.ravel() & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))
+        flat = ~(bounds | later_bounds).ravel()
+        pixels = np.flatnonzero(flat & steady & np.isfinite(ends[0]) & np.isfinite(ends[1]))
         if not len(pixels):
             return none
         start, end = ticks(path.start_us), ticks(path.end_us)
@@ -134,7 +155,7 @@ class FlatPixels:
         fineness = Fineness(_LEAST * self._threshold, late, _LONGEST * self._threshold, finest, self._linear)
         both = np.concatenate([light, later])
         found = tracer.reflected(pixels, both, path.start_us * 1e-6, path.end_us * 1e-6, fineness)
-        known[found.known] = True
+        known[found.known] = calm[found.known]
         firsts, lasts = found.firsts[:-1], found.firsts[1:] - 1
         like = np.abs(found.values[firsts] / before[found.pixels] - 1.0) < _SAME
         like &= np.abs(found.values[lasts] / after[found.pixels] - 1.0) < _SAME
@@ -144,10 +165,13 @@ class FlatPixels:
         levels = np.log(np.maximum(self._scale * found.values, self._floor)).astype(np.float64)
         levels[firsts], levels[lasts] = ends[0][found.pixels], ends[1][found.pixels]
         times = np.round(start + found.shares.astype(np.float64) * (end - start)).astype(np.int64)
-        kept = like[number]
-        order = np.cumsum(like) - 1
-        knots = Knots(order[number[kept]], times[kept], levels[kept], np.zeros(int(kept.sum())), self._linear)
-        return FlatBrightness(known, found.pixels[like], knots)
+        parts = []
+        for chosen in (like & calm[found.pixels], like & ~calm[found.pixels]):
+            kept = chosen[number]
+            order = np.cumsum(chosen) - 1
+            knots = Knots(order[number[kept]], times[kept], levels[kept], np.zeros(int(kept.sum())), self._linear)
+            parts.append((found.pixels[chosen], knots))
+        return FlatBrightness(known, *parts[0], *parts[1])
 
 
 def _reach(ways: F32) -> tuple[I64, I64]:

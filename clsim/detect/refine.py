@@ -83,6 +83,9 @@ class Refiner(Between):
         may = np.asarray(reached.any(axis=0), np.bool_)
         marked, marks = self._marks(path, self._uploaded(2, traced), times, levels, motion.ways)
         may[marked] = True
+        peaked, peaks = _on_grid(*flat.peaks(np.where(may, np.nan, ref), self._on, self._off), times[0], times[-1])
+        may[peaked] = True
+        marked, marks = np.concatenate([marked, peaked]), np.concatenate([marks, peaks])
         active = np.flatnonzero(may & np.isfinite(levels[0]) & np.isfinite(levels[-1]) & np.isfinite(traced))
         place = np.full(len(ref), -1, np.int64)
         place[active] = np.arange(len(active))
@@ -128,11 +131,9 @@ class Refiner(Between):
                 ways = moved
                 ends = self._uploaded(0, levels[k]), self._uploaded(1, levels[k + 1])
             found, moments = self._forecast.marks(*ends, references, ways)
-            grid = 2 ** max(0, ((closes - begins) // MOMENTS).bit_length() - 1)
-            at = np.round((begins + moments * ((closes - begins) / MOMENTS)) / grid).astype(np.int64) * grid
-            inside = (at > begins) & (at < closes)
-            pixels.append(found[inside])
-            marks.append(at[inside])
+            found, at = _on_grid(found, begins + moments * ((closes - begins) / MOMENTS), begins, closes)
+            pixels.append(found)
+            marks.append(at)
         return np.concatenate([*pixels, np.zeros(0, np.int64)]), np.concatenate([*marks, np.zeros(0, np.int64)])
 
     def _first_knots(self, path: BrightnessPath, active: I64, marks: tuple[I64, I64], times: I64, levels: F32) -> Knots:
@@ -177,3 +178,11 @@ class Refiner(Between):
         image[:, :width] = levels.reshape(height, width)
         self._place.write(self._images[number], image)
         return self._images[number]
+
+
+def _on_grid(pixels: I64, times: npt.NDArray[np.floating | np.integer], begins: int, closes: int) -> tuple[I64, I64]:
+    """Return pixels and ticks with these moved to where those of any frame rate are; none at the ends of a step."""
+    grid = 2 ** max(0, (int(closes - begins) // MOMENTS).bit_length() - 1)
+    at = np.round(times / grid).astype(np.int64) * grid
+    inside = (at > begins) & (at < closes)
+    return pixels[inside], at[inside]

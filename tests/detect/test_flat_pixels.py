@@ -94,6 +94,17 @@ def test_nothing_is_known_where_something_else_may_come_over_a_pixel():
     np.testing.assert_array_equal(known, expected)
 
 
+def test_where_something_may_come_over_a_pixel_it_is_told_when_it_may_fire_by_itself():
+    found, (start, _) = found_by(Wall(holes=[(20, 30), (19, 33)]))
+    unsure = 20 * SIZE[1] + 32
+    assert unsure in found.unsure and not found.known[found.unsure].any()
+    pixels, times = found.peaks(start, 0.2, 0.2)
+    np.testing.assert_allclose(times[pixels == unsure] / TICKS_PER_S * 1e6, [STEP_US], atol=2)
+    assert not len(found.peaks(start, 0.2, 5.0)[0])
+    # One that is known needs no look, and one without a reference does not fire.
+    assert 10 * SIZE[1] + 30 not in pixels and not len(found.peaks(np.full_like(start, np.nan), 0.2, 0.2)[0])
+
+
 def test_nothing_is_known_of_a_step_in_which_things_turn_back():
     """What is farther away than the step's way may come and go meanwhile."""
     assert found_by(Wall(), halfway=0.9)[0].known.any() and not found_by(Wall(), halfway=1.5)[0].known.any()

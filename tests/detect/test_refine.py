@@ -9,7 +9,7 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
-from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, frame_time_us, page_aligned
+from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, frame_time_us, page_aligned
 from clsim.score.matching import Sampling, one_to_one
 from clsim.sensor import SensorSettings, Specimen
 from clsim.sensor.pixel_stages import FrontEnd, Noise, Refractory, Threshold
@@ -147,6 +147,40 @@ def test_where_all_rests_no_frame_but_the_first_is_searched_for_flat_pixels():
         detector.step(frame)
     detector.close()
     assert len(searched) == 1
+
+
+def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_come_over_it():
+    """A wall of squares finer than pixels: alike in both frames, and darker between them; a hole in it goes 3 px."""
+    names = (*RADIANCE, *ALBEDO, *COVERAGE)
+
+    class Squares(Bars):
+        def luminance(self, pixels, times_s):
+            return 0.5 - 0.2 * np.sin(np.pi * 30.0 * times_s) ** 2 + 0.0 * pixels
+
+        def trace(self, pixels, times_s):
+            return np.tile(super().trace(pixels, times_s), (3, 1))[:7]
+
+        def motion(self, start_s, end_s):
+            return np.full((3, 2, HEIGHT, WIDTH), (end_s - start_s) * 90.0, np.float32)
+
+        def bounds(self):
+            return np.tile(np.arange(WIDTH) % 4 == 0, (HEIGHT, 1))
+
+        def reflected(self, pixels, light, start_s, end_s, fineness):
+            shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), len(pixels))
+            values = self.luminance(0, shares / 30.0).astype(np.float32)
+            return Reflected(pixels, pixels, 3 * np.arange(len(pixels) + 1), shares, values)
+
+    detector = Detector(CONFIG, WIDTH, HEIGHT, names, tracer=Squares(0.0, names=names), tolerance_us=100.0)
+    frame = Frame(page_aligned((len(names), HEIGHT, WIDTH)), names)
+    frame.planes[:] = 0.5
+    frame.planes[6] = 1.0
+    for index in range(2):
+        frame.time_us, frame.index = frame_time_us(index, 30), index
+        events = detector.step(frame).copy()
+    detector.close()
+    # Twice down and once up again.
+    assert set(np.unique(events["x"] % 4)) == {1, 2, 3} and len(events) == 3 * 0.75 * WIDTH * HEIGHT
 
 
 @pytest.mark.parametrize("fps", [30, 60, 240])

@@ -9,7 +9,8 @@ import pytest
 from test_steered import textured_world
 
 import clsim
-from clsim.detect.flat_pixels import FlatPixels
+from clsim.detect.flat_pixels import FlatBrightness, FlatPixels
+from clsim.detect.knots import Knots
 from clsim.frames import ALBEDO, Fineness
 from clsim.render import RenderOptions
 from clsim.render.flat_pixels import build_flat_pixels
@@ -74,8 +75,23 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
             events = simulator.step(100_000)
             return events, simulator._eye.detector.between.stats.requests
 
+    find = FlatPixels.find
+
+    def nothing_known(*given):
+        """All are looked at where they may fire by themselves, as those are over which something else may come."""
+        told = find(*given)
+        numbers = np.concatenate([told.knots.pixels, told.unsure_knots.pixels + len(told.pixels)])
+        times, levels = (
+            np.concatenate([getattr(part, name) for part in (told.knots, told.unsure_knots)])
+            for name in ("times", "levels")
+        )
+        every = Knots(numbers, times, levels, np.zeros(len(numbers)), told.knots.linear_light)
+        nowhere = told.knots.of(np.zeros(len(told.knots.pixels), bool))
+        unsure = np.concatenate([told.pixels, told.unsure])
+        return FlatBrightness(np.zeros_like(told.known), told.pixels[:0], nowhere, unsure, every)
+
     events, few = run()
-    monkeypatch.setattr(FlatPixels, "advance", lambda *_: None)
+    monkeypatch.setattr(FlatPixels, "find", nothing_known)
     traced, many = run()
     apart = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
     assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced))
