@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from clsim.detect.between import F32, I64, Between, Motion, union
 from clsim.detect.config import DetectorConfig
-from clsim.detect.flat_pixels import FlatPixels
+from clsim.detect.flat_pixels import FlatBrightness, FlatPixels
 from clsim.detect.forecast import MOMENTS, Forecast
 from clsim.detect.knots import TICKS_PER_S, Knots, join, ticks, vague
 from clsim.frames import Frame, PixelTracer
@@ -83,7 +83,7 @@ class Refiner(Between):
         may = np.asarray(reached.any(axis=0), np.bool_)
         marked, marks = self._marks(path, self._uploaded(2, traced), times, levels, motion.ways)
         may[marked] = True
-        peaked, peaks = _on_grid(*flat.peaks(np.where(may, np.nan, ref), self._on, self._off), times[0], times[-1])
+        peaked, peaks = self._peaks(flat, np.where(may, np.nan, ref), times)
         may[peaked] = True
         marked, marks = np.concatenate([marked, peaked]), np.concatenate([marks, peaks])
         active = np.flatnonzero(may & np.isfinite(levels[0]) & np.isfinite(levels[-1]) & np.isfinite(traced))
@@ -135,6 +135,13 @@ class Refiner(Between):
             pixels.append(found)
             marks.append(at)
         return np.concatenate([*pixels, np.zeros(0, np.int64)]), np.concatenate([*marks, np.zeros(0, np.int64)])
+
+    def _peaks(self, flat: FlatBrightness, references: F32, times: I64) -> tuple[I64, I64]:
+        """Return pixels, and ticks at which they may fire by themselves, each once; at ``times`` they are known."""
+        told = flat.peaks(references, self._on, self._off)
+        pixels, at = np.unique(np.stack(_on_grid(*told, times[0], times[-1])), axis=1)
+        new = ~np.isin(at, times)
+        return pixels[new], at[new]
 
     def _first_knots(self, path: BrightnessPath, active: I64, marks: tuple[I64, I64], times: I64, levels: F32) -> Knots:
         """Trace ``marks``, rows of ``active`` and ticks; ``levels`` ``[P, active]`` are known at ``times``."""

@@ -301,6 +301,10 @@ class CameraData:
             self._view.rotations = array(turned, wp.quat, device)
         return self._view
 
+    def stand(self, time_s: float) -> bytes:
+        """Return what tells where the camera stands at a time."""
+        return self._stood.rows(np.array([time_s])).tobytes()
+
     def forget(self) -> None:
         """Look anew where the camera stands at instants: time has gone on, or it was moved."""
         self._stood.forget()

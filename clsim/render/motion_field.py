@@ -32,13 +32,14 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, blocks, apart, start, at, out_ways)``.
+    """Return the kernel ``follow(scene, camera, settings, blocks, apart, start, at, seen, places, out_ways)``.
 
     A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``apart`` pixels wide and
     high, and one pixel of it is followed: the first, or in every other block, as on a chessboard, the last, so that no
     line slips through. It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each.
-    ``out_ways``, vec2 of each block, row by row, tells how far what it sees has gone on the image by the other instant
-    [pixels].
+    ``places``, vec4 of each block, is where that is by the other instant, and 1, or 0 where the lens sees nothing; they
+    are known already where they were ``seen``. ``out_ways``, vec2 of each block, row by row, tells how far what it sees
+    has gone on the image by the other instant [pixels].
     """
     closest, _, surface, _ = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)
@@ -111,6 +112,8 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         apart: int,
         start: int,
         at: wp.vec2,
+        seen: bool,
+        places: wp.array(dtype=wp.vec4),
         out_ways: wp.array(dtype=wp.vec2),
     ):
         columns = (settings.width + apart - 1) // apart
@@ -121,10 +124,17 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
             within = ((column + row) & 1) * (apart - 1)
             x = float(column * apart + within) + at[0]
             y = float(row * apart + within) + at[1]
-            ray = camera_ray(camera, x, y, wp.vec2(), float(start))
+            found = places[block]
+            if not seen:
+                ray = camera_ray(camera, x, y, wp.vec2(), float(start))
+                found = wp.vec4()
+                if ray.exists:
+                    there = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
+                    found = wp.vec4(there[0], there[1], there[2], 1.0)
+                places[block] = found
             moved = wp.vec2()
-            if ray.exists:
-                place = carried(scene, ray.origin, ray.direction, float(start), float(1 - start))
+            if found[3] > 0.0:
+                place = wp.vec3(found[0], found[1], found[2])
                 if wp.static(plain(features)):
                     moved = place_in(camera, place, 1 - start, settings.width) - wp.vec2(x, y)
                 else:

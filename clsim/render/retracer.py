@@ -31,6 +31,8 @@ _MIDDLE = ((0.5, 0.5),)
 _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
 """First-hit rays at most that a pixel may get for what a path costs."""
+_STANDS = 4
+"""Stands of the camera from which is kept what is seen: those of the ends of a step and of its middle, and none."""
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
 
@@ -77,6 +79,7 @@ class Retracer:
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
         self._follow: tuple[Any, Any, Any, Any] | None = None
+        self._stands: dict[bytes | None, Any] = {}
         self._kernel = build_kernel(features, data.tree)
         smallest_m = data.smallest_m if self._first_hits else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
@@ -137,6 +140,9 @@ class Retracer:
         launch.set_param_by_name("scene", self._data.scene)
         for k in (0, 1):
             launch.set_param_by_name("start", k)
+            stand = self._camera.stand(float(instants_s[k])) if self._apart > 1 else None
+            launch.set_param_by_name("seen", stand is not None and stand in self._stands)
+            launch.set_param_by_name("places", self._places_seen_from(stand))
             for row, place in enumerate(self._places):
                 launch.set_param_by_name("at", wp.vec2(*place))
                 launch.set_param_by_name("out_ways", ways[2 * row + k])
@@ -284,6 +290,17 @@ class Retracer:
         pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
         return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
 
+    def _places_seen_from(self, stand: bytes | None) -> Any:
+        """Return the room for what is seen from a stand of the camera, where all else rests; None keeps nothing."""
+        places = self._stands.pop(stand, None)
+        if places is None and len(self._stands) >= _STANDS:
+            places = self._stands.pop(next(iter(self._stands)))
+        if places is None:
+            rows, columns = self._blocks
+            places = wp.zeros(rows * columns, dtype=wp.vec4, device=self._device)
+        self._stands[stand] = places
+        return places
+
     def _record_motion(self) -> tuple[Any, Any, Any, Any]:
         rows, columns = self._blocks
         blocks = rows * columns
@@ -294,7 +311,7 @@ class Retracer:
         launch = record(
             kernel, blocks // each, self._device, scene=self._data.scene,
             camera=self._camera.at_instants(np.zeros(2)), settings=self._settings, blocks=each,
-            apart=self._apart, start=0, at=wp.vec2(), out_ways=ways[0],
+            apart=self._apart, start=0, at=wp.vec2(), seen=False, places=self._places_seen_from(None), out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
             build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],

@@ -167,9 +167,10 @@ def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_com
             return np.tile(np.arange(WIDTH) % 4 == 0, (HEIGHT, 1))
 
         def reflected(self, pixels, light, start_s, end_s, fineness):
-            shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), len(pixels))
-            values = self.luminance(0, shares / 30.0).astype(np.float32)
-            return Reflected(pixels, pixels, 3 * np.arange(len(pixels) + 1), shares, values)
+            # Highest and lowest lie so near to each other that they are looked at together.
+            shares = np.tile(np.array([0.0, 0.499, 0.501, 1.0], np.float32), len(pixels))
+            values = np.tile(np.array([0.5, 0.3, 0.7, 0.5], np.float32), len(pixels))
+            return Reflected(pixels, pixels, 4 * np.arange(len(pixels) + 1), shares, values)
 
     detector = Detector(CONFIG, WIDTH, HEIGHT, names, tracer=Squares(0.0, names=names), tolerance_us=100.0)
     frame = Frame(page_aligned((len(names), HEIGHT, WIDTH)), names)
