@@ -151,7 +151,7 @@ CACHED: dict[Quality, Point] = {
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
 ALL_BY_PATHS: dict[Quality, tuple[int, int]] = {"balanced": (4, 16), "accurate": (8, 64)}
 """Their `probe_spp` and `spp` in each frame, where paths find all light that is kept, also straight from lamps."""
-APART: dict[Quality, dict[str, int]] = {"draft": {"probe_every": 8, "window": 11}}
+APART: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8, "window": 11}}
 """What else holds of them where things move and light straight from lamps is found apart.
 
 The rest changes slowly and has no sharp shadows: it is found seldom, and smoothed more.
