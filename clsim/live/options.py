@@ -224,7 +224,8 @@ class LiveOptions:
                 kept = replace(kept, probe_spp=probe_spp, spp=spp, probe_every=1)
             return kept
         if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
-            return replace(self, **APART[self.basis])
+            settings: dict[str, Any] = APART[self.basis]
+            return replace(self, **settings)
         return self
 
     @property
