@@ -220,8 +220,8 @@ class LiveOptions:
         if light_stands_still and self.basis in CACHED:
             kept = replace(self, sampling="cached")
             if all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
-                probe_spp, spp = ALL_BY_PATHS[self.basis]
-                kept = replace(kept, probe_spp=probe_spp, spp=spp, probe_every=1)
+                chosen: dict[str, Any] = dict(ALL_BY_PATHS[self.basis])
+                kept = replace(kept, **{name: n for name, n in chosen.items() if getattr(self, name) is None})
             return kept
         if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
             settings: dict[str, Any] = APART[self.basis]

@@ -149,8 +149,11 @@ CACHED: dict[Quality, Point] = {
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
-ALL_BY_PATHS: dict[Quality, tuple[int, int]] = {"balanced": (4, 16), "accurate": (8, 64)}
-"""Their `probe_spp` and `spp` in each frame, where paths find all light that is kept, also straight from lamps."""
+ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
+    "balanced": {"probe_spp": 1, "probe_every": 8, "spp": 16, "first_hit_rays": 48},
+    "accurate": {"probe_spp": 8, "probe_every": 1, "spp": 64},
+}
+"""What they have instead where paths find all light that is kept, also straight from lamps."""
 APART: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8, "window": 11}}
 """What else holds of them where things move and light straight from lamps is found apart.
 

@@ -54,7 +54,8 @@ class Gathering:
         probe: paths of a pixel whose light is known.
         every: a pixel whose light is known traces them in each so many-th frame, in turn with its neighbours.
         turn: number of the frame.
-        known: where what is known of the light is at least so much, the probe will do; 0 … 1.
+        known, finely: where what is known of the light, and by the finest cells, is at least so much, the probe will
+            do; 0 … 1.
         asked: which cells are asked for the light, and the update whose gain is no event.
         earlier: whether the light is shown as it was known before that update.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
@@ -65,6 +66,7 @@ class Gathering:
     every: int
     turn: int
     known: float
+    finely: float
     asked: Asked
     earlier: bool
     cell_angle: float
@@ -77,6 +79,7 @@ class Lit:
     ``covered`` is the share of the pixel where a surface is seen, ``before`` the luminance of ``earlier``.
     ``brightness`` and ``squares`` are means over the pixel of the luminance of things and of its square.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
+    ``finely`` is the mean, over the pixel, of what the finest cells know.
     """
 
     covered: float
@@ -87,6 +90,7 @@ class Lit:
     unlit: wp.vec3
     unlit_before: wp.vec3
     known: float
+    finely: float
     brightness: float
     squares: float
 
@@ -122,6 +126,8 @@ def light_of(
                     looked_in = in_coat
                     kept = look_up(cells, gathering.asked, at, facing, in_coat, first.depth * gathering.cell_angle)
                 s.known = wp.min(s.known, kept.known)
+                if in_coat == 0:
+                    s.finely += kept.finely * things[k].share
                 albedo = whole * things[k].share
                 reflected = wp.cw_mul(albedo, kept.light)
                 radiance += wp.cw_mul(whole, kept.light)
@@ -292,7 +298,7 @@ def make_cached(
                 out_again[number] = brightness(seen_again, settings.spectral)
                 continue
             wanted = int(settings.samples)
-            if lit.known >= steering.known:
+            if lit.known >= steering.known and lit.finely >= steering.finely * lit.covered:
                 turn = pixel % settings.width + pixel // settings.width + steering.turn
                 wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
             if lit.covered == 0.0:

@@ -76,12 +76,14 @@ class Kept:
         known: 1 where many paths were near, 0 where none was.
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
+        finely: share of the finest cells asked in the light, 0 where no path was in them.
     """
 
     light: wp.vec3
     known: float
     before: wp.vec3
     known_before: bool
+    finely: float
 
 
 @wp.struct
@@ -242,6 +244,8 @@ def look_up(
                         count_before += weight * cell.count
         if count > 0.0 and level >= asked.finest:
             share = left * count / (count + asked.wanted)
+            if level == asked.finest:
+                kept.finely = share
             kept.light += light * (share / count)
             left = left - share
         if count_before > 0.0 and level >= asked.finest_before:

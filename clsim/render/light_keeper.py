@@ -15,6 +15,8 @@ from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_upd
 
 KNOWN = 0.04
 """Where less is known of the light, a pixel traces all its paths."""
+_FINELY = 1.0 / 17.0
+"""The same of the finest cells, where all light is kept: 16 paths, so that what comes into view is soon known too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_BESIDE_LAMPS = 2
@@ -28,8 +30,16 @@ _CELLS_PER_PIXEL = 1
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
+_NEVER = 2.0
+"""More than can be known."""
 _PASSES_OF_FIRST = 2
-"""Times that the first frame is rendered: nothing was known when it was rendered first."""
+"""Times that the first frame is rendered: nothing was known when it was rendered first …"""
+_MOST_PASSES_OF_FIRST = 4
+"""… and the most, …"""
+_PATHS_AT_FIRST = 64
+"""… until a pixel has so many paths, where all light is kept: what is learnt first helps all frames that follow."""
+_RAYS_BEFORE = 8
+"""First-hit rays while the first frame is rendered, but for the last time: nobody will see it."""
 
 
 def nothing_shown(device: Any) -> dict[str, Any]:
@@ -44,6 +54,13 @@ def _finest_of(effort: Effort, lamps: bool) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
     finest = _FINEST_BESIDE_LAMPS if lamps else 0
     return finest if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
+
+
+def _passes_of_first(effort: Effort, lamps: bool) -> int:
+    """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
+    if lamps or effort.spp < _ENOUGH_FOR_FINE:
+        return _PASSES_OF_FIRST
+    return min(max(_PATHS_AT_FIRST // effort.spp, _PASSES_OF_FIRST), _MOST_PASSES_OF_FIRST)
 
 
 class LightKeeper:
@@ -92,6 +109,7 @@ class LightKeeper:
         self._found_more = False
         self._lamps = sight.lamps
         self._finest = _finest_of(effort, self._lamps)
+        self._passes = _passes_of_first(effort, self._lamps)
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
@@ -135,18 +153,24 @@ class LightKeeper:
         if self._learns:
             self._learn()
             asked.finest = self._finest = _finest_of(effort, self._lamps)
-            # The first frame is rendered twice, and what it learns is no gain over a frame before.
-            asked.last_update = self._update if self._frames >= _PASSES_OF_FIRST else -1
+            # The first frame is rendered more than once, and what it learns is no gain over a frame before.
+            asked.last_update = self._update if self._frames >= self._passes else -1
             if effort.spp != self._found["out_lights"].shape[0]:
                 self._make_room(effort.spp)
             if self._pace_hz is not None:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
         self._gathering: Any = Gathering()
-        self._gathering.looks = looks_of(effort.first_hit_rays, self._sight, kept=True)
+        rays = effort.first_hit_rays
+        if _PASSES_OF_FIRST < self._passes > self._frames + 1:
+            rays = min(rays, _RAYS_BEFORE)
+        self._gathering.looks = looks_of(rays, self._sight, kept=True)
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
+        if self._frames < self._passes and self._passes > _PASSES_OF_FIRST:
+            self._gathering.known = _NEVER
+        self._gathering.finely = _FINELY if self._finest == 0 else 0.0
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
@@ -184,7 +208,7 @@ class LightKeeper:
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
-        return self._frames < _PASSES_OF_FIRST
+        return self._frames < self._passes
 
     def _is_time(self, time_us: int) -> bool:
         """Whether a frame learns: at a pace, the first one from each of its times on."""
@@ -192,7 +216,7 @@ class LightKeeper:
             return True
         # Times of frames are rounded to whole µs.
         before, self._tick = self._tick, math.floor((time_us + 1) * self._pace_hz / 1e6)
-        return self._frames < _PASSES_OF_FIRST or self._tick != before
+        return self._frames < self._passes or self._tick != before
 
     def _learn(self) -> None:
         """Keep what the paths of the last frame found, unless that is done."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hand_worlds as hw
 import numpy as np
 import pytest
@@ -9,7 +11,15 @@ from test_steered import LUMINANCE, Run, log_brightness, textured_world
 from test_tracer import LAMP, moving_world
 
 from clsim.errors import InputError
-from clsim.render import Effort, PathTracer, RenderOptions, effort, light_keeper, light_stands_still
+from clsim.render import (
+    Effort,
+    PathTracer,
+    RenderOptions,
+    effort,
+    light_is_found_apart,
+    light_keeper,
+    light_stands_still,
+)
 from clsim.scene import Material
 from clsim.scene.drift import drifting
 
@@ -104,6 +114,21 @@ def test_paths_are_spent_where_little_is_known():
         run.fill(index)
     assert start > 3 * pixels
     assert run.spent[0] < 1.5 * pixels
+
+
+def test_where_paths_find_all_light_most_are_traced_at_first():
+    """And what comes into view is known as well soon; where lamps are found apart, the first frame has two passes."""
+    world = textured_world()
+    world = panning(replace(world, materials=(world.materials[0], hw.GREY)))
+    assert not light_is_found_apart(world)
+    run = Run(world, light_cache=True, spp=16, probe_spp=1, probe_every=8)
+    covered = (run.fill(0).plane("Coverage") > 0).sum()
+    assert 60 * covered < run.spent[0] < 68 * covered
+    later = []
+    for index in range(1, 6):
+        run.fill(index)
+        later.append(run.spent[0])
+    assert max(later) < 2 * covered
 
 
 @pytest.mark.parametrize("sampler", ["sobol", "pcg"])
