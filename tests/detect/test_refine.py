@@ -152,12 +152,14 @@ def test_where_all_rests_no_frame_but_the_first_is_searched_for_flat_pixels():
 def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_come_over_it():
     """A wall of squares finer than pixels: alike in both frames, and darker between them; a hole in it goes 3 px."""
     names = (*RADIANCE, *ALBEDO, *COVERAGE)
+    looks = []
 
     class Squares(Bars):
         def luminance(self, pixels, times_s):
             return 0.5 - 0.2 * np.sin(np.pi * 30.0 * times_s) ** 2 + 0.0 * pixels
 
         def trace(self, pixels, times_s):
+            looks.extend(zip(pixels.tolist(), times_s.tolist(), strict=True))
             return np.tile(super().trace(pixels, times_s), (3, 1))[:7]
 
         def motion(self, start_s, end_s):
@@ -182,6 +184,7 @@ def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_com
     detector.close()
     # Twice down and once up again.
     assert set(np.unique(events["x"] % 4)) == {1, 2, 3} and len(events) == 3 * 0.75 * WIDTH * HEIGHT
+    assert len(set(looks)) == len(looks), "a pixel is looked at twice at a time"
 
 
 @pytest.mark.parametrize("fps", [30, 60, 240])

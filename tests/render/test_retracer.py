@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import hand_worlds as hw
 import numpy as np
 import pytest
+import warp as wp
 from test_blur import Glide
 from test_deform import swelling
 
@@ -15,6 +16,7 @@ from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
+from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -205,6 +207,40 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
     x, y = 2 * (x // 2) + last + 0.5 - 6.5, 2 * (y // 2) + last + 0.5 - 5.5
     np.testing.assert_allclose(ways[0], np.stack([x, y]) * (2 / 2.3 - 1), atol=2e-4)
     np.testing.assert_allclose(ways[1], np.stack([x, y]) * (1 - 2.3 / 2), atol=2e-4)
+
+
+@pytest.mark.slow
+def test_what_is_seen_from_a_stand_is_kept_and_is_what_would_be_seen_anew(monkeypatch):
+    """A camera that goes on, jumps back and is moved: ways have the bits of a tracer that knows no other step."""
+    world = busy_world(things_move=False)
+    camera = Driven(world.camera.motion)
+    world = with_driven(world, {CAMERA: camera})
+    told, tell = [], wp.Launch.set_param_by_name
+
+    def noted(launch, name, value):
+        if name == "seen":
+            told.append(value)
+        tell(launch, name, value)
+
+    monkeypatch.setattr(wp.Launch, "set_param_by_name", noted)
+    retracer = Retracer(SceneData(world, instants=True), RenderOptions(spp=1))
+
+    def follow(start_s, end_s, known):
+        told.clear()
+        ways = retracer.motion(start_s, end_s)
+        assert sum(told) == known
+        anew = Retracer(SceneData(world, instants=True), RenderOptions(spp=1))
+        np.testing.assert_array_equal(ways, anew.motion(start_s, end_s))
+        anew.close()
+
+    follow(0.0, 0.1, known=0)
+    follow(0.0, 0.05, known=1)
+    follow(0.1, 0.2, known=1)
+    follow(0.0, 0.1, known=2)
+    for time_s, x in ((0.0, 0.3), (0.2, -0.2)):
+        camera.set(time_s, place_of(hw.look_from((x, 1.0, 2.4), (0, 0.2, 0))))
+    follow(0.0, 0.1, known=0)
+    retracer.close()
 
 
 @pytest.mark.slow
