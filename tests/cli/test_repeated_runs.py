@@ -57,6 +57,13 @@ def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: 
     assert (detector["method"], detector["window"], detector["threshold_on"]) == ("esim", None, 0.3)
 
 
+def test_frames_tell_the_random_numbers_that_were_chosen(clsim: Callable[..., object], tmp_path: Path) -> None:
+    """Not those of the quality, which are Sobol's. The kernel is one that others here have compiled."""
+    command = ("render", *SMALL, "--quality", "exact", "--spp", "2", "--sampler", "pcg")
+    assert clsim(*command, "--out", tmp_path).status == 0
+    assert json.loads((tmp_path / "frames.json").read_text())["options"]["sampler"] == "pcg"
+
+
 def test_a_render_prints_what_the_scene_will_not_get(clsim: Callable[..., object], tmp_path: Path) -> None:
     scene = tmp_path / "scene.xml"
     scene.write_text(
