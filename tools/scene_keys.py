@@ -229,7 +229,7 @@ Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warni
 - everything that moves, as USD evaluates it at all times; light whose intensity, exposure or colour changes.
 
 A file that refers to others, or to itself, is opened twice, and so are packages and text of more than 16 KiB: first by
-a process of its own, which may take 60 s of processor time, three minutes in all, and 8 GiB. What unfolds to more than
+a process of its own, which may take 60 s of processor time, ten minutes in all, and 8 GiB. What unfolds to more than
 about two million prims, is nested so deep that usd-core crashes, or names a pipe, is refused so.
 
 Units, the axis that points up, and time codes are the file's. A lamp's intensity is its radiance, with `normalize` over

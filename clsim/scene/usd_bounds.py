@@ -21,15 +21,15 @@ from clsim.errors import InputError
 
 CPU_S = 60
 """Processor time that opening may take: some two million prims."""
-WALL_S = 180
-"""Time that opening may take in all: much more of it means that it waits for something."""
+WALL_S = 600
+"""Time that opening may take in all: ten times that of the processor, for others may use it too."""
 MAX_BYTES = 8 << 30
 SMALL_BYTES = 1 << 14
 """Text no longer than that cannot be nested deep enough for a crash; some ten thousand levels are needed."""
 _NOT_ORDINARY = 3
 """Exit code of that process where a file is referred to that is no ordinary one."""
 _BINARY = b"PXR-USDC"
-_ARCS = {"references", "payload", "inheritPaths", "specializes"}
+_ARCS = {"references", "payload", "inheritPaths", "specializes", "clips"}
 
 
 def check_bounds(path: Path) -> Any:

@@ -38,7 +38,7 @@ def main(file: str, sys_path: str, cpu_s: str, size: str, not_ordinary: str) -> 
 
 def _layers(file: str, not_ordinary: int) -> list[Any]:
     """Return a file's layers, which are not read again while they are kept; exit where one would be waited for."""
-    from pxr import Sdf, Tf
+    from pxr import Sdf, Tf, UsdUtils
 
     waiting, known, layers = [file], set(), []
     while waiting:
@@ -52,7 +52,8 @@ def _layers(file: str, not_ordinary: int) -> list[Any]:
             with contextlib.suppress(Tf.ErrorException):
                 layer = Sdf.Layer.FindOrOpen(name)
                 layers.append(layer)
-                named = layer.GetCompositionAssetDependencies() if layer else []
+                # Beside what composes a stage, value clips, which are opened only when a time is asked for.
+                named = {each for kind in UsdUtils.ExtractExternalReferences(name) for each in kind} if layer else ()
                 waiting += [Sdf.ComputeAssetPathRelativeToLayer(layer, each) for each in named if each]
     return layers
 

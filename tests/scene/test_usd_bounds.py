@@ -74,3 +74,17 @@ def test_a_file_that_waits_for_something_is_refused(tmp_path, monkeypatch):
     path = usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }')
     with pytest.raises(InputError, match="usd-core has not opened it"):
         load_world(path)
+
+
+def test_a_clip_that_is_a_pipe_is_not_waited_for(tmp_path):
+    """Values are read from it only once a time is asked for, when nothing bounds how long that takes."""
+    os.mkfifo(tmp_path / "pipe.usda")
+    clips = """(clips = { dictionary default = {
+        asset[] assetPaths = [@./pipe.usda@]
+        string primPath = "/square"
+        double2[] active = [(0, 0)]
+    } } )"""
+    path = tmp_path / "scene.usda"
+    path.write_text(f"#usda 1.0\n({METRES}\n)\n" + mesh().replace('"square"', f'"square" {clips}'))
+    with pytest.raises(InputError, match=r"refers to .*pipe\.usda, which is no ordinary file"):
+        load_world(path)
