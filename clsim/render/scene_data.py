@@ -50,6 +50,7 @@ class SceneData:
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
         poses: those that were asked for, where there are several instants.
+        still: whether nothing but cameras moves, so that all instants are alike.
     """
 
     def __init__(
@@ -89,7 +90,7 @@ class SceneData:
         if ahead is not None:
             self._compile(ahead)
         self._time_s: float | None = None
-        self._moves = not self.still  # asked once: there may be many things
+        self.still = light_stands_still(world)  # asked once: there may be many things
         self.poses = PoseCache()
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
@@ -161,7 +162,7 @@ class SceneData:
 
     def farthest_m(self, place: npt.NDArray[np.float64]) -> float:
         """Return a distance beyond which nothing lies, from a place in the world; infinite where anything moves."""
-        if self._moves:
+        if not self.still:
             return math.inf
         middle, radius = self.origin_m + self._geometry.middle_m, self._geometry.radius_m
         balls = [(light.motion.pose(0.0)[:3, 3], light.radius_m) for light in self.world.sphere_lights]
@@ -178,11 +179,6 @@ class SceneData:
         A tree of lights that move is of one: what is drawn from it must not depend on what else is asked for.
         """
         return 1 if self._lights.follows else self._geometry.most_instants
-
-    @property
-    def still(self) -> bool:
-        """Whether nothing but cameras moves, so that all instants are alike."""
-        return light_stands_still(self.world)
 
     def _compile(self, options: RenderOptions) -> None:
         """Compile what renders at the same time as what builds trees."""
