@@ -311,7 +311,7 @@ class Driver(ABC):
 
     def _plan(self) -> None:
         for name, own in self._seen(self.world).items():
-            self._eyes[name].stages = plan_stages(self._options, own, lights_set=bool(self._driving.light))
+            self._eyes[name].stages = plan_stages(self._options, own, lights_set=bool(self._driving.light), driven=True)
 
     @property
     def _views(self) -> tuple[object, ...]:

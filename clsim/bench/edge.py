@@ -137,7 +137,7 @@ def measure_edge(scene: EdgeScene, quality: str, fps: float, seed: int = 0) -> d
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    point = named_points(seed, Light.of(world))[quality]
+    point = named_points(seed, Light.of(world, fps))[quality]
     config = point.detector.config(world.sensor)
     run = run_point(world, point.rendering.options(fps, scene.frames), config, choose_device(), lambda: None)
     truth = edge.events(camera.width, camera.height, (scene.frames - 1) / fps, world.sensor.threshold_on)

@@ -103,7 +103,7 @@ class Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
-        light = Light.of(self.world)
+        light = Light.of(self.world, self.fps)
         chosen = quick_points(options.seeds[0], light) if quick else full_points(options.seeds, light)
         self.points = list(options.points) or chosen
         spp = options.reference_spp or (1024 if quick else 4096)

@@ -7,6 +7,7 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
 from clsim.live import quality
+from clsim.live.base_rate import things_go_slowly
 from clsim.live.options import LiveOptions
 from clsim.render import RenderOptions, light_is_found_apart, light_stands_still
 from clsim.scene import Sensor, World
@@ -144,11 +145,13 @@ class Light:
     stands_still: bool = False
     all_by_paths: bool = False
     """Whether paths find all light, also that straight from lamps."""
+    slow: bool = True
+    """Whether things go slowly, as they and the light from them do in bundled scenes."""
 
     @classmethod
-    def of(cls, world: World) -> Light:
-        """Return that of a scene."""
-        return cls(light_stands_still(world), not light_is_found_apart(world))
+    def of(cls, world: World, fps: float) -> Light:
+        """Return that of a scene at so many frames a second."""
+        return cls(light_stands_still(world), not light_is_found_apart(world), things_go_slowly(world, fps))
 
 
 LIGHTS = tuple(Light(still, by_paths) for still in (False, True) for by_paths in (False, True))
@@ -158,7 +161,7 @@ LIGHTS = tuple(Light(still, by_paths) for still in (False, True) for by_paths in
 def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names, in scenes with such light."""
     runs = {
-        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths)
+        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths, light.slow)
         for name in quality.QUALITIES
     }
     return {name: _of_live(run.point, seed) for name, run in runs.items()}

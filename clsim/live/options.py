@@ -16,6 +16,7 @@ from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ALL_BY_PATHS,
     APART,
+    APART_SLOW,
     CACHED,
     DEFAULT,
     PLAIN,
@@ -206,12 +207,12 @@ class LiveOptions:
             point = replace(point, event_rule="interpolated")
         return point
 
-    def settled(self, light_stands_still: bool, all_by_paths: bool) -> LiveOptions:
+    def settled(self, light_stands_still: bool, all_by_paths: bool, slow: bool = True) -> LiveOptions:
         """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
         paths, there are more of these, unless it is told how many; where it is not, and things move, there may
-        be fewer.
+        be fewer, the more so where they go slowly.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
@@ -224,7 +225,7 @@ class LiveOptions:
                 kept = replace(kept, **{name: n for name, n in chosen.items() if getattr(self, name) is None})
             return kept
         if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
-            settings: dict[str, Any] = APART[self.basis]
+            settings: dict[str, Any] = (APART_SLOW if slow else APART)[self.basis]
             return replace(self, **settings)
         return self
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
-from clsim.live.base_rate import BASE_FPS, base_fps
+from clsim.live.base_rate import BASE_FPS, base_fps, things_go_slowly
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
@@ -145,10 +145,13 @@ def alone(world: World) -> World:
     return replace(world, warnings=(*world.warnings, told))
 
 
-def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set: bool = False) -> Stages:
+def plan_stages(
+    options: LiveOptions, world: World | None = None, *, lights_set: bool = False, driven: bool = False
+) -> Stages:
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError.
 
-    Where ``lights_set`` says that lights change from outside, their light does not stand still.
+    Where ``lights_set`` says that lights change from outside, their light does not stand still; where ``driven`` says
+    that things are moved from outside, they may go fast.
     """
     from clsim.render import RenderOptions, check_device, lamps_move, light_is_found_apart, light_stands_still
 
@@ -157,7 +160,8 @@ def plan_stages(options: LiveOptions, world: World | None = None, *, lights_set:
     still = light_stands_still(world)
     by_frames = options.time == "fixed" or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
-    options = options.settled(still and not lights_set, not light_is_found_apart(world))
+    slow = not driven and things_go_slowly(world, fps)
+    options = options.settled(still and not lights_set, not light_is_found_apart(world), slow)
     point = options.point
     steered = point.sampling == "adaptive"
     if point.sampling == "cached" and not still:

@@ -166,9 +166,10 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
         materials=tuple(dataclasses.replace(each, emission=(0.0, 0.0, 0.0)) for each in lit.materials),
         environment=(1.0, 1.0, 1.0),
     )
-    found = [Light.of(load_world("cornell")), Light.of(lit), Light.of(sky)]
+    cornell = load_world("cornell")
+    found = [Light.of(world, world.fps) for world in (cornell, lit, sky)]
     assert found == [Light(), Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
-    for world, light in ((load_world("cornell"), found[0]), (lit, found[1]), (sky, found[2])):
+    for world, light in ((cornell, found[0]), (lit, found[1]), (sky, found[2])):
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
             point = named_points(0, light)[name]
@@ -180,6 +181,18 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
     drafts = [named_points(0, light)["draft"] for light in LIGHTS]
     assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64]
     assert [draft.detector.window for draft in drafts[:2]] == [11, 7]
+
+
+def test_draft_finds_other_light_more_often_where_things_go_far_from_frame_to_frame() -> None:
+    from clsim.live.options import LiveOptions
+    from clsim.live.stages import plan_stages
+
+    cornell = load_world("cornell")
+    for fps, driven, every in ((120.0, False, 8), (30.0, False, 4), (120.0, True, 4)):
+        live = plan_stages(LiveOptions("", quality="draft", fps=fps), cornell, driven=driven)
+        assert (live.render.probe_every, live.detector.window) == (every, 11)
+        if not driven:
+            assert named_points(0, Light.of(cornell, fps))["draft"].rendering.probe_every == every
 
 
 def test_means_fronts_and_knobs() -> None:
