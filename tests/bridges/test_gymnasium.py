@@ -47,7 +47,8 @@ def wrapped(run: clsim.Simulator, **options: Any) -> EventObservation:
 
 
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version", "ignore:.*symmetric and normalized")
-@pytest.mark.parametrize("form", ["voxels", pytest.param("histogram", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("form", ["voxels", "histogram"])
 def test_gymnasium_finds_nothing_wrong(tmp_path: Path, form: str) -> None:
     from gymnasium.utils.env_checker import check_env
 

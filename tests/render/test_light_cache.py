@@ -116,6 +116,7 @@ def test_paths_are_spent_where_little_is_known():
     assert run.spent[0] < 1.5 * pixels
 
 
+@pytest.mark.slow
 def test_where_paths_find_all_light_most_are_traced_at_first():
     """And what comes into view is known as well soon; where lamps are found apart, the first frame has two passes."""
     world = textured_world()
@@ -131,7 +132,7 @@ def test_where_paths_find_all_light_most_are_traced_at_first():
     assert max(later) < 2 * covered
 
 
-@pytest.mark.parametrize("sampler", ["sobol", "pcg"])
+@pytest.mark.parametrize("sampler", ["sobol", pytest.param("pcg", marks=pytest.mark.slow)])
 def test_threads_and_tiles_change_nothing(sampler):
     world = panning(textured_world())
     one = Run(world, threads=1, sampler=sampler, **CACHED)
