@@ -9,6 +9,7 @@ import numpy as np
 from clsim.detect.between import Between
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
+from clsim.detect.methods import method_of
 from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
 from clsim.detect.whole_pictures import WholePictures
@@ -76,7 +77,7 @@ class Detector:
             InputError: a plane is missing, the gate needs recorded frames, options do not go with the sensor, or there
                 is no OpenCL device.
         """
-        config.strategy.check_stream(config)
+        config.check_stream()
         self._specimen = specimen or Specimen()
         check_sensor(config, self._specimen)
         self.config = config
@@ -165,7 +166,7 @@ class Detector:
         stats.initialised += counts.fresh
         stats.masked += counts.invalid
         stats.tested += counts.kept + counts.solved
-        stats.solved += self.config.strategy.solved(counts)
+        stats.solved += self.estimator.solved(counts)
         stats.many_crossings += fired.many_crossings
         stats.most_crossings = max(stats.most_crossings, fired.most_crossings)
         stats.capped += fired.capped
@@ -206,8 +207,9 @@ class NumpyDetector:
         """
         from clsim.detect.reference import ReferenceDetector
 
-        config.strategy.check_planes(config, names)
-        config.strategy.candidates(config, names)
+        method = method_of(config.method)
+        method.check_planes(config, names)
+        method.candidates(config, names)
         self._reference = ReferenceDetector(config, width, height, names)
 
     def step(self, frame: Frame) -> EventBatch:
@@ -245,8 +247,8 @@ def recorded_detector(
     Raises:
         InputError: a plane is missing, or there is no OpenCL device where one is needed.
     """
-    if config.strategy.needs_numpy(config):
+    if config.needs_numpy:
         if specimen is not None and not specimen.settings.is_ideal:
-            raise InputError(f"{config.strategy.who(config)} runs in numpy, with the ideal `sensor` alone")
+            raise InputError(f"{config.who()} runs in numpy, with the ideal `sensor` alone")
         return NumpyDetector(config, width, height, names)
     return Detector(config, width, height, names, device=device, specimen=specimen)

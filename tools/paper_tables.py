@@ -185,7 +185,7 @@ def detect(frames: list[Frame], options: Mapping[str, Any]) -> tuple[EventBatch,
     start = time.process_time()
     events = np.concatenate([detector.step(frame) for frame in frames])
     cpu_s = time.process_time() - start
-    solved = detector.stats.solved_share if config.strategy.regresses else None
+    solved = detector.stats.solved_share if config.facts.regresses else None
     detector.close()
     return events, solved, cpu_s
 

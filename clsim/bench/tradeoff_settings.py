@@ -186,7 +186,7 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         "stride": config.stride,
         "history": config.history,
     }
-    unused = config.strategy.unused(config)
+    unused = config.without_use()
     used = {name: value for name, value in values.items() if name not in unused}
     return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, **used))
 

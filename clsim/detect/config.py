@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-from clsim.detect.methods import method_of
 from clsim.errors import InputError
 from clsim.values import read_fields
-
-if TYPE_CHECKING:
-    from clsim.detect.methods.base import Method as MethodObject
 
 Method = Literal["esim", "wlr-esim", "esim-ad", "irradiance"]
 Gate = Literal["delta-r", "radiance", "delta-r-exact", "published"]
@@ -30,6 +26,47 @@ LARGEST_SHRINK = 100.0
 LARGEST_CONFIDENCE = 100.0
 SMALLEST_FLOOR = 1.2e-38
 """Smaller numbers are subnormal in float32: some devices take them for 0."""
+KEPT_WINDOW_GATES: tuple[Gate, ...] = ("delta-r-exact", "published")
+"""Gates that need the window of each pixel's last event, and so recorded frames."""
+_OF_GATES = ("gate", "gate_scale", "box")
+_OF_REGRESSIONS = (
+    "stride",
+    "history",
+    "kernel",
+    "bandwidth_h",
+    "bandwidth",
+    "ridge",
+    "regress",
+    "shrink",
+    "features",
+)
+
+
+@dataclass(frozen=True)
+class MethodFacts:
+    """What options mean to a method.
+
+    Attributes:
+        windowed: whether it looks at more than the pixel.
+        window: side of the window where none is asked for [pixels].
+        regresses: whether brightness is regressed on features.
+        gated: whether a gate chooses where.
+        knows_error: whether the standard error of brightness is known.
+    """
+
+    windowed: bool = True
+    window: int = 13
+    regresses: bool = False
+    gated: bool = False
+    knows_error: bool = False
+
+
+METHODS: dict[Method, MethodFacts] = {
+    "esim": MethodFacts(windowed=False),
+    "wlr-esim": MethodFacts(regresses=True),
+    "esim-ad": MethodFacts(regresses=True, gated=True),
+    "irradiance": MethodFacts(window=7, knows_error=True),
+}
 
 
 @dataclass(frozen=True)
@@ -126,25 +163,62 @@ class DetectorConfig:
             raise InputError(f"`shrink` needs `regress` linear, got {self.regress}")
         if self.shrink > 0 and self.bandwidth != "fixed":
             raise InputError(f"`shrink` needs `bandwidth` fixed, got {self.bandwidth}")
-        self.strategy.check(self)
+        if self._keeps_windows and self.regress == "linear":
+            raise InputError(f"`gate` {self.gate} needs `regress` log, got {self.regress}")
+        if self._keeps_windows and self.bandwidth != "fixed":
+            raise InputError(f"`gate` {self.gate} needs `bandwidth` fixed, got {self.bandwidth}")
 
     @property
-    def strategy(self) -> MethodObject:
-        """The method as an object."""
-        return method_of(self.method)
+    def facts(self) -> MethodFacts:
+        """What options mean to the method."""
+        return METHODS[self.method]
 
     @property
     def side(self) -> int:
         """Side K of the window [pixels], as chosen or the method's own."""
-        return self.strategy.window if self.window is None else self.window
-
-    def unused(self) -> tuple[str, ...]:
-        """Return the fields that are not the default's but change nothing."""
-        defaults = {field.name: field.default for field in fields(self)}
-        unused = (*self.strategy.unused(self), *(() if self.strategy.knows_error else ("confidence",)))
-        return tuple(name for name in unused if getattr(self, name) != defaults[name])
+        return self.facts.window if self.window is None else self.window
 
     @property
     def linear(self) -> bool:
         """Whether luminance is what is packed, regressed and remembered, instead of log brightness."""
-        return self.regress == "linear" and self.strategy.regresses
+        return self.regress == "linear" and self.facts.regresses
+
+    @property
+    def _keeps_windows(self) -> bool:
+        return self.facts.gated and self.gate in KEPT_WINDOW_GATES
+
+    @property
+    def needs_numpy(self) -> bool:
+        """Whether no kernel does what is asked for, so that it takes numpy and recorded frames."""
+        return self._keeps_windows or (self.facts.regresses and self.bandwidth != "fixed")
+
+    def check_stream(self) -> None:
+        """Refuse what takes recorded frames.
+
+        Raises:
+            InputError: it is asked for.
+        """
+        if self._keeps_windows:
+            raise InputError(f"`gate` {self.gate} needs old windows; expected delta-r or radiance for a stream")
+        if self.needs_numpy:
+            raise InputError(f"`bandwidth` {self.bandwidth} is for recorded frames; expected fixed for a stream")
+
+    def without_use(self) -> tuple[str, ...]:
+        """Return the fields that change nothing, whatever their values."""
+        facts = self.facts
+        names: tuple[str, ...] = () if facts.windowed else ("window",)
+        if not facts.gated:
+            names += _OF_GATES
+        elif self.gate != "radiance":
+            names += ("gate_scale", "box", *(("kernel",) if self.gate == "published" else ()))
+        names += () if facts.regresses else _OF_REGRESSIONS
+        return names + (() if facts.knows_error else ("confidence",))
+
+    def unused(self) -> tuple[str, ...]:
+        """Return the fields that are not the default's but change nothing."""
+        defaults = {field.name: field.default for field in fields(self)}
+        return tuple(name for name in self.without_use() if getattr(self, name) != defaults[name])
+
+    def who(self) -> str:
+        """Return the option that has no use for them, with its value, for a message."""
+        return f"`gate` {self.gate}" if self.facts.gated else f"`method` {self.method}"

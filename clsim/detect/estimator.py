@@ -9,6 +9,7 @@ import numpy as np
 from clsim.detect.config import DetectorConfig
 from clsim.detect.gate import Counts, Levels
 from clsim.detect.interest import Interest
+from clsim.detect.methods import method_of
 from clsim.detect.methods.base import Setting, Stages
 from clsim.detect.pack import FrameMemory, first_features
 from clsim.detect.wlr import History
@@ -36,8 +37,8 @@ class BrightnessEstimator:
         Raises:
             InputError: a plane is missing, or ``config`` asks for what takes recorded frames.
         """
-        method = config.strategy
-        method.check_stream(config)
+        config.check_stream()
+        method = method_of(config.method)
         method.check_planes(config, names)
         self._method = method
         self._setting = Setting(config, names, grid, device, queue)
@@ -71,6 +72,10 @@ class BrightnessEstimator:
         """Release the device's memory; safe to call twice."""
         self._memory.close()
         self.stages = self.levels = self._interest = None
+
+    def solved(self, counts: Counts) -> int:
+        """Return how many regressions of tested pixels were solved in a step."""
+        return self._method.solved(counts)
 
     def observe(self, frame: Frame, references: Buffer) -> tuple[BrightnessPath, Counts]:
         """Return the brightness from the last frame to this one, and how many pixels of each kind there are.

@@ -207,12 +207,12 @@ def open_live(
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
-    judged = ideal and config.strategy.knows_error
+    judged = ideal and config.facts.knows_error
     twice = ideal and not judged and stages.render.light_cache
     if twice:
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")
-    window = None if "window" in config.strategy.unused(config) else config.side
+    window = None if "window" in config.without_use() else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
     about["options"] = about["options"] | dict(told)
     about |= {} if seat is None else seat.facts
@@ -243,7 +243,7 @@ def open_live(
         stages.warnings,
         (*world.notes, *_settings_notes(options)),
         *started,
-        config.strategy.regresses,
+        config.facts.regresses,
         level,
         governed,
         world,
@@ -291,7 +291,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
     about = about_run(options.as_dict(), options.config, schedule.fps)
     about["camera"] = {"width": source.width, "height": source.height}
     name = str(options.frames)
-    solves = options.config.strategy.regresses
+    solves = options.config.facts.regresses
     return Session(
         name,
         source.width,

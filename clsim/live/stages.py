@@ -221,7 +221,7 @@ def detector_maker(
     from clsim.detector import check_sensor, recorded_detector
     from clsim.opencl.device import choose_device
 
-    device = None if config.strategy.needs_numpy(config) else choose_device(opencl)
+    device = None if config.needs_numpy else choose_device(opencl)
 
     if specimen is not None:
         check_sensor(config, specimen)
@@ -242,7 +242,7 @@ def unused_options(config: DetectorConfig) -> tuple[str, ...]:
     unused = config.unused()
     if not unused:
         return ()
-    return (f"{config.strategy.who(config)} has no use for {', '.join(f'`{name}`' for name in unused)}",)
+    return (f"{config.who()} has no use for {', '.join(f'`{name}`' for name in unused)}",)
 
 
 def _seen_by(world: World, optics: Optics) -> World:

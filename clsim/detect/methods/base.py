@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -20,21 +20,6 @@ from clsim.errors import InputError
 from clsim.frames import COVERAGE, DEPTH, RADIANCE
 from clsim.opencl.device import Device
 from clsim.opencl.workplace import Buffer, Grid, Workplace
-
-OF_GATES = ("gate", "gate_scale", "box")
-"""Options of the gates of method esim-ad."""
-OF_REGRESSIONS = (
-    "stride",
-    "history",
-    "kernel",
-    "bandwidth_h",
-    "bandwidth",
-    "ridge",
-    "regress",
-    "shrink",
-    "features",
-)
-"""Options of methods that regress."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +43,7 @@ class Setting:
     def place(self, planes: int, features: tuple[str, ...] = ()) -> Place:
         """Return a workplace for frames with so many packed ``planes``, of which ``features`` are regressed on."""
         config, grid = self.config, self.grid
-        shrinks = config.shrink > 0 and config.strategy.regresses
+        shrinks = config.shrink > 0 and config.facts.regresses
         layout = Layout(grid.width, grid.height, grid.lanes, grid.real, planes, int(shrinks))
         depth = features.index(DEPTH[0]) if DEPTH[0] in features else -1
         macros: dict[str, object] = {
@@ -187,47 +172,7 @@ class RegressingStages(BrightnessStages):
 
 
 class Method(ABC):
-    """A method, as an object without state.
-
-    Attributes:
-        name: as options spell it.
-        window: side of the window where none is asked for [pixels].
-        regresses: whether brightness is regressed on features.
-        knows_error: whether the standard error of brightness is known.
-    """
-
-    name: ClassVar[str]
-    window: ClassVar[int] = 13
-    regresses: ClassVar[bool] = False
-    knows_error: ClassVar[bool] = False
-
-    def unused(self, config: DetectorConfig) -> tuple[str, ...]:
-        """Return the options that change nothing with this method."""
-        return OF_GATES + (() if self.regresses else OF_REGRESSIONS)
-
-    def who(self, config: DetectorConfig) -> str:
-        """Return the option that has no use for them, with its value, for a message."""
-        return f"`method` {self.name}"
-
-    def check(self, config: DetectorConfig) -> None:  # noqa: B027 - most have nothing to refuse
-        """Refuse options that do not go together.
-
-        Raises:
-            InputError: they do not.
-        """
-
-    def needs_numpy(self, config: DetectorConfig) -> bool:
-        """Tell whether no kernel does what ``config`` asks for, so that it takes numpy and recorded frames."""
-        return self.regresses and config.bandwidth != "fixed"
-
-    def check_stream(self, config: DetectorConfig) -> None:
-        """Refuse what takes recorded frames.
-
-        Raises:
-            InputError: ``config`` asks for it.
-        """
-        if self.regresses and config.bandwidth != "fixed":
-            raise InputError(f"`bandwidth` {config.bandwidth} is for recorded frames; expected fixed for a stream")
+    """A method, as an object without state; what options mean to it stands in `clsim.detect.config`."""
 
     def check_planes(self, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Refuse frames that lack a plane.
@@ -238,7 +183,7 @@ class Method(ABC):
         for name in RADIANCE:
             if name not in names:
                 raise InputError(f"the frames have no plane {name!r}, expected {', '.join(RADIANCE)}")
-        if self.regresses:
+        if config.facts.regresses:
             check_variance(config, names)
 
     def candidates(self, config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
@@ -247,7 +192,7 @@ class Method(ABC):
         Raises:
             InputError: a plane asked for is missing, or cannot be a feature.
         """
-        return feature_names(config, names) if self.regresses else ()
+        return feature_names(config, names) if config.facts.regresses else ()
 
     def solved(self, counts: Counts) -> int:
         """Return how many regressions of tested pixels were solved in a step."""

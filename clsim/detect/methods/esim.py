@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from clsim.detect.config import DetectorConfig
 from clsim.detect.gate import Counts, LevelGate, Levels
 from clsim.detect.methods.base import BrightnessStages, Method, Setting, Stages
 from clsim.detect.wlr import History
@@ -26,12 +25,6 @@ class EsimStages(BrightnessStages):
 
 class Esim(Method):
     """Brightness as it is rendered."""
-
-    name = "esim"
-
-    def unused(self, config: DetectorConfig) -> tuple[str, ...]:
-        """Return the options that change nothing: there is no window either."""
-        return ("window", *super().unused(config))
 
     def build(self, setting: Setting, features: tuple[str, ...], quiet: tuple[str, ...]) -> Stages:
         """Build the stages."""

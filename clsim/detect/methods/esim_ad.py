@@ -5,19 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from clsim.detect.box import Boxes
-from clsim.detect.config import DetectorConfig
-from clsim.detect.config import Gate as GateName
 from clsim.detect.gate import Counts, Levels, ModelGate
 from clsim.detect.methods.base import Method, RegressingStages, Setting, Stages
 from clsim.detect.models import Models, model_macros
 from clsim.detect.wlr import History
-from clsim.errors import InputError
 from clsim.opencl.workplace import Buffer
 
 SPARSE_SHARE = 0.5
 """Below this share of pixels to solve, a list of them is faster than solving all (measured, random pixels)."""
-KEPT_WINDOW_GATES: tuple[GateName, ...] = ("delta-r-exact", "published")
-"""Gates that need the window of each pixel's last event, and so recorded frames."""
 
 
 class EsimAdStages(RegressingStages):
@@ -72,38 +67,6 @@ class EsimAdStages(RegressingStages):
 
 class EsimAd(Method):
     """ESIM with adaptive denoising."""
-
-    name = "esim-ad"
-    regresses = True
-
-    def unused(self, config: DetectorConfig) -> tuple[str, ...]:
-        """Return the options that change nothing with the gate asked for."""
-        if config.gate == "radiance":
-            return ()
-        return ("gate_scale", "box", *(("kernel",) if config.gate == "published" else ()))
-
-    def who(self, config: DetectorConfig) -> str:
-        """Name the gate: it is what has no use for them."""
-        return f"`gate` {config.gate}"
-
-    def check(self, config: DetectorConfig) -> None:
-        """Refuse to keep windows of what is not regressed as in the paper."""
-        if config.gate not in KEPT_WINDOW_GATES:
-            return
-        if config.regress == "linear":
-            raise InputError(f"`gate` {config.gate} needs `regress` log, got {config.regress}")
-        if config.bandwidth != "fixed":
-            raise InputError(f"`gate` {config.gate} needs `bandwidth` fixed, got {config.bandwidth}")
-
-    def needs_numpy(self, config: DetectorConfig) -> bool:
-        """Gates that keep windows run in numpy too."""
-        return super().needs_numpy(config) or config.gate in KEPT_WINDOW_GATES
-
-    def check_stream(self, config: DetectorConfig) -> None:
-        """Refuse gates that keep windows, too."""
-        if config.gate in KEPT_WINDOW_GATES:
-            raise InputError(f"`gate` {config.gate} needs old windows; expected delta-r or radiance for a stream")
-        super().check_stream(config)
 
     def solved(self, counts: Counts) -> int:
         """Those that may have fired."""

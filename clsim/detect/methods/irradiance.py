@@ -41,10 +41,6 @@ class IrradianceStages(Stages):
 class Irradiance(Method):
     """ESIM on smoothed irradiance."""
 
-    name = "irradiance"
-    window = 7
-    knows_error = True
-
     def check_planes(self, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Refuse frames that do not tell albedo, normal and depth."""
         super().check_planes(config, names)

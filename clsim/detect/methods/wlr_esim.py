@@ -29,9 +29,6 @@ class WlrStages(RegressingStages):
 class WlrEsim(Method):
     """Weighted local regression, then ESIM."""
 
-    name = "wlr-esim"
-    regresses = True
-
     def solved(self, counts: Counts) -> int:
         """All that were tested."""
         return counts.kept + counts.solved

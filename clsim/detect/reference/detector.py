@@ -54,7 +54,7 @@ class ReferenceDetector:
         Raises:
             InputError: ``config`` demands ``confidence``, of which the reference knows nothing.
         """
-        if config.strategy.knows_error and config.confidence > 0:
+        if config.facts.knows_error and config.confidence > 0:
             raise InputError(f"the float64 reference has no `confidence`: expected 0, got {config.confidence:g}")
         if config.method == "esim-ad" and config.gate == "published":
             config = replace(config, kernel="epanechnikov")
