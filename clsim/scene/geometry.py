@@ -34,8 +34,7 @@ def transformed(mesh: Mesh, linear: Matrix) -> Mesh:
     if normals is not None:
         # Normals take the inverse transpose; the cofactor matrix is that times the determinant, and exists where
         # the matrix is singular.
-        a, b, c = linear[:, 0], linear[:, 1], linear[:, 2]
-        cofactor = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        cofactor = np.cross(linear[:, [1, 2, 0]], linear[:, [2, 0, 1]], axis=0)
         turned = normals.astype(np.float64) @ (cofactor.T * (1.0 if determinant >= 0 else -1.0))
         turned /= np.maximum(np.linalg.norm(turned, axis=1, keepdims=True), 1e-30)
         normals = np.ascontiguousarray(turned, np.float32)

@@ -19,6 +19,7 @@ from clsim.scene.framing import ENVIRONMENT, ORBIT_S, bounds, lamp, orbiting_cam
 from clsim.scene.geometry import joined
 from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
 from clsim.scene.indoors import stand_inside
+from clsim.scene.obj_plain import read_plain_obj, unit_normals
 from clsim.scene.parts import Parts
 from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
 
@@ -77,19 +78,25 @@ def load_triangles(path: Path) -> Mesh:
     Raises:
         InputError: as `load_parts`.
     """
+    if path.suffix.lower() == ".obj" and (plain := read_plain_obj(_data(path))):
+        return plain
     geometries = _geometries(path, [], materials=False)
     meshes = [replace(_mesh(path, name, geometry, 0), colors=None) for name, geometry in geometries.items()]
     return meshes[0] if len(meshes) == 1 else joined(meshes)
 
 
-def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, Any]:
-    """Return trimesh's meshes of a file by name."""
+def _data(path: Path) -> bytes:
     try:
         if path.stat().st_size > MAX_FILE_BYTES:
             raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 30} GiB, expected a smaller mesh file")
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, Any]:
+    """Return trimesh's meshes of a file by name."""
+    data = _data(path)
     suffix = path.suffix.lower()
     resolver = _FolderResolver(path.parent)
     declared: dict[str, int] = {}
@@ -226,15 +233,12 @@ def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
         raise InputError(f"mesh {name}: vertex {bad} is ({value}), expected finite numbers")
     # Only normals that came with the file stand in the cache here; asking for others would invent smooth ones.
     normals = np.array(geometry.vertex_normals, np.float64) if "vertex_normals" in geometry._cache else None
-    if normals is not None:
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        normals = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
     uvs = _uvs(geometry)
     return Mesh(
         vertices=np.ascontiguousarray(vertices, np.float32),
         triangles=np.ascontiguousarray(faces, np.int32),
         material_ids=np.full(len(faces), material, np.int32),
-        normals=None if normals is None else np.ascontiguousarray(normals, np.float32),
+        normals=None if normals is None else unit_normals(normals),
         uvs=None if uvs is None else np.ascontiguousarray(uvs, np.float32),
         colors=_colors(geometry),
     )
