@@ -194,8 +194,10 @@ def view_features(
     requests: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
+    lamp_light = first_hits and lamps_apart(scene, strategy)
     return Features(
-        **vars(scene),
+        # Of how many lamps there are, other kernels know nothing, and are the same ones.
+        **(vars(scene) | {"few_lamps": lamp_light}),
         follow_specular=follow_specular and scene.mirrors,
         camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
         projection=camera.lens.model,
@@ -208,6 +210,6 @@ def view_features(
         light_cache=light_cache,
         requests=requests,
         coats=light_cache and "plastic" in scene.kinds and not scene.blends,
-        lamp_light=first_hits and lamps_apart(scene, strategy),
+        lamp_light=lamp_light,
         strategy=strategy,
     )

@@ -20,6 +20,7 @@ from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 from clsim.score import Score
+from tests.shared_kernels import ORDINARY, widen
 
 COMMON, FRESH = Rendering(2, "common", 0), Rendering(4, "independent", 0)
 POINTS = (Point(COMMON, ESIM), Point(COMMON, BASE), Point(FRESH, ICIP_2023))
@@ -47,8 +48,10 @@ def ignore(what: str, done: float, total: float) -> None:
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return run_tradeoff(options(tmp_path_factory.mktemp("cache")), ignore)
+def results(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Any:
+    with pytest.MonkeyPatch.context() as patch:
+        widen(patch, request, ORDINARY)  # fixtures of modules come before those of tests
+        yield run_tradeoff(options(tmp_path_factory.mktemp("cache")), ignore)
 
 
 def test_all_figures_are_there(results: dict[str, Any]) -> None:

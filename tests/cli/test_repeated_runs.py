@@ -68,7 +68,7 @@ def test_a_render_prints_what_the_scene_will_not_get(clsim: Callable[..., object
     scene = tmp_path / "scene.xml"
     scene.write_text(
         '<scene version="3.0.0"><sensor type="perspective"/><emitter type="constant"/>'
-        '<shape type="sphere"><bsdf type="phong"/></shape></scene>'
+        '<shape type="sphere"><bsdf type="roughdiffuse"/></shape></scene>'
     )
     said = {}
     for command in ("render", "live"):

@@ -15,6 +15,7 @@ from clsim.scene import Camera, World, load_world
 from clsim.scene.motion import Static
 from clsim.scene.trajectory import read_tum
 from clsim.scene.world import Lens, SphereLight
+from tests.shared_kernels import LIGHTS, widen
 
 LENSES = {
     "pinhole": Lens(),
@@ -45,13 +46,16 @@ def projected(about: dict, x: float, y: float, z: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize("name", LENSES)
-def test_the_intrinsics_say_where_the_renderer_sees_a_point(name: str) -> None:
+def test_the_intrinsics_say_where_the_renderer_sees_a_point(
+    name: str, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> None:
+    widen(monkeypatch, request, LIGHTS)  # as in tests of lenses
     width, height = 96, 72
     place = (0.9, -0.5, 3.0)
     camera = Camera(width, height, 70.0, Static(np.eye(4)), lens=LENSES[name])
     lamp = SphereLight(radius_m=0.06, radiance=(1.0, 1.0, 1.0), motion=Static(moved(place[0], -place[1], -place[2])))
     world = World("lamp", camera, sphere_lights=(lamp,))
-    tracer = PathTracer(world, RenderOptions(spp=16))
+    tracer = PathTracer(world, RenderOptions(spp=16, variances=True))
     frame = Frame(np.zeros((len(tracer.names), height, width), np.float32), tracer.names)
     tracer.fill(0, frame)
     tracer.close()

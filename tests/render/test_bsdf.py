@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -59,9 +60,14 @@ MIRRORS = {
 ANGLES = (0.0, 0.6, 1.2, 1.5)
 
 
+leggauss = cache(np.polynomial.legendre.leggauss)
+"""Places and weights, which take longer to find than what is integrated with them."""
+
+
+@cache
 def grid(low=-1.0, cosines=256, azimuths=256):
     """Directions and solid angles of a Gauss–Legendre grid in the cosine, finer towards the horizon, by azimuth."""
-    x, w = np.polynomial.legendre.leggauss(cosines)
+    x, w = leggauss(cosines)
     parts = [(0.0, 1.0)] if low == 0 else [(-1.0, 0.0), (0.0, 1.0)]
     z = np.concatenate([a + (b - a) * (x + 1) / 2 for a, b in parts])
     wz = np.concatenate([w * (b - a) / 2 for a, b in parts])
@@ -103,7 +109,7 @@ def test_samples_are_distributed_as_their_density_says(name, front):
         cell_z = np.clip(((kept[:, 2] + 1) / 2 * rows).astype(int), 0, rows - 1)
         cell_phi = ((np.arctan2(kept[:, 1], kept[:, 0]) / (2 * np.pi)) % 1.0 * columns).astype(int) % columns
         observed = np.bincount(cell_z * columns + cell_phi, minlength=rows * columns)
-        x, w = np.polynomial.legendre.leggauss(fine)
+        x, w = leggauss(fine)
         z = ((np.arange(rows)[:, None] + (x + 1) / 2) * 2 / rows - 1).ravel()
         phi = ((np.arange(columns)[:, None] + (x + 1) / 2) * 2 * np.pi / columns).ravel()
         density = lone.evaluate(wo, from_angles(np.arccos(z)[:, None], phi), front)[1]
@@ -199,7 +205,7 @@ def test_lossless_mirrors_lose_nothing(kind):
 def exact_ggx_albedo(alpha, theta, correlated, fresnel=lambda c: 1.0):
     """∫ D·G·F / (4 cos) over the reflecting hemisphere, in float64 over the visible microfacets."""
     n = 200  # 400 would change the result by 5e-5 at most
-    x, w = np.polynomial.legendre.leggauss(n)
+    x, w = leggauss(n)
     z, wz = (x + 1) / 2, w / 2
     phi = (np.arange(2 * n) + 0.5) * np.pi / n
     # Half vectors by tan θ = α·tan(t), which spreads the lobe over the grid.

@@ -14,13 +14,15 @@ from clsim.scene import bundled_scenes
 from tools.golden_images import CHANNELS, block_means
 
 GOLDEN = Path(__file__).parent / "golden"
+FEW = ("edge", "uniform-wall")
+"""Scenes with next to no noise: with an eighth of the paths errors are far smaller than what is allowed."""
 
 
 @pytest.mark.usefixtures("anything")
 @pytest.mark.parametrize("scene", sorted(bundled_scenes()))
 def test_a_bundled_scene_looks_as_it_did(scene: str) -> None:
     golden = np.load(GOLDEN / f"{scene}.npy")
-    found = block_means(scene, spp=512)
+    found = block_means(scene, spp=64 if scene in FEW else 512)
     for plane, name in enumerate(CHANNELS):
         if name in RADIANCE:
             allowed = 0.03 * golden[plane] + 0.003 * golden[plane].mean()

@@ -57,6 +57,7 @@ def test_it_is_no_more_than_a_lamps_diameter():
     assert width_of(hw.world(hw.box((0, 0, 0), (1, 1, 1)), sphere_lights=(lamp,))) == 0.5
 
 
+@pytest.mark.usefixtures("ordinary")
 def test_no_ray_looks_for_what_cannot_be_there():
     """A crumb behind the camera makes rays look everywhere; that costs rays, and shows nothing else."""
     scene = textured_world()

@@ -177,7 +177,7 @@ def test_an_unknown_sampler_is_named():
     assert replace(RenderOptions(), sampler="sobol").sampler == "sobol"
 
 
-@pytest.mark.parametrize("variances", [False, True])
+@pytest.mark.parametrize("variances", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_features_at_silhouettes_are_those_of_what_is_hit(variances):
     """Samples are averaged over those that hit, batch by batch, however few of a batch do."""
     square = hw.quad((-0.33, -0.41, -2), (0.7, 0.1, 0), (-0.1, 0.8, 0))

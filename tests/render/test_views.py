@@ -17,7 +17,7 @@ from clsim.scene import Static
 
 pytestmark = pytest.mark.usefixtures("any_lights")
 
-OPTIONS = RenderOptions(spp=4, threads=1)
+OPTIONS = RenderOptions(spp=4, threads=1, variances=True)
 
 
 def eyes(width=12):
@@ -74,7 +74,7 @@ def test_views_take_turns_at_different_times():
 def test_an_exposure_may_be_shorter_than_the_interval(shutter_s):
     """A strip glides at 1 m/s: its edges are smeared by the exposure, whatever interval the data covers."""
     scene = strip(Glide((-0.75, 0, 0)), view(shutter_s=shutter_s))
-    options = RenderOptions(spp=256, threads=1, max_depth=1)
+    options = replace(OPTIONS, spp=256, max_depth=1)
     data = SceneData(scene, interval_s=1.0)
     ours, lone = shoot(View(data, options), 1), alone(scene, scene.camera, 1, options)
     np.testing.assert_allclose(ours[10], lone[10], atol=1e-6 if shutter_s == 0 else 0.01)
@@ -87,7 +87,7 @@ def test_a_camera_alone_that_moves_is_blurred_over_a_still_world():
     assert not data.features.motion_blur
     turning = replace(scene.camera, motion=Spin())
     for camera in (scene.camera, turning, replace(scene.camera, shutter_s=0.0)):
-        options = RenderOptions(spp=16, threads=1, max_depth=1)
+        options = replace(OPTIONS, spp=16, max_depth=1)
         np.testing.assert_array_equal(shoot(View(data, options, camera=camera), 1), alone(scene, camera, 1, options))
 
 
