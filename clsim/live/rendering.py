@@ -84,7 +84,7 @@ class Rendering:
         board = stages.board("refuse")
         variances = stages.render.first_hit_rays == 0 and stages.retracing is None
         every_frame = replace(stages.render, variances=variances, truth_every=1)
-        view = stages.shown_by(View(stages.scene_data(), every_frame, board))
+        view = stages.shown_by(View(stages.scene_data(every_frame), every_frame, board))
         frame = Frame(page_aligned((len(view.names), self.height, self.width)), view.names)
         tracer = None if stages.retracing is None else stages.retracing.tracer(stages.world, None)
         noting = None if tracer is None else NotingTracer(tracer, self.width)

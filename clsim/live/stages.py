@@ -90,11 +90,15 @@ class Stages:
         tracer = None if self.retracing is None else self.retracing.tracer(self.world, schedule)
         return self.make_detector(tracer)
 
-    def scene_data(self) -> SceneData:
-        """Copy the world to the device that renders; its kernels are compiled meanwhile."""
+    def scene_data(self, render: RenderOptions | None = None) -> SceneData:
+        """Copy the world to the device that renders; its kernels, those for ``render``, are compiled meanwhile.
+
+        Args:
+            render: how a view will render it; None takes ``self.render``.
+        """
         from clsim.render import SceneData
 
-        return SceneData(self.world, self.render.device, self.render.tree, ahead=self.render)
+        return SceneData(self.world, self.render.device, self.render.tree, ahead=render or self.render)
 
     def shown_by(self, view: View) -> View:
         """Return the view, once what traces pixels between frames knows that it renders them."""

@@ -1,0 +1,25 @@
+"""Frames for files."""
+
+import pytest
+
+from clsim.live.options import LiveOptions
+from clsim.live.rendering import Rendering
+from clsim.render import scene_data, view
+from clsim.render.integrator import build_kernel
+
+
+@pytest.mark.parametrize("method", ["esim", None])
+def test_no_kernel_is_compiled_that_does_not_render(method, monkeypatch):
+    """One takes seconds; with plain paths, frames have variances, which those of a live run have not."""
+    built = []
+
+    def noted(features, tree):
+        built.append(features)
+        return build_kernel(features, tree)
+
+    monkeypatch.setattr(scene_data, "build_kernel", noted)
+    monkeypatch.setattr(view, "build_kernel", noted)
+    options = LiveOptions(scene="still", resolution=(8, 6), frame_count=1, **({"method": method} if method else {}))
+    assert len(list(Rendering(options).frames())) == 1
+    ahead, used = built
+    assert ahead == used
