@@ -166,9 +166,8 @@ def stream(
 ) -> Stream:
     """Return the events of a scene, frame by frame, as an iterator; everything is checked now.
 
-    >>> with clsim.stream("two-boxes", duration_s=0.1) as run:  # doctest: +SKIP
-    ...     for events in run:
-    ...         print(len(events), "events")
+    >>> for events in clsim.stream("two-boxes", duration_s=0.1):  # doctest: +SKIP
+    ...     print(len(events), "events")
 
     Args:
         scene: name of a bundled scene, or a scene file.

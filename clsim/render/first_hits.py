@@ -198,14 +198,13 @@ def make_look(
         albedo = mean_albedo(scene, like, footprint, texels)
         things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
 
-    @wp.func
-    def look(
+    # Both are called from one place, where the compiler puts them whole.
+    @wp.func(inline=True)
+    def begin(
         scene: scene_type,
         camera: view_type,
         settings: settings_type,
-        pixel: int,
         instant: int,
-        state: wp.uint64,
         looks: Looks,
         corner: int,
         corners: wp.array(dtype=Sample),
@@ -213,8 +212,8 @@ def make_look(
         row: int,
         before: Seen,
         things: wp.array(dtype=Thing),
-    ) -> Seen:
-        stream = sampling.Stream()
+    ) -> tuple[Edge, Footprint, int]:
+        """Return what the corners, or the look ``before``, tell of the edge, and the number of things so far."""
         number = int(0)
         footprint = Footprint()
         edge = Edge()
@@ -232,13 +231,69 @@ def make_look(
                     number = begin_thing(things, number, corners[nearest])
                 if edge.straight:
                     edge = next_side(edge, 0, looks.steps)
-        inside = int(before.inside)
         if before.counted:
             edge.plain = False
             edge.by_colour = before.by_colour
             edge.rays = before.rays - before.inside
             number = before.things
             go_on_with_things(things, number)
+        return edge, footprint, number
+
+    @wp.func(inline=True)
+    def finish(
+        scene: scene_type,
+        looks: Looks,
+        instant: int,
+        corner: int,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        edge: Edge,
+        footprint: Footprint,
+        inside: int,
+        number: int,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        """Give the things their shares, and what is known of them without rays."""
+        finish_things(things, number, edge.straight, edge.area, wp.static(coats))
+        # Where no ray looked inside, the corners tell all.
+        if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
+            if inside == 0 or wp.static(light_things is not None):
+                centre_thing(things, corners, nearest, row, wp.static(coats))
+        if wp.static(edges and mean_albedo is not None):
+            if edge.flat:
+                paint(scene, things, corners[nearest], footprint, looks.texels)
+        if wp.static(light_things is not None):
+            light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
+        seen = Seen()
+        seen.things = number
+        seen.rays = edge.rays + inside
+        seen.inside = inside
+        seen.by_colour = edge.by_colour
+        seen.counted = number > 1 and not edge.straight
+        return seen
+
+    @wp.func
+    def look(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        pixel: int,
+        instant: int,
+        state: wp.uint64,
+        looks: Looks,
+        corner: int,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        before: Seen,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        stream = sampling.Stream()
+        edge, footprint, number = begin(
+            scene, camera, settings, instant, looks, corner, corners, nearest, row, before, things
+        )
+        inside = int(before.inside)
         # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
         while True:
             at = int(pixel)
@@ -288,22 +343,6 @@ def make_look(
                     edge, number = _take_in(
                         things, number, edge, sample, place, footprint, corners[nearest], looks.pixel_angle, coats
                     )
-        finish_things(things, number, edge.straight, edge.area, wp.static(coats))
-        # Where no ray looked inside, the corners tell all.
-        if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
-            if inside == 0 or wp.static(light_things is not None):
-                centre_thing(things, corners, nearest, row, wp.static(coats))
-        if wp.static(edges and mean_albedo is not None):
-            if edge.flat:
-                paint(scene, things, corners[nearest], footprint, looks.texels)
-        if wp.static(light_things is not None):
-            light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
-        seen = Seen()
-        seen.things = number
-        seen.rays = edge.rays + inside
-        seen.inside = inside
-        seen.by_colour = edge.by_colour
-        seen.counted = number > 1 and not edge.straight
-        return seen
+        return finish(scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside, number, things)
 
     return look

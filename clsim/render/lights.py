@@ -203,6 +203,90 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         sample.pdf = sample.pdf * lights.environment_probability
         return sample
 
+    # Each is called from one place, where the compiler puts it whole; else the scene would be copied for the call.
+    @wp.func(inline=True)
+    def towards_triangle(
+        lights: Lights, geometry: Geometry, materials: Any, point: Surface, drawn: LightChoice, u: wp.vec2, time: float
+    ) -> LightSample:
+        sample = LightSample()
+        lamp = on_lamp(lights, geometry, drawn.light, uniform_triangle(u), time)
+        away = lamp.position - point.position
+        leaving = side(point.normal, away)
+        distance2 = wp.dot(away, away)
+        if distance2 > 1.0e-30 and wp.dot(away, leaving) > 0.0:
+            toward = away / wp.sqrt(distance2)
+            if wp.dot(lamp.normal, away) > 0.0:
+                lamp.front = False
+                lamp.normal = -lamp.normal
+            sample.pdf = area_pdf(drawn.probability, lamp, toward, wp.sqrt(distance2))
+            sample.radiance = emitted(materials, lamp)
+            sample.origin = offset_origin(point.position, leaving, point.reach_m)
+            # The shadow ray ends before the lamp, by roundings of the way there and of the lamp's own place.
+            reach_m = wp.max(lamp.reach_m, wp.sqrt(distance2))
+            shadow = offset_origin(lamp.position, lamp.normal, reach_m) - sample.origin
+            distance = wp.length(shadow)
+            sample.direction = shadow / distance
+            # A small triangle that is far away is met less exactly than roundings tell.
+            uncertain = wp.min(_UNCERTAIN * wp.sqrt(distance2 / lamp.area), _MOST_UNCERTAIN)
+            sample.distance = distance * (1.0 - uncertain)
+        return sample
+
+    @wp.func(inline=True)
+    def towards_sphere(
+        lights: Lights, geometry: Geometry, point: Surface, drawn: LightChoice, u: wp.vec2, time: float
+    ) -> LightSample:
+        sample = LightSample()
+        index = drawn.light - lights.first_sphere
+        sphere = sphere_at(geometry, index, time)
+        size = sphere_cone(sphere, point.position)
+        if size > 0.0:
+            centre = wp.vec3(sphere[0], sphere[1], sphere[2])
+            toward = cone(wp.normalize(centre - point.position), size, u)
+            leaving = side(point.normal, toward)
+            if wp.dot(toward, leaving) > 0.0:
+                sample.pdf = drawn.probability / (2.0 * wp.pi * size)
+                sample.radiance = lights.sphere_radiance[index]
+                sample.direction = toward
+                sample.origin = offset_origin(point.position, leaving, point.reach_m)
+                t = hit_sphere(sphere, sample.origin, toward)
+                if t < 0.0:  # grazes the edge by rounding
+                    t = wp.dot(centre - sample.origin, toward)
+                sample.distance = 0.9999 * t
+        return sample
+
+    @wp.func(inline=True)
+    def towards_point(lights: Lights, materials: Any, point: Surface, drawn: LightChoice, time: float) -> LightSample:
+        sample = LightSample()
+        index = drawn.light - lights.first_punctual
+        found = towards_punctual(lights.punctual, materials.textures, index, point.position, time)
+        leaving = side(point.normal, found.direction)
+        if wp.dot(found.direction, leaving) > 0.0:
+            sample.delta = True
+            sample.pdf = drawn.probability
+            sample.radiance = found.irradiance
+            sample.direction = found.direction
+            sample.origin = offset_origin(point.position, leaving, point.reach_m)
+            sample.distance = found.distance
+        return sample
+
+    @wp.func(inline=True)
+    def towards_environment(lights: Lights, point: Surface, u: wp.vec2) -> LightSample:
+        sample = LightSample()
+        if wp.static(features.environment_map):
+            towards = sample_environment(lights.environment_image, u)
+            drawn = EnvironmentSample(towards, wp.vec3(1.0, 1.0, 1.0), 1.0)
+            sample.mapped = True
+        else:
+            drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))
+        leaving = side(point.normal, drawn.direction)
+        if wp.dot(drawn.direction, leaving) > 0.0:
+            sample.pdf = drawn.pdf
+            sample.radiance = drawn.radiance
+            sample.direction = drawn.direction
+            sample.origin = offset_origin(point.position, leaving, point.reach_m)
+            sample.distance = FAR
+        return sample
+
     @wp.func
     def sample_light(
         lights: Lights,
@@ -217,76 +301,20 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
     ) -> LightSample:
         """Draw a light for a point, by ``choice`` and then ``finer``, and a place on it by ``u``."""
         sample = LightSample()
-        sample.pdf = 0.0
-        drawn_light = choose(lights, to, choice, finer)
-        light = drawn_light.light
+        drawn = choose(lights, to, choice, finer)
+        light = drawn.light
         if wp.static(features.triangle_lights):
             if light >= 0 and light < lights.first_sphere:
-                lamp = on_lamp(lights, geometry, light, uniform_triangle(u), time)
-                away = lamp.position - point.position
-                leaving = side(point.normal, away)
-                distance2 = wp.dot(away, away)
-                if distance2 > 1.0e-30 and wp.dot(away, leaving) > 0.0:
-                    toward = away / wp.sqrt(distance2)
-                    if wp.dot(lamp.normal, away) > 0.0:
-                        lamp.front = False
-                        lamp.normal = -lamp.normal
-                    sample.pdf = area_pdf(drawn_light.probability, lamp, toward, wp.sqrt(distance2))
-                    sample.radiance = emitted(materials, lamp)
-                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
-                    # The shadow ray ends before the lamp, by roundings of the way there and of the lamp's own place.
-                    reach_m = wp.max(lamp.reach_m, wp.sqrt(distance2))
-                    shadow = offset_origin(lamp.position, lamp.normal, reach_m) - sample.origin
-                    distance = wp.length(shadow)
-                    sample.direction = shadow / distance
-                    # A small triangle that is far away is met less exactly than roundings tell.
-                    uncertain = wp.min(_UNCERTAIN * wp.sqrt(distance2 / lamp.area), _MOST_UNCERTAIN)
-                    sample.distance = distance * (1.0 - uncertain)
+                sample = towards_triangle(lights, geometry, materials, point, drawn, u, time)
         if wp.static(features.sphere_lights):
             if light >= lights.first_sphere and light < lights.first_punctual:
-                index = light - lights.first_sphere
-                sphere = sphere_at(geometry, index, time)
-                size = sphere_cone(sphere, point.position)
-                if size > 0.0:
-                    centre = wp.vec3(sphere[0], sphere[1], sphere[2])
-                    toward = cone(wp.normalize(centre - point.position), size, u)
-                    leaving = side(point.normal, toward)
-                    if wp.dot(toward, leaving) > 0.0:
-                        sample.pdf = drawn_light.probability / (2.0 * wp.pi * size)
-                        sample.radiance = lights.sphere_radiance[index]
-                        sample.direction = toward
-                        sample.origin = offset_origin(point.position, leaving, point.reach_m)
-                        t = hit_sphere(sphere, sample.origin, toward)
-                        if t < 0.0:  # grazes the edge by rounding
-                            t = wp.dot(centre - sample.origin, toward)
-                        sample.distance = 0.9999 * t
+                sample = towards_sphere(lights, geometry, point, drawn, u, time)
         if wp.static(features.punctual_lights):
             if light >= lights.first_punctual and light < lights.first_environment:
-                index = light - lights.first_punctual
-                found = towards_punctual(lights.punctual, materials.textures, index, point.position, time)
-                leaving = side(point.normal, found.direction)
-                if wp.dot(found.direction, leaving) > 0.0:
-                    sample.delta = True
-                    sample.pdf = drawn_light.probability
-                    sample.radiance = found.irradiance
-                    sample.direction = found.direction
-                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
-                    sample.distance = found.distance
+                sample = towards_point(lights, materials, point, drawn, time)
         if wp.static(features.environment):
             if light == lights.first_environment:
-                if wp.static(features.environment_map):
-                    towards = sample_environment(lights.environment_image, u)
-                    drawn = EnvironmentSample(towards, wp.vec3(1.0, 1.0, 1.0), 1.0)
-                    sample.mapped = True
-                else:
-                    drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))
-                leaving = side(point.normal, drawn.direction)
-                if wp.dot(drawn.direction, leaving) > 0.0:
-                    sample.pdf = drawn.pdf
-                    sample.radiance = drawn.radiance
-                    sample.direction = drawn.direction
-                    sample.origin = offset_origin(point.position, leaving, point.reach_m)
-                    sample.distance = FAR
+                sample = towards_environment(lights, point, u)
         return sample
 
     return sample_light, triangle_pdf, sphere_pdf, environment, on_lamp

@@ -92,6 +92,17 @@ def _paths_of(grade: int, steering: Steering, full: int) -> int:
 
 
 @wp.func
+def _corrected(grade: int, known: int, before: int) -> int:
+    """Return the grade whose correction is added: none, −1, where that of another number of paths is."""
+    base = wp.min(grade, known - 1)
+    if known == 0:
+        base = grade
+    if before > 0:
+        base = int(-1)
+    return base
+
+
+@wp.func
 def _lit(things: wp.array(dtype=Thing), number: int, e: wp.vec3) -> wp.vec3:
     """Return the radiance of what is seen, in light of that irradiance over π."""
     radiance = wp.vec3()
@@ -154,12 +165,7 @@ def make_steered(
             turn = pixel % settings.width + pixel // settings.width + steering.turn
             if grades[pixel] == wp.uint8(0) and steering.before == 0 and turn % steering.every != 0:
                 wanted = int(0)
-            # The grade whose correction is added: none where that of another number of paths is.
-            base = wp.min(grade, known[pixel] - 1)
-            if known[pixel] == 0:
-                base = grade
-            if steering.before > 0:
-                base = int(-1)
+            base = _corrected(grade, known[pixel], steering.before)
             kept = correction[wp.max(base, 0), pixel]
             last = irradiance[pixel]
             e = irradiance[pixel]
