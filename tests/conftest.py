@@ -26,9 +26,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_cmdline_main(config: pytest.Config) -> None:
     """Run the whole suite (no paths given, no -n, no debugger) on up to four cores: most of it is compiling kernels.
 
+    So is most of what ``--own-kernels`` asks for, whatever the paths.
+
     In ``addopts``, ``-n`` would be an error where the plugin is missing.
     """
-    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+    whole = config.args_source is pytest.Config.ArgsSource.TESTPATHS or config.option.own_kernels
     if not (whole and config.pluginmanager.hasplugin("xdist")) or config.option.numprocesses is not None:
         return
     # Workers come here too, and must not have workers of their own.

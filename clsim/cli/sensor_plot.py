@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from clsim.cli.figure import new_figure
 from clsim.errors import InputError
 from clsim.sensor import SensorSettings, characteristics
 
@@ -25,18 +26,10 @@ def plot_sensor(settings: SensorSettings, file: str | Path, seed: int = 0) -> No
     Raises:
         InputError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError(
-            "drawing a sensor needs matplotlib, which is not installed; pip install 'clsim[plot]'"
-        ) from None
+    figure = new_figure("a sensor", 15, 8)
     if not Path(file).absolute().parent.is_dir():
         # Told before the seconds that measuring takes.
         raise InputError(f"cannot write {file}: there is no folder {Path(file).parent}")
-    figure = Figure(figsize=(15, 8), layout="constrained")
-    FigureCanvasAgg(figure)
     draw: tuple[Callable[[Any, SensorSettings, int], None], ...] = (
         _draw_noise,
         _draw_bandwidth,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from clsim.bench.tradeoff_settings import LIGHTS, named_points
+from clsim.cli.figure import new_figure
 from clsim.cli.label_places import place_labels
 from clsim.errors import InputError
 
@@ -36,15 +37,7 @@ def plot_tradeoff(results: dict[str, Any], file: str | Path) -> None:
     Raises:
         InputError: matplotlib is not installed, or the file cannot be written.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise InputError(
-            "drawing the trade needs matplotlib, which is not installed; pip install 'clsim[plot]'"
-        ) from None
-    figure = Figure(figsize=(16, 5.6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure("the trade", 16, 5.6)
     *panels, last = figure.subplots(1, 3, sharex=True)
     panels[1].sharey(panels[0])
     _limits(panels[0], results)
