@@ -21,6 +21,7 @@ from clsim.frames.frame import Frame
 from clsim.frames.tonemap import ToneMap
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
+from clsim.render import View
 
 WIDTH, HEIGHT, ZOOM, GAP, TITLE = 173, 130, 2, 8, 20
 
@@ -28,7 +29,7 @@ WIDTH, HEIGHT, ZOOM, GAP, TITLE = 173, 130, 2, 8, 20
 def seen(scene: str) -> npt.NDArray[np.uint8]:
     """Return the first frame, ``[H, W, 3]``."""
     stages = plan_stages(LiveOptions(scene, resolution=(WIDTH, HEIGHT), frame_count=1, spp=64, quality="accurate"))
-    view = stages.view(stages.scene_data(), None)
+    view = View(stages.scene_data(), stages.render)
     frame = Frame(page_aligned((len(stages.planes), HEIGHT, WIDTH)), stages.planes)
     view.fill(0, frame)
     view.close()
