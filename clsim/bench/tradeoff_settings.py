@@ -9,7 +9,7 @@ from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precisi
 from clsim.live import quality
 from clsim.live.base_rate import things_go_slowly
 from clsim.live.options import LiveOptions
-from clsim.render import RenderOptions, light_is_found_apart, light_stands_still
+from clsim.render import RenderOptions, camera_watches, light_is_found_apart, light_stands_still
 from clsim.scene import Sensor, World
 
 QUICK_POINTS = 12
@@ -50,6 +50,7 @@ class Rendering:
             probe_every=self.probe_every,
             first_hit_rays=self.first_hit_rays,
             light_cache=self.sampling == "cached",
+            in_turn=self.sampling == "in-turn",
             fps=fps,
             frames=frames,
         )
@@ -62,7 +63,7 @@ class Rendering:
         parts = [f"{spp} spp{turns} {self.noise}"]
         if self.sampler != "pcg":
             parts.append(self.sampler)
-        if self.sampling == "cached":
+        if self.sampling != "adaptive" and self.probe_spp is not None:
             parts.append("kept")
         if self.first_hit_rays:
             parts.append(f"+ {self.first_hit_rays} first hits")
@@ -147,21 +148,27 @@ class Light:
     """Whether paths find all light, also that straight from lamps."""
     slow: bool = True
     """Whether things go slowly, as they and the light from them do in bundled scenes."""
+    watched: bool = False
+    """Whether the camera stands still, and light changes by what moves alone."""
 
     @classmethod
     def of(cls, world: World, fps: float) -> Light:
         """Return that of a scene at so many frames a second."""
-        return cls(light_stands_still(world), not light_is_found_apart(world), things_go_slowly(world, fps))
+        slow, watched = things_go_slowly(world, fps), camera_watches(world)
+        return cls(light_stands_still(world), not light_is_found_apart(world), slow, watched)
 
 
-LIGHTS = tuple(Light(still, by_paths) for still in (False, True) for by_paths in (False, True))
+LIGHTS = (
+    *(Light(still, by_paths) for still in (False, True) for by_paths in (False, True)),
+    Light(watched=True),
+)
 """Those in which a quality has other settings."""
 
 
 def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names, in scenes with such light."""
     runs = {
-        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths, light.slow)
+        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths, light.slow, light.watched)
         for name in quality.QUALITIES
     }
     return {name: _of_live(run.point, seed) for name, run in runs.items()}

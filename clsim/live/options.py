@@ -19,6 +19,7 @@ from clsim.live.quality import (
     APART_SLOW,
     CACHED,
     DEFAULT,
+    IN_TURN,
     PLAIN,
     QUALITIES,
     Noise,
@@ -64,7 +65,8 @@ class LiveOptions:
     sampling: Sampling | None = None
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
-    Or, cached, as many as make known the light that is kept on surfaces; None takes that where light stands still."""
+    Or, cached, as many as make known the light that is kept on surfaces; None takes that where light stands still.
+    Or, in-turn, some of those that are kept from frame to frame, where the camera stands still."""
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
     probe_every: int | None = None
@@ -194,7 +196,8 @@ class LiveOptions:
         light stands still is not known here: see `settled`.
         """
         basis = self.basis
-        named = PLAIN if basis is None else (QUALITIES | CACHED if self.sampling == "cached" else QUALITIES)[basis]
+        others = {"cached": CACHED, "in-turn": IN_TURN}.get(self.sampling or "", {})
+        named = PLAIN if basis is None else (QUALITIES | others)[basis]
         if self.quality is None and (self.noise == "independent" or self.first_hit_rays == 0):
             named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})
@@ -207,12 +210,16 @@ class LiveOptions:
             point = replace(point, event_rule="interpolated")
         return point
 
-    def settled(self, light_stands_still: bool, all_by_paths: bool, slow: bool = True) -> LiveOptions:
+    def settled(
+        self, light_stands_still: bool, all_by_paths: bool, slow: bool = True, watched: bool = False
+    ) -> LiveOptions:
         """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
         paths, there are more of these, unless it is told how many; where it is not, and things move, there may
-        be fewer, the more so where they go slowly.
+        be fewer, the more so where they go slowly. ``watched`` tells that the camera stands still and no light changes
+        but by what moves: paths are then kept, unless they are found between frames too, a governor changes them, or an
+        event wants evidence.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
@@ -224,6 +231,10 @@ class LiveOptions:
                 chosen: dict[str, Any] = dict(ALL_BY_PATHS[self.basis])
                 kept = replace(kept, **{name: n for name, n in chosen.items() if getattr(self, name) is None})
             return kept
+        plain = self.time == "fixed" and self.pace == "max" and self.confidence == 0
+        # Balanced would cost a fifth more than without.
+        if watched and plain and not all_by_paths and self.basis == "accurate":
+            return replace(self, sampling="in-turn")
         if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
             settings: dict[str, Any] = (APART_SLOW if slow else APART)[self.basis]
             return replace(self, **settings)
@@ -235,7 +246,9 @@ class LiveOptions:
         if self.quality is not None:
             return self.quality
         return (
-            DEFAULT if self.method is None or self.sampling in ("adaptive", "cached") or self.pace == "real" else None
+            DEFAULT
+            if self.method is None or self.sampling in ("adaptive", "cached", "in-turn") or self.pace == "real"
+            else None
         )
 
     @property
@@ -308,7 +321,7 @@ class LiveOptions:
         point = self.point
         if point.sampling == "uniform" and self.probe_spp is not None:
             raise InputError(
-                f"`probe_spp` {self.probe_spp} is for `sampling` adaptive or cached, but sampling is uniform"
+                f"`probe_spp` {self.probe_spp} is for `sampling` adaptive, cached or in-turn, but sampling is uniform"
             )
         if point.probe_every > 1:
             self._need_first_hit_rays(f"`probe_every` {point.probe_every}")

@@ -8,7 +8,7 @@ from typing import Any, Literal
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 
 Quality = Literal["draft", "balanced", "accurate", "exact", "published"]
-Sampling = Literal["uniform", "adaptive", "cached"]
+Sampling = Literal["uniform", "adaptive", "cached", "in-turn"]
 Sampler = Literal["pcg", "sobol"]
 Noise = Literal["common", "independent"]
 
@@ -24,6 +24,7 @@ class Point:
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
     ``cached`` keeps light on surfaces, where nothing but the camera moves; few paths will do where it is known.
+    ``in-turn`` keeps paths where the camera stands still, and traces some of them again in each frame.
     """
     probe_spp: int
     """Light paths that every pixel gets, where sampling is adaptive or cached."""
@@ -53,6 +54,8 @@ class Point:
         parts.append(self.sampler)
         if self.sampling == "cached":
             parts.append("light kept on surfaces")
+        if self.sampling == "in-turn":
+            parts.append("paths traced again in turn")
         if self.noise != "common":
             parts.append(f"{self.noise} noise")
         if self.gate != "radiance" and "gate" not in unused:
@@ -149,6 +152,32 @@ CACHED: dict[Quality, Point] = {
     ),
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
+IN_TURN: dict[Quality, Point] = {
+    "balanced": Point(
+        method="esim",
+        window=None,
+        sampling="in-turn",
+        probe_spp=4,
+        spp=48,
+        first_hit_rays=16,
+        sampler="sobol",
+        probe_every=2,
+        event_rule="linear-light",
+    ),
+    "accurate": Point(
+        method="esim",
+        window=None,
+        sampling="in-turn",
+        probe_spp=8,
+        spp=64,
+        first_hit_rays=64,
+        sampler="sobol",
+        probe_every=2,
+        event_rule="linear-light",
+    ),
+}
+"""What those qualities are where things move before a camera that stands still, and light straight from lamps is found
+apart: paths are kept, and traced again in turn."""
 ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
     "balanced": {"probe_spp": 1, "probe_every": 8, "spp": 16, "first_hit_rays": 48},
     "accurate": {"probe_spp": 8, "probe_every": 1, "spp": 64},

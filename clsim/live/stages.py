@@ -155,9 +155,16 @@ def plan_stages(
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError.
 
     Where ``lights_set`` says that lights change from outside, their light does not stand still; where ``driven`` says
-    that things are moved from outside, they may go fast.
+    that things are moved from outside, they may go fast, and the camera need not stand still.
     """
-    from clsim.render import RenderOptions, check_device, lamps_move, light_is_found_apart, light_stands_still
+    from clsim.render import (
+        RenderOptions,
+        camera_watches,
+        check_device,
+        lamps_move,
+        light_is_found_apart,
+        light_stands_still,
+    )
 
     if world is None:
         world = alone(load_options_world(options))
@@ -165,9 +172,15 @@ def plan_stages(
     by_frames = options.time == "fixed" or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
     slow = not driven and things_go_slowly(world, fps)
-    options = options.settled(still and not lights_set, not light_is_found_apart(world), slow)
+    watched = camera_watches(world) and not (driven or lights_set)
+    options = options.settled(still and not lights_set, not light_is_found_apart(world), slow, watched)
     point = options.point
-    steered = point.sampling == "adaptive"
+    steered = point.sampling in ("adaptive", "in-turn")
+    if point.sampling == "in-turn" and not (watched and options.time == "fixed"):
+        raise InputError(
+            "`sampling` in-turn needs `time` fixed and a scene whose camera stands still, where nothing is set from "
+            f"outside and no light changes by itself, which does not hold of {world.name}; use adaptive"
+        )
     if point.sampling == "cached" and not still:
         raise InputError(
             f"`sampling` cached needs a scene in which nothing but the camera moves and no light changes, but in "
@@ -179,6 +192,7 @@ def plan_stages(
         probe_every=point.probe_every,
         first_hit_rays=point.first_hit_rays,
         light_cache=point.sampling == "cached",
+        in_turn=point.sampling == "in-turn",
         light_hz=None if options.time == "fixed" else BASE_FPS,
         fps=fps,
         seed=options.seed,

@@ -4,7 +4,7 @@ from clsim.render.devices import check_device, fastest_tree, list_render_devices
 from clsim.render.effort import Effort
 from clsim.render.options import RenderOptions
 from clsim.render.scene_data import SceneData
-from clsim.render.scene_features import light_is_found_apart, light_stands_still
+from clsim.render.scene_features import camera_watches, light_is_found_apart, light_stands_still
 from clsim.render.scene_lamps import lamps_move
 from clsim.render.tracer import PathTracer, describe_build
 from clsim.render.view import RenderCancelled, View
@@ -16,6 +16,7 @@ __all__ = [
     "RenderOptions",
     "SceneData",
     "View",
+    "camera_watches",
     "check_device",
     "describe_build",
     "fastest_tree",

@@ -120,6 +120,16 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     return looks
 
 
+def largest_around(values: Any, room: Any) -> Any:
+    """Return the largest value of each pixel and its eight neighbours, uint8 ``[H, W]``.
+
+    ``room`` to work in is uint8 ``[H + 2, W + 2]``, 0 in its border.
+    """
+    room[1:-1, 1:-1] = values
+    rows = np.maximum(np.maximum(room[:-2], room[1:-1]), room[2:])
+    return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+
+
 class Steerer:
     """Decides from interest maps which pixels of a frame get how many samples, and counts what they got.
 
@@ -238,15 +248,9 @@ class Steerer:
             grades += needed > enough
             enough *= 2
         for _ in range(2):
-            around = self._largest_around(grades)
+            around = largest_around(grades, self._padded)
             np.maximum(grades, around - (around > 0), out=grades)
         # A pixel without a reference is near, whatever NaN compares to.
         near = ~(distance > NEAR * threshold)
-        np.maximum(grades, top * self._largest_around(near & ~(interest.stderr > 0)), out=grades)
-        grades += np.maximum(grades > 0, self._largest_around(near))
-
-    def _largest_around(self, values: Any) -> Any:
-        """Return the largest value of each pixel and its eight neighbours, uint8 ``[H, W]``."""
-        self._padded[1:-1, 1:-1] = values
-        rows = np.maximum(np.maximum(self._padded[:-2], self._padded[1:-1]), self._padded[2:])
-        return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+        np.maximum(grades, top * largest_around(near & ~(interest.stderr > 0), self._padded), out=grades)
+        grades += np.maximum(grades > 0, largest_around(near, self._padded))

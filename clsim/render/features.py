@@ -104,6 +104,7 @@ class Features(SceneFeatures):
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         light_cache: first hits take their light from what is kept on surfaces.
+        in_turn: paths are kept, and traced again in turn.
         coats: what the coats of plastics reflect is kept apart from the light on their bases.
         lamp_light: light straight from lamps is found apart from paths, in closed form but for shadows.
         requests: a list tells which pixels are traced, and at which instants.
@@ -120,6 +121,7 @@ class Features(SceneFeatures):
     variances: bool
     first_hits: bool
     light_cache: bool
+    in_turn: bool
     requests: bool
     coats: bool
     lamp_light: bool
@@ -167,6 +169,7 @@ class Features(SceneFeatures):
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
             (self.light_cache, "light kept on surfaces"),
+            (self.in_turn, "paths kept and traced again in turn"),
             (self.coats, "light of coats kept apart"),
             (self.lamp_light, "light straight from lamps in closed form"),
         )
@@ -192,6 +195,7 @@ def view_features(
     first_hits: bool = False,
     light_cache: bool = False,
     requests: bool = False,
+    in_turn: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     lamp_light = first_hits and lamps_apart(scene, strategy)
@@ -208,6 +212,7 @@ def view_features(
         variances=variances and not requests,
         first_hits=first_hits,
         light_cache=light_cache,
+        in_turn=in_turn,
         requests=requests,
         coats=light_cache and "plastic" in scene.kinds and not scene.blends,
         lamp_light=lamp_light,

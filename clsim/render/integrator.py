@@ -364,6 +364,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         make: Any
         if features.light_cache:
             from clsim.render.cached import make_cached as make
+        elif features.in_turn:
+            from clsim.render.in_turn import make_in_turn as make
         else:
             from clsim.render.steered import make_steered as make
         return make(features.sobol, look, shoot, *types, kernel_options())

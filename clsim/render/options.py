@@ -82,6 +82,12 @@ class RenderOptions:
     Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
     little is known, ``probe_spp`` elsewhere.
     """
+    in_turn: bool = False
+    """Whether paths are kept, and traced again in turn, so that few in a frame are worth ``spp``.
+
+    Needs first-hit rays, common noise and a camera that stands still. Of ``spp`` paths ``probe_spp`` are traced where
+    light changes, and one in each ``probe_every``-th frame elsewhere. Light comes smoothed, from pixels around.
+    """
     light_hz: float | None = None
     """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
 
@@ -138,11 +144,14 @@ class RenderOptions:
             ("probe_spp", self.probe_spp is not None),
             ("probe_every", self.probe_every > 1),
             ("light_cache", self.light_cache),
+            ("in_turn", self.in_turn),
         ):
             if steers and not self.first_hit_rays:
                 raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
             if steers and self.noise != "common":
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
+        if self.in_turn and self.light_cache:
+            raise InputError("`in_turn` and `light_cache` are two ways to keep light; give one of them")
         if self.look_again < 0:
             raise InputError(f"`look_again` must not be negative, got {self.look_again}")
         if self.look_again and not self.light_cache:
@@ -163,6 +172,7 @@ class RenderOptions:
             first_hits,
             self.light_cache,
             requests,
+            self.in_turn,
         )
 
     def features_of(self, world: World) -> Features:

@@ -79,6 +79,12 @@ def light_stands_still(world: World) -> bool:
     return not (deforming or objects_move(world) or world.light_changes())
 
 
+def camera_watches(world: World) -> bool:
+    """Whether the camera stands still, and light changes by what moves alone."""
+    camera, *_ = world.motions()
+    return camera.duration_s == 0 and not world.light_changes()
+
+
 def check_kept_light(world: World, light_cache: bool) -> None:
     """Raise InputError where light shall be kept on surfaces and does not stand still."""
     if light_cache and not light_stands_still(world):

@@ -29,6 +29,7 @@ from clsim.scene.world import Spectral
 if TYPE_CHECKING:
     from clsim.render.light_keeper import LightKeeper
     from clsim.render.truth import TruthPass
+    from clsim.render.turn_keeper import TurnKeeper
 
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
@@ -114,7 +115,7 @@ class View:
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
-        self._steerer: Steerer | LightKeeper | None = None
+        self._steerer: Steerer | LightKeeper | TurnKeeper | None = None
         if options.first_hit_rays:
             data.add_texture_levels()
             probe_spp = options.probe_spp or options.spp
@@ -127,6 +128,10 @@ class View:
                 from clsim.render.light_keeper import LightKeeper
 
                 self._steerer = LightKeeper(*size, effort, sight, options.light_hz, options.look_again, self._device)
+            elif options.in_turn:
+                from clsim.render.turn_keeper import TurnKeeper
+
+                self._steerer = TurnKeeper(*size, effort, sight, board, self._device)
             else:
                 self._steerer = Steerer(*size, effort, sight, board, self._device)
         self._truth: TruthPass | None = None
@@ -189,6 +194,8 @@ class View:
                 if steering["steering"].looks.steps:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
+                if self._options.in_turn:
+                    self._render(changed | {"corner_pass": False, "lighting": True}, self.width * self.height)
                 unfinished = self._steerer.finish()
             if self._options.look_again:
                 again = {"corner_pass": False, "again": self._options.look_again}

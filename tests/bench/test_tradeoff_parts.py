@@ -168,7 +168,7 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
     )
     cornell = load_world("cornell")
     found = [Light.of(world, world.fps) for world in (cornell, lit, sky)]
-    assert found == [Light(), Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
+    assert found == [Light(watched=True), Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
     for world, light in ((cornell, found[0]), (lit, found[1]), (sky, found[2])):
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
@@ -179,7 +179,7 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
     drafts = [named_points(0, light)["draft"] for light in LIGHTS]
-    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64]
+    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8]
     assert [draft.detector.window for draft in drafts[:2]] == [11, 7]
 
 

@@ -13,11 +13,12 @@ from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.quality import CACHED, DEFAULT, PLAIN, QUALITIES, Quality
+from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions
 
 
-def options(**values: object) -> LiveOptions:
-    return LiveOptions("still", **values)  # type: ignore[arg-type]
+def options(scene: str = "still", **values: object) -> LiveOptions:
+    return LiveOptions(scene, **values)  # type: ignore[arg-type]
 
 
 def test_every_named_point_can_be_rendered_and_detected() -> None:
@@ -200,7 +201,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
         ({"sampling": "adaptive", "spp": 4, "probe_spp": 5}, "`probe_spp` must be at most `spp` 4, got 5"),
         (
             {"method": "esim", "probe_spp": 2},
-            "`probe_spp` 2 is for `sampling` adaptive or cached, but sampling is uniform",
+            "`probe_spp` 2 is for `sampling` adaptive, cached or in-turn, but sampling is uniform",
         ),
         ({"sampling": "adaptive", "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
         ({"sampling": "adaptive", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
@@ -217,7 +218,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
         ),
         ({"first_hit_rays": -1}, "`first_hit_rays` must not be negative, got -1"),
         ({"quality": "best"}, "`quality` must be one of draft, balanced, accurate, exact, published, got 'best'"),
-        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, cached, got 'random'"),
+        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, cached, in-turn, got 'random'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -250,3 +251,22 @@ def test_the_text_leaves_out_what_the_method_has_no_use_for() -> None:
     everywhere = replace(published, method="wlr-esim").text()
     assert everywhere == "wlr-esim 13x13, 32 spp, pcg, independent noise, rule frame"
     assert replace(published, method="esim").text() == "esim, 32 spp, pcg, independent noise, rule frame"
+
+
+def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() -> None:
+    """Unless what is kept would be of no use, or a setting goes without it."""
+    kept = plan_stages(options(scene="cornell", quality="accurate"))
+    assert not plan_stages(options(scene="cornell")).render.in_turn
+    assert kept.render.in_turn and kept.detector.method == "esim" and kept.steered
+    assert kept.render.spp == 64
+    assert plan_stages(options(scene="cornell", sampling="in-turn")).render.spp == 48
+    for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
+        assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
+    assert not plan_stages(options(scene="cornell", quality="accurate"), driven=True).render.in_turn
+    assert not plan_stages(options(scene="two-boxes", quality="accurate")).render.in_turn
+
+
+def test_paths_cannot_be_kept_before_a_camera_that_moves() -> None:
+    """The sentence names the scene, and what to take."""
+    with pytest.raises(InputError, match=r"in-turn needs .* which does not hold of two-boxes; use adaptive"):
+        plan_stages(options(scene="two-boxes", sampling="in-turn"))

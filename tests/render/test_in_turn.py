@@ -1,0 +1,121 @@
+"""Paths that are kept and traced again in turn: still where all stands still, and light from the same surface alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+
+from clsim.frames import RADIANCE, Frame, InterestBoard, InterestMap, page_aligned
+from clsim.render import PathTracer, RenderOptions
+from clsim.render.in_turn import LAYERS, REACH, Layer, Lit, draw_out, light_on
+from clsim.render.turn_keeper import window_weights
+from clsim.scene import load_world
+
+SIZE = (16, 12)
+KEPT = 8
+TURNS = RenderOptions(
+    spp=KEPT, probe_spp=4, probe_every=2, first_hit_rays=16, sampler="sobol", in_turn=True, fps=120, frames=8
+)
+
+
+def pictures(times_us, board=None, **changed):
+    """Return the radiance of frames at those times, and how many paths each took, by pixel."""
+    tracer = PathTracer(load_world("cornell", resolution=SIZE), replace(TURNS, **changed), board)
+    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+    shown, paths = [], [0]
+    try:
+        for index, time_us in enumerate(times_us):
+            tracer.fill_at(index, time_us, frame)
+            shown.append(np.stack([frame.plane(name) for name in RADIANCE]))
+            paths.append(tracer.paths)
+    finally:
+        tracer.close()
+    return np.stack(shown), np.diff(paths) / (SIZE[0] * SIZE[1])
+
+
+def test_all_paths_are_traced_at_first_and_then_in_turn():
+    """Without a map of interest no light is known to change: each pixel traces one path in every other frame."""
+    shown, paths = pictures([0] * 6)
+    assert paths[0] == KEPT and np.all(paths[1:] == 0.5)
+    np.testing.assert_allclose(shown, np.broadcast_to(shown[:1], shown.shape), rtol=2e-6)
+
+
+def test_light_that_changes_is_traced_more():
+    """Where a map tells of change, and around it, ``probe_spp`` paths are traced two frames later."""
+    board = InterestBoard()
+    half, change = np.full(SIZE[::-1], 0.2, np.float32), np.zeros(SIZE[::-1], np.float32)
+    change[5, 5] = -0.0101
+    for number in range(2):
+        board.publish(InterestMap(number, half, half, change, np.zeros_like(change)))
+    tracer_paths = pictures([0] * 3, board)[1]
+    area = SIZE[0] * SIZE[1]
+    # Four of the nine, or five, would have waited.
+    assert tracer_paths[2] * area == pytest.approx(area / 2 + 9 * 4 - 4.5, abs=0.5)
+
+
+def test_light_is_that_of_as_many_paths_as_are_kept():
+    """Nothing is lost, and nothing counted twice: the mean picture is that of paths which nobody keeps."""
+    kept, _ = pictures([0], spp=64)
+    plain = replace(TURNS, spp=256, probe_spp=None, probe_every=1, in_turn=False)
+    tracer = PathTracer(load_world("cornell", resolution=SIZE), plain)
+    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+    tracer.fill(0, frame)
+    tracer.close()
+    truth = np.stack([frame.plane(name) for name in RADIANCE])
+    np.testing.assert_allclose(kept[0].mean(axis=(1, 2)), truth.mean(axis=(1, 2)), rtol=0.01)
+
+
+def test_pictures_do_not_depend_on_threads_and_tiles():
+    """A block that moves: bit for bit the same."""
+    times_us = [8333 * k for k in range(5)]
+    one, _ = pictures(times_us, threads=1)
+    other, _ = pictures(times_us, threads=2, tile_pixels=7)
+    np.testing.assert_array_equal(one, other)
+
+
+@wp.kernel
+def ask(
+    layers: wp.array2d(dtype=Layer), window: wp.array(dtype=float), lit: Lit, turn: int, out: wp.array(dtype=wp.vec3)
+):
+    """Draw out each pixel's light, and find that on one thing in the middle."""
+    for pixel in range(layers.shape[0]):
+        draw_out(layers, pixel, turn)
+    out[0] = light_on(layers, window, layers.shape[0] // 2, 9, lit, 0.01)
+
+
+def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
+    """Against the sums in float64: two surfaces at right angles, some pixels without paths, light that changes."""
+    rng = np.random.default_rng(3)
+    side, turn = 9, 40
+    layers = wp.zeros((side * side, LAYERS), dtype=Layer, device="cpu")
+    values = layers.numpy()
+    up, ahead = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    for pixel in range(side * side):
+        for k, normal in enumerate((up, ahead)):
+            count = int(rng.integers(0, 4))
+            place = rng.normal(size=3) * (1 - normal) * 0.2
+            values[pixel, k]["count"], values[pixel, k]["frames"] = count, count * int(rng.integers(0, turn))
+            values[pixel, k]["total"], values[pixel, k]["rate"] = rng.random(3) * count, rng.normal(size=3) * 0.02
+            values[pixel, k]["position"], values[pixel, k]["normal"] = place, normal
+    layers = wp.array(values, dtype=Layer, device="cpu")
+    lit = Lit()
+    lit.position, lit.normal, lit.depth = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*up), 1.0
+    out = wp.zeros(1, dtype=wp.vec3, device="cpu")
+    window = wp.array(window_weights(), dtype=wp.float32, device="cpu")
+    wp.launch(ask, dim=1, inputs=[layers, window, lit, turn, out], device="cpu")
+
+    total, weight = np.zeros(3), 0.0
+    for dy in range(-REACH, REACH + 1):
+        for dx in range(-REACH, REACH + 1):
+            if dx * dx + dy * dy > REACH**2 + 1:
+                continue
+            layer = values[(4 + dy) * side + 4 + dx, 0]
+            share = np.exp(-(dx * dx + dy * dy) / (2 * (REACH / 2) ** 2))
+            known = layer["total"].astype(np.float64)
+            drawn = known + layer["rate"] * float(turn * layer["count"] - layer["frames"])
+            total += share * np.maximum(drawn, 0.2 * known) * (layer["count"] > 0)
+            weight += share * layer["count"]
+    np.testing.assert_allclose(out.numpy()[0], total / weight, rtol=1e-5)
