@@ -21,8 +21,12 @@ _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_BESIDE_LAMPS = 2
 """First level that is asked where light straight from lamps is found apart: the rest is smooth, few paths will do."""
-_WANTED, _WANTED_BESIDE_LAMPS = 256.0, 1024.0
-"""See `Asked.wanted`: where all light is kept, and where that straight from lamps is not."""
+_WANTED_BESIDE_LAMPS = 1024.0
+"""See `Asked.wanted`: where light straight from lamps is not kept."""
+_WANTED, _WANTED_AT = 256.0, 0.0091
+"""Where all light is kept, the same for pixels as wide as the latter [rad]. Wider ones have wider cells, …"""
+_WANTED_FALLS = 1.4
+"""… whose blur does more harm: the fine ones are trusted sooner, by this power of the width."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
 _CELLS_PER_PIXEL = 1
@@ -54,6 +58,13 @@ def _finest_of(effort: Effort, lamps: bool) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
     finest = _FINEST_BESIDE_LAMPS if lamps else 0
     return finest if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
+
+
+def _wanted_of(sight: Sight) -> float:
+    """Return with how many paths a level of cells counts as much as all coarser ones."""
+    if sight.lamps:
+        return _WANTED_BESIDE_LAMPS
+    return min(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS, _WANTED_BESIDE_LAMPS)
 
 
 def _passes_of_first(effort: Effort, lamps: bool) -> int:
@@ -108,6 +119,7 @@ class LightKeeper:
         self._update = 0
         self._found_more = False
         self._lamps = sight.lamps
+        self._wanted = _wanted_of(sight)
         self._finest = _finest_of(effort, self._lamps)
         self._passes = _passes_of_first(effort, self._lamps)
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
@@ -149,7 +161,7 @@ class LightKeeper:
         self._learns = self._is_time(time_us)
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_before = -1, self._finest, self._finest
-        asked.wanted = _WANTED_BESIDE_LAMPS if self._lamps else _WANTED
+        asked.wanted = self._wanted
         if self._learns:
             self._learn()
             asked.finest = self._finest = _finest_of(effort, self._lamps)

@@ -244,3 +244,14 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
     kept = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
     truth = luminance(hw.render(world, spp=256, sampler="sobol"))
     np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
+
+
+def test_fine_cells_are_trusted_the_sooner_the_wider_a_pixel_is_but_not_beside_lamps():
+    def wanted(pixel_angle, lamps=False):
+        sight = effort.Sight(pixel_angle, sharp=True, lamps=lamps)
+        keeper = light_keeper.LightKeeper(4, 3, Effort(4, 1, 48), sight, None, 0, "cpu")
+        return keeper.prepare(0, 0)[0]["steering"].asked.wanted
+
+    assert wanted(0.0091) == pytest.approx(256.0)
+    assert wanted(0.0364) == pytest.approx(256.0 / 4.0**1.4)
+    assert wanted(0.0364, lamps=True) == wanted(0.0001) == 1024.0
