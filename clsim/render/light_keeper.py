@@ -64,7 +64,7 @@ def _wanted_of(sight: Sight) -> float:
     """Return with how many paths a level of cells counts as much as all coarser ones."""
     if sight.lamps:
         return _WANTED_BESIDE_LAMPS
-    return min(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS, _WANTED_BESIDE_LAMPS)
+    return min(float(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS), _WANTED_BESIDE_LAMPS)
 
 
 def _passes_of_first(effort: Effort, lamps: bool) -> int:

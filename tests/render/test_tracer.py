@@ -351,7 +351,11 @@ def test_the_build_is_described():
     ]
     lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "lens distortion"]
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "light kept on surfaces"]
-    sampling += ["light of coats kept apart", "light straight from lamps in closed form"]
+    sampling += [
+        "paths kept and traced again in turn",
+        "light of coats kept apart",
+        "light straight from lamps in closed form",
+    ]
     kinds = [f"{kind} materials" for kind in others]
     maps = ["bump maps"]
     lobes = ["Beckmann's microfacets", "roughness that differs along u and v", "glass that dims light within"]
