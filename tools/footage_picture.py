@@ -21,6 +21,7 @@ from clsim.frames import page_aligned
 from clsim.frames.frame import Frame
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
+from clsim.render import View
 
 WIDTH, HEIGHT, FRAMES, FPS = 320, 240, 24, 240
 
@@ -29,7 +30,7 @@ def render() -> list[npt.NDArray[np.float32]]:
     """Return the linear light of a bundled scene, frame by frame ``[H, W, 3]``."""
     options = LiveOptions("two-boxes", resolution=(WIDTH, HEIGHT), fps=FPS, sampling="uniform", spp=32)
     stages = plan_stages(options)
-    view = stages.view(stages.scene_data(), None)
+    view = View(stages.scene_data(), stages.render)
     frame = Frame(page_aligned((len(stages.planes), HEIGHT, WIDTH)), stages.planes)
     found = []
     for index in range(FRAMES):
