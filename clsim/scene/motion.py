@@ -240,10 +240,10 @@ def look_at(eye: npt.ArrayLike, target: npt.ArrayLike, up: npt.ArrayLike = (0.0,
 
 
 def _unit(vector: Vec3, least: float) -> Vec3 | None:
-    """Return a vector divided by its length; None where that is below ``least``."""
+    """Return a vector divided by its length; None where that is no more than ``least``, which may be 0."""
     x, y, z = vector
     length = math.sqrt(x * x + y * y + z * z)
-    return None if length < least else (x / length, y / length, z / length)
+    return None if length <= least else (x / length, y / length, z / length)
 
 
 def _cross(a: Vec3, b: Vec3) -> Vec3:

@@ -88,6 +88,11 @@ def test_look_straight_up_or_down_is_rigid(target):
     np.testing.assert_allclose(-pose[:3, 2], target)
 
 
+def test_look_at_without_a_way_up_still_is_a_rotation():
+    turn = look_at((0, 0, 0), (1.0, 2.0, -3.0), (0.0, 0.0, 0.0))[:3, :3]
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+
+
 def test_look_at_keyframes_move_position_and_target():
     motion = LookAtKeyframes((0.0, 2.0), ((0, 0, 4), (2, 0, 4)), ((0, 0, 0), (2, 0, 0)))
     np.testing.assert_allclose(motion.pose(1.0), compose((1, 0, 4), np.eye(3)), atol=1e-12)
