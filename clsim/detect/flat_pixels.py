@@ -143,7 +143,7 @@ class FlatPixels:
         lowest, highest = _reach(motion.ways)
         # What passes over a pixel was there at the start, and will be there at the end: either of both tells all.
         calm = _free(bounds, -highest, -lowest) | _free(later_bounds, lowest, highest)
-        calm = (calm & even & later_even).ravel()
+        calm = calm.ravel() & ((even & later_even).ravel() | tracer.steady_shadows())
         with np.errstate(divide="ignore", invalid="ignore"):
             steady = np.abs(np.log(later.sum(axis=0) / light.sum(axis=0))) < _MOST_LIGHT
         flat = ~(bounds | later_bounds).ravel()

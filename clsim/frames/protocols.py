@@ -105,6 +105,13 @@ class PixelTracer(Protocol):
         """
         ...
 
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels, ``[H·W]``, show one triangle that the same rays found lit in the last two frames.
+
+        So their light is a line in time, also in soft shadows. It is known where `bounds` is.
+        """
+        ...
+
     def reflected(
         self, pixels: npt.NDArray[np.int64], light: FloatArray, start_s: float, end_s: float, fineness: Fineness
     ) -> Reflected:

@@ -65,6 +65,10 @@ class NotingTracer:
     def bounds(self) -> None:
         """Know no flat surfaces, so that all that is looked at is traced, and noted."""
 
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels are lit alike in the last two frames."""
+        return self._tracer.steady_shadows()
+
     def reflected(
         self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
         fineness: Fineness,

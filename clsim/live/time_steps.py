@@ -70,7 +70,7 @@ class Retracing:
         if world.moving_s() == 0:
             return None
         data = SceneData(world, self.render.device, self.render.tree, instants=True)
-        tracer = Retracer(data, self.render, lambda: self.views[-1])
+        tracer = Retracer(data, self.render, lambda: self.views[-1], by_frames=self.way_px is None)
         return Looping(tracer, schedule) if schedule is not None and schedule.loop else tracer
 
 
@@ -106,6 +106,11 @@ class Looping:
         """Return where more is seen in the last frame than one flat surface, ``[H, W]``."""
         bounds: npt.NDArray[np.bool_] | None = self._tracer.bounds()
         return bounds
+
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels are lit alike in the last two frames, ``[H·W]``."""
+        steady: npt.NDArray[np.bool_] = self._tracer.steady_shadows()
+        return steady
 
     def reflected(
         self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,

@@ -25,6 +25,7 @@ from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_cache import Asked, Cell, Kept, look_up
 from clsim.render.sampling import brightness
+from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
@@ -58,6 +59,7 @@ class Gathering:
             do; 0 … 1.
         asked: which cells are asked for the light, and the update whose gain is no event.
         earlier: whether the light is shown as it was known before that update.
+        tells_shadows: whether it is told which rays reach the lamps.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
     """
 
@@ -69,6 +71,7 @@ class Gathering:
     finely: float
     asked: Asked
     earlier: bool
+    tells_shadows: bool
     cell_angle: float
 
 
@@ -234,6 +237,8 @@ def make_cached(
     ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
     for only where the light is shown as it was ``earlier``.
 
+    ``out_shadows`` ``[H·W]`` tells of pixels in soft shadows which rays reach the lamps, where that is asked for.
+
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
     It writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
     """
@@ -261,6 +266,7 @@ def make_cached(
         out_normals: wp.array2d(dtype=wp.vec4),
         out_lights: wp.array2d(dtype=wp.vec3),
         out_spent: wp.array2d(dtype=int),
+        out_shadows: wp.array(dtype=Shadow),
     ):
         # Room is made, and arguments are copied, once for all pixels of a thread.
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
@@ -281,7 +287,20 @@ def make_cached(
             while looks.most > last:
                 last = looks.most
                 seen = look(
-                    scene, camera, settings, pixel, 0, state, looks, corner, corners, nearest, row, seen, things
+                    scene,
+                    camera,
+                    settings,
+                    pixel,
+                    0,
+                    state,
+                    looks,
+                    corner,
+                    corners,
+                    nearest,
+                    row,
+                    seen,
+                    Shadows(),
+                    things,
                 )
                 if corner_pass:
                     break
@@ -289,6 +308,8 @@ def make_cached(
                 looks = look_closer(lit, seen, steering, looks)
             if corner_pass:
                 continue
+            if steering.tells_shadows and again == 0:
+                out_shadows[pixel] = seen.shadow
             if again > 0:
                 lit = _finished(lit, own[pixel], own_before[pixel], settings.spectral)
                 learnt_then = learnt[pixel]

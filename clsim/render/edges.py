@@ -35,7 +35,8 @@ class Edge:
     """What the corners tell, and how far the edge is placed.
 
     ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside may tell that too.
-    ``whole`` is that all see one triangle, or none, and that nothing is so small that it may hide before it.
+    ``alone`` is that all see one triangle, or none, ``whole`` that besides nothing is so small that it may hide before
+    it.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
     and the row ``second`` of the corners has the other. ``varied`` is that a ray inside saw another colour on one side
@@ -52,6 +53,7 @@ class Edge:
     varied: bool
     by_colour: bool
     flat: bool
+    alone: bool
     whole: bool
     shaded: bool
     marks: int
@@ -208,6 +210,7 @@ def make_judge(flat: Any, scene_type: Any, settings_type: Any) -> Any:
             edge.marks = colours
         edge.plain = sound and edge.marks == 0
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
+        edge.alone = one_triangle
         edge.whole = one_triangle and smallest_m > _WIDE_PX * farthest * pixel_angle
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10

@@ -128,6 +128,11 @@ class Features(SceneFeatures):
     strategy: Strategy
 
     @property
+    def shadow_rays(self) -> bool:
+        """Whether it is told which rays of a pixel reach the lamps: all do or do not, and the light is kept."""
+        return self.light_cache and self.lamp_light and self.sharp and not self.alpha
+
+    @property
     def sharp(self) -> bool:
         """Whether a ray sees what lies at its place in the picture, and nothing else: there is no blur of any sort."""
         return not (self.aperture or self.camera_blur or self.motion_blur)

@@ -23,6 +23,7 @@ from clsim.render.corners import centre_thing, footprint_of, on_flat_surface
 from clsim.render.edges import Edge, is_sound, make_judge, narrow, next_side, off_line, on_side
 from clsim.render.film import Sample
 from clsim.render.lamp_light import AT_ANY, AT_NONE, same_light
+from clsim.render.shadow_rays import MOST_TOLD, Shadow, Shadows, are_told, next_that_differs, off_straight, straight
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.texture_data import Footprint
 from clsim.render.things import (
@@ -74,6 +75,8 @@ class Seen:
     """How many things a pixel shows, and how many rays it took, of which some looked ``inside``.
 
     ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
+    ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
+    them, they are 0, and its first bit is for all of the pixel.
     """
 
     things: int
@@ -81,6 +84,7 @@ class Seen:
     inside: int
     counted: bool
     by_colour: bool
+    shadow: Shadow
 
 
 @wp.func
@@ -159,6 +163,7 @@ def make_look(
     sobol: bool,
     edges: bool,
     coats: bool,
+    shadow_rays: bool,
     shoot_at: Any,
     flat: Any,
     mean_albedo: Any | None,
@@ -169,10 +174,10 @@ def make_look(
 ) -> Any:
     """Return the Warp function ``look``.
 
-    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, before, things)``
-    returns `Seen`. It looks at a pixel where ``corner`` is -1. It needs what its corners see first: the top left one's
-    stands in ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which there is
-    one more in a row than there are pixels, it looks through that one alone, and writes what it sees to
+    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, before, shadows,
+    things)`` returns `Seen`. It looks at a pixel where ``corner`` is -1. It needs what its corners see first: the top
+    left one's stands in ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which
+    there is one more in a row than there are pixels, it looks through that one alone, and writes what it sees to
     ``corners[nearest]``. Where shares are ``counted`` in what a look with fewer rays had ``before``, it goes on from
     there.
 
@@ -180,6 +185,7 @@ def make_look(
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
         coats: whether some things have a coat whose light is kept apart.
+        shadow_rays: whether it is told which rays reached the lamps, and ``shadows`` tell it of the frames around.
         shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
@@ -252,6 +258,10 @@ def make_look(
         footprint: Footprint,
         inside: int,
         number: int,
+        told: bool,
+        shadows: Shadows,
+        more_light: float,
+        shadow: Shadow,
         things: wp.array(dtype=Thing),
     ) -> Seen:
         """Give the things their shares, and what is known of them without rays."""
@@ -263,9 +273,22 @@ def make_look(
         if wp.static(edges and mean_albedo is not None):
             if edge.flat:
                 paint(scene, things, corners[nearest], footprint, looks.texels)
+        seen = Seen()
+        if wp.static(shadow_rays):
+            if told:
+                most = straight(shadows, shadows.before.lamp_all, shadows.after.lamp_all)
+                lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light
+                things[0].lamp_all = most
+                things[0].lamp_lit = wp.clamp(lit, 0.0, most)
+            elif inside <= MOST_TOLD:
+                seen.shadow = shadow
+                seen.shadow.rays = wp.where(edge.shaded, inside, 0)
+                seen.shadow.lamp_all = things[0].lamp_all
+                seen.shadow.lamp_lit = things[0].lamp_lit
+                if not edge.shaded:
+                    seen.shadow.lit_rays = wp.uint64(wp.where(things[0].lamp_lit > 0.0, 1, 0))
         if wp.static(light_things is not None):
             light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
-        seen = Seen()
         seen.things = number
         seen.rays = edge.rays + inside
         seen.inside = inside
@@ -287,6 +310,7 @@ def make_look(
         nearest: int,
         row: int,
         before: Seen,
+        shadows: Shadows,
         things: wp.array(dtype=Thing),
     ) -> Seen:
         stream = sampling.Stream()
@@ -294,6 +318,15 @@ def make_look(
             scene, camera, settings, instant, looks, corner, corners, nearest, row, before, things
         )
         inside = int(before.inside)
+        # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
+        told = bool(False)
+        skipped = int(0)
+        more_light = float(0.0)
+        shadow = Shadow()
+        if wp.static(shadow_rays):
+            if edge.alone and (edge.plain or edge.flat):
+                shadow.triangle = corners[nearest].triangle
+                told = edge.shaded and are_told(shadows, shadow.triangle)
         # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
         while True:
             at = int(pixel)
@@ -310,7 +343,12 @@ def make_look(
                     stream.scrambling = stream.key
                     place = on_side(edge, edge.low + edge.step)
             if corner < 0 and not places:
-                if inside >= _wanted_inside(edge, looks):
+                if wp.static(shadow_rays):
+                    if told and (edge.whole or inside >= looks.inside):
+                        differs = next_that_differs(shadows, inside)
+                        skipped = skipped + differs - inside
+                        inside = differs
+                if inside >= wp.where(told, shadows.before.rays, _wanted_inside(edge, looks)):
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
@@ -338,11 +376,27 @@ def make_look(
                     number = begin_thing(things, number, corners[nearest])
                     number = begin_thing(things, number, corners[edge.second])
             else:
+                if wp.static(shadow_rays):
+                    if sample.triangle != shadow.triangle:
+                        shadow.triangle = 0
+                        if told:
+                            # Something else came over the pixel: all rays are to look.
+                            told = False
+                            skipped = 0
+                            inside = 0
+                            continue
+                    if told:
+                        more_light += off_straight(shadows, inside, sample.lamp_all, sample.lamp_lit)
+                    if sample.lamp_lit > 0.0 and inside < MOST_TOLD:
+                        shadow.lit_rays |= wp.uint64(1) << wp.uint64(inside)
                 inside = inside + 1
-                if is_sound(sample):
+                if is_sound(sample) and not told:
                     edge, number = _take_in(
                         things, number, edge, sample, place, footprint, corners[nearest], looks.pixel_angle, coats
                     )
-        return finish(scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside, number, things)
+        return finish(
+            scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,
+            shadows, more_light, shadow, things,
+        )  # fmt: skip
 
     return look

@@ -282,7 +282,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         scattering = scatter_value(scene.materials, bsdf, point.shading_normal, out, light.direction)
                         value = wp.cw_mul(wp.cw_mul(throughput, light.radiance), scattering.value)
                         if wp.static(features.lamp_light):
-                            sample.lamp_all = sampling.luminance(value) / light.pdf
+                            # Of the lamps alone: which rays meet the bright squares of a texture makes no shadow.
+                            facing = wp.max(wp.dot(light.direction, point.shading_normal), 0.0)
+                            sample.lamp_all = sampling.luminance(light.radiance) * facing / light.pdf
                         if value[0] + value[1] + value[2] > 0.0:
                             if wp.static(not ahead):
                                 light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
@@ -351,7 +353,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
     mean_albedo = mean_albedo if features.textures else None
-    look = make_look(features.sobol, features.sharp, features.coats, glimpse_at, flat, mean_albedo, lamps, *types)
+    about_light = features.coats, features.shadow_rays
+    look = make_look(features.sobol, features.sharp, *about_light, glimpse_at, flat, mean_albedo, lamps, *types)
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.retraced import make_retraced

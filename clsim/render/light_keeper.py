@@ -6,12 +6,14 @@ import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cached import Gathering
 from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.launch import record
 from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_updates
+from clsim.render.shadow_rays import Shadow
 
 KNOWN = 0.04
 """Where less is known of the light, a pixel traces all its paths."""
@@ -49,7 +51,8 @@ _RAYS_BEFORE = 8
 def nothing_shown(device: Any) -> dict[str, Any]:
     """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
     empty: dict[str, Any] = {"steering": Gathering()}
-    for name, kind in (("cells", Cell), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32)):
+    shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
+    for name, kind in (("cells", Cell), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32), *shadows):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
     return empty
 
@@ -132,6 +135,10 @@ class LightKeeper:
         self._own_before, self._learnt_before = self._own, self._learnt
         if pace_hz is not None:
             self._own_before, self._learnt_before = wp.zeros_like(self._own), wp.zeros_like(self._learnt)
+        # Of the last two frames, the newer one last, and when these are.
+        room = pixels if pace_hz is not None else 1
+        self._shadows: list[Any] = [wp.zeros(room, dtype=Shadow, device=device) for _ in range(2)]
+        self._times_us: list[int] = []
         self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
         self._make_room(effort.spp)
 
@@ -150,6 +157,7 @@ class LightKeeper:
             "out_again": self.seen_again,
             **self._found,
             "out_spent": self._spent,
+            "out_shadows": self._shadows[1],
         }
 
     def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
@@ -186,7 +194,12 @@ class LightKeeper:
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
+        if self._times_us[-1:] != [time_us]:
+            self._times_us = [*self._times_us[-1:], time_us]
+            self._shadows.reverse()
+        self._gathering.tells_shadows = self._pace_hz is not None
         changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}
+        changed["out_shadows"] = self._shadows[1]
         return changed, effort.spp if self._learns else 0
 
     @property
@@ -196,7 +209,20 @@ class LightKeeper:
         if self._gathering.earlier:
             own, learnt = self._own_before, self._learnt_before
         light = {"cells": self._cells, "own": self._own, "own_before": own, "learnt": learnt}
-        return {"steering": self._gathering} | light
+        shadows = {"shadows_before": self._shadows[0], "shadows_after": self._shadows[1]}
+        return {"steering": self._gathering} | light | shadows
+
+    @property
+    def step_us(self) -> tuple[int, int] | None:
+        """Times of the last two frames; None where there are none, or a motion has begun anew between them."""
+        start_us, end_us = self._times_us if len(self._times_us) == 2 else (0, 0)
+        return (start_us, end_us) if start_us < end_us else None
+
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels show one triangle that the same rays found lit in the last two frames, ``[H·W]``."""
+        before, after = (shadows.numpy() for shadows in self._shadows)
+        alike = [before[name] == after[name] for name in ("triangle", "rays", "lit_rays")]
+        return np.asarray(np.all(alike, axis=0) & (after["triangle"] > 0), np.bool_)
 
     def forget(self) -> None:
         """Empty all cells: the light is another one."""
@@ -204,6 +230,7 @@ class LightKeeper:
         for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt):
             each.zero_()
         self._frames = 0
+        self._times_us.clear()
 
     def cancel(self) -> None:
         """Do nothing: nobody is waited for."""

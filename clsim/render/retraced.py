@@ -14,6 +14,7 @@ from clsim.render.cached import Gathering, Lit, light_of, look_closer, seen_ligh
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_cache import Cell
+from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.things import THINGS, Thing, store_things
 
 
@@ -32,7 +33,8 @@ def make_retraced(
     ``pixels`` and ``instants``, int32 ``[N]``, tell the pixel (y·width + x) and the instant of each request;
     ``out_planes``, float32 ``[C, N]``, is as for frames, and ``out_bits`` the same memory as unsigned integers. Of
     first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
-    is that in which the last frame is seen (``cached.py``).
+    is that in which the last frame is seen (``cached.py``); ``passed``, float ``[instants]``, is the share of the time
+    from the frame before to the last one that has passed, −1 where that is not asked, and the shadows are theirs.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -61,6 +63,7 @@ def make_retraced(
         instant: int,
         looks: Looks,
         before: Seen,
+        shadows: Shadows,
         corners: wp.array(dtype=Sample),
         things: wp.array(dtype=Thing),
     ) -> Seen:
@@ -72,7 +75,20 @@ def make_retraced(
             corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
             corner = wp.where(i < 4, corner, -1)
             seen = look(
-                scene, camera, settings, pixel, instant, state, looks, corner, corners, i & 3, 2, before, things
+                scene,
+                camera,
+                settings,
+                pixel,
+                instant,
+                state,
+                looks,
+                corner,
+                corners,
+                i & 3,
+                2,
+                before,
+                shadows,
+                things,
             )
             i = i + 1
         return seen
@@ -94,7 +110,7 @@ def make_retraced(
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             seen = look_around(
-                scene, camera, settings, pixels[request], instants[request], looks, Seen(), corners, things
+                scene, camera, settings, pixels[request], instants[request], looks, Seen(), Shadows(), corners, things
             )
             emission = wp.vec3()
             for k in range(seen.things):
@@ -113,6 +129,9 @@ def make_retraced(
         own: wp.array(dtype=wp.vec3),
         own_before: wp.array(dtype=wp.vec3),
         learnt: wp.array(dtype=float),
+        shadows_before: wp.array(dtype=Shadow),
+        shadows_after: wp.array(dtype=Shadow),
+        passed: wp.array(dtype=float),
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
@@ -125,10 +144,17 @@ def make_retraced(
             looks = steering.looks
             lit = Lit()
             seen = Seen()
+            shadows = Shadows()
+            shadows.share = passed[instants[request]]
+            if shadows.share >= 0.0:
+                shadows.before = shadows_before[pixel]
+                shadows.after = shadows_after[pixel]
             last = int(0)
             while looks.most > last:
                 last = looks.most
-                seen = look_around(scene, camera, settings, pixel, instants[request], looks, seen, corners, things)
+                seen = look_around(
+                    scene, camera, settings, pixel, instants[request], looks, seen, shadows, corners, things
+                )
                 lit = light_of(cells, things, seen.things, steering, settings.spectral)
                 looks = look_closer(lit, seen, steering, looks)
             shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)

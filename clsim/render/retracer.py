@@ -51,7 +51,13 @@ class Retracer:
         samples: paths, or first-hit rays, traced so far.
     """
 
-    def __init__(self, data: SceneData, options: RenderOptions, view: Callable[[], View] | None = None) -> None:
+    def __init__(
+        self,
+        data: SceneData,
+        options: RenderOptions,
+        view: Callable[[], View] | None = None,
+        by_frames: bool = False,
+    ) -> None:
         """Build the kernel.
 
         Args:
@@ -59,6 +65,8 @@ class Retracer:
             options: how it is rendered; as for the frames.
             view: returns what renders the frames: requests have its first-hit rays, and the light that it keeps on
                 surfaces. Where it does, it must be given.
+            by_frames: whether of rays in soft shadows only those are traced that differ between the frames around,
+                where light is kept at a pace: a pixel has its brightness to about 0.1 % then.
 
         Raises:
             InputError: frames have noise of their own, or the camera exposes for a while.
@@ -74,7 +82,7 @@ class Retracer:
         self.requests = self.samples = 0
         self._data, self._device = data, data.device
         self._first_hits = options.first_hit_rays
-        self._view, self._in_kept_light = view, options.light_cache
+        self._view, self._in_kept_light, self._by_frames = view, options.light_cache, by_frames
         self.lit = self._in_kept_light or not self._first_hits
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
@@ -95,6 +103,8 @@ class Retracer:
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")
         self._threads = options.threads
         self._follower: FlatFollower | None = None
+        # The last step, and whether the camera turned back in it.
+        self._last_turn: tuple[tuple[int, int] | None, bool] = None, False
 
     def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
         """Return the planes ``[C, N]`` of N requests.
@@ -177,6 +187,11 @@ class Retracer:
             self._follower = FlatFollower(kernels, self._shape, given, self._device, self._threads)
         return self._follower.bounds(corners)
 
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels are lit alike, ray by ray, in the last two frames; see `PixelTracer.steady_shadows`."""
+        assert self._view is not None, "bounds are asked for first"
+        return self._view().light_keeper.steady_shadows()
+
     def reflected(
         self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
         fineness: Fineness,
@@ -227,7 +242,9 @@ class Retracer:
         if not self._first_hits:
             changed["out_bits"] = bits
         elif self._in_kept_light and view is not None:
-            changed |= view.light_keeper.shown
+            keeper = view.light_keeper
+            passed = self._passed(instants_s, keeper.step_us)
+            changed |= keeper.shown | {"passed": wp.array(passed, dtype=wp.float32, device=self._device)}
         elif view is not None:
             changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
         if not self._tiles.run(len(pixels), changed):
@@ -236,6 +253,22 @@ class Retracer:
         self.requests += len(pixels)
         self.samples += int(out[self.names.index("Samples")].sum())
         return out
+
+    def _passed(self, instants_s: npt.NDArray[np.float64], step_us: tuple[int, int] | None) -> npt.NDArray[np.float64]:
+        """Return the shares of a step that have passed by then; −1 where what its frames see is not asked."""
+        if step_us is None or not self._by_frames or self._turns(step_us):
+            return np.full(len(instants_s), -1.0)
+        shares = (instants_s * 1e6 - step_us[0]) / (step_us[1] - step_us[0])
+        return np.where((shares >= 0.0) & (shares <= 1.0), shares, -1.0)
+
+    def _turns(self, step_us: tuple[int, int]) -> bool:
+        """Whether the camera is farther from its start in the middle of a step than at its end."""
+        if self._last_turn[0] != step_us:
+            pose = self._data.world.camera.motion.pose
+            start, middle, end = (pose(time_us * 1e-6) for time_us in (step_us[0], 0.5 * sum(step_us), step_us[1]))
+            turns = bool(np.linalg.norm(middle - start) > np.linalg.norm(end - start))
+            self._last_turn = step_us, turns
+        return self._last_turn[1]
 
     def _record(self, tile: int) -> Any:
         planes, bits = self._target(tile)

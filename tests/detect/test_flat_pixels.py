@@ -27,6 +27,7 @@ class Wall:
     holes: list[tuple[int, int]] = field(default_factory=list)
     told: bool = True
     lit: bool = True
+    steady: bool = False
     names: tuple[str, ...] = NAMES
 
     def albedo(self, shares):
@@ -38,6 +39,9 @@ class Wall:
             found[hole] = True
         self.holes = self.holes[1:]
         return found if self.told else None
+
+    def steady_shadows(self):
+        return np.full(SIZE[0] * SIZE[1], self.steady)
 
     def reflected(self, pixels, light, start_s, end_s, fineness):
         assert (start_s, end_s) == (0.0, STEP_US * 1e-6) and fineness.linear
@@ -124,6 +128,12 @@ def test_light_that_differs_from_pixel_to_pixel_is_looked_at():
     for lights in ((uneven, 2.0), (2.0, uneven)):
         known = found_by(Wall(), lights=lights)[0].known.reshape(SIZE)
         assert not known[20, 30] and known[20, 29] and known[21, 30]
+
+
+def test_uneven_light_is_known_where_the_same_rays_found_it_in_both_frames():
+    uneven = np.full(SIZE, 2.0, np.float32)
+    uneven[20, 30] *= 0.96
+    assert found_by(Wall(steady=True), lights=(uneven, uneven))[0].known.reshape(SIZE)[20, 30]
 
 
 def test_light_that_changes_much_is_looked_at():

@@ -168,6 +168,9 @@ def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_com
         def bounds(self):
             return np.tile(np.arange(WIDTH) % 4 == 0, (HEIGHT, 1))
 
+        def steady_shadows(self):
+            return np.zeros(HEIGHT * WIDTH, bool)
+
         def reflected(self, pixels, light, start_s, end_s, fineness):
             # Highest and lowest lie so near to each other that they are looked at together.
             shares = np.tile(np.array([0.0, 0.499, 0.501, 1.0], np.float32), len(pixels))
