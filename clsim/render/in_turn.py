@@ -21,6 +21,7 @@ import warp as wp
 from clsim.render import sampling
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
+from clsim.render.shadow_rays import Shadows
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
@@ -300,7 +301,20 @@ def make_in_turn(
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
             seen = look(
-                scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, Seen(), things
+                scene,
+                camera,
+                settings,
+                pixel,
+                0,
+                state,
+                steering.looks,
+                corner,
+                corners,
+                nearest,
+                row,
+                Seen(),
+                Shadows(),
+                things,
             )
             if corner_pass:
                 continue
