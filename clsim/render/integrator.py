@@ -285,7 +285,11 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                             # Of the lamps alone: which rays meet the bright squares of a texture makes no shadow.
                             facing = wp.max(wp.dot(light.direction, point.shading_normal), 0.0)
                             sample.lamp_all = sampling.luminance(light.radiance) * facing / light.pdf
-                        if value[0] + value[1] + value[2] > 0.0:
+                        lit_here = bool(value[0] + value[1] + value[2] > 0.0)
+                        if wp.static(features.lamp_light and only_look):
+                            # What is black tells as well whether the lamps' light arrives there.
+                            lit_here = sample.lamp_all > 0.0
+                        if lit_here:
                             if wp.static(not ahead):
                                 light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
                             if light.visible > 0.0:
