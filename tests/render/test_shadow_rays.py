@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,3 +66,19 @@ def test_light_that_the_same_rays_found_is_a_line_in_time(found):
     # Steady pixels needed no ray inside but one that looks for what is small.
     assert few[:2][:, steady & in_shadow].max() <= 2 < few[:2][:, ~steady & in_shadow].max()
     assert traced.min() > 0.0
+
+
+def test_black_squares_are_no_shadow():
+    """Against plain paths: rays that meet them also tell whether the lamps reach the floor there."""
+    world = load_world("two-boxes", resolution=(48, 36))
+    black = (0.0, 0.0, 0.0)
+    world = replace(world, textures=tuple(replace(texture, color_b=black) for texture in world.textures))
+    found = []
+    for options in (replace(OPTIONS, light_hz=None), RenderOptions(spp=1024, sampler="sobol", fps=30.0)):
+        tracer = PathTracer(world, options)
+        frame = Frame(page_aligned((len(tracer.names), 36, 48)), tracer.names)
+        tracer.fill(0, frame)
+        tracer.close()
+        found.append(frame.planes[:3].sum(axis=0))
+    kept, plain = (np.log(each[found[1] > 0.01]) for each in found)
+    assert np.sqrt(np.mean((kept - plain) ** 2)) < 0.3
