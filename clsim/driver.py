@@ -105,6 +105,7 @@ class Driver(ABC):
         self.fps = first.fps
         self.warnings = tuple(dict.fromkeys(text for eye in self._eyes.values() for text in eye.stages.warnings))
         self._driving = Driving(self.world)
+        self._driven: tuple[str, ...] = ()
         self.names = self._driving.names
         self._data: SceneData | None = None
         self._closed = False
@@ -143,6 +144,9 @@ class Driver(ABC):
 
     def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
+
+        Where a quality keeps paths, since the camera stands still in the scene, all are traced anew for each frame in
+        which it moves. Set it before the first step too, and none are kept.
 
         Args:
             T_world: its pose, as for `set_pose`.
@@ -295,6 +299,7 @@ class Driver(ABC):
 
     def _build(self) -> SceneData:
         """Copy the scene to the device, and build what works on it."""
+        self._driven = self._driving.moved
         self.world = self._driving.seal()
         self._plan()
         data = self._scene_data()
@@ -311,7 +316,9 @@ class Driver(ABC):
 
     def _plan(self) -> None:
         for name, own in self._seen(self.world).items():
-            self._eyes[name].stages = plan_stages(self._options, own, lights_set=bool(self._driving.light), driven=True)
+            self._eyes[name].stages = plan_stages(
+                self._options, own, lights_set=bool(self._driving.light), driven=self._driven
+            )
 
     @property
     def _views(self) -> tuple[object, ...]:

@@ -27,6 +27,11 @@ class Driving:
         self.names = tuple(self._motions)
         self.light: dict[str, Vec3] = {}
 
+    @property
+    def moved(self) -> tuple[str, ...]:
+        """The names of all whose poses were set."""
+        return tuple(name for name, driven in self._driven.items() if driven.keys)
+
     def seal(self) -> World:
         """Return the world moved by what is set; from now on what stands still in it cannot be set any more.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -15,6 +16,7 @@ from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
 from clsim.live.time_steps import TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
+from clsim.scene.driven import CAMERA
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
 from clsim.truth.names import plane_names
@@ -150,12 +152,12 @@ def alone(world: World) -> World:
 
 
 def plan_stages(
-    options: LiveOptions, world: World | None = None, *, lights_set: bool = False, driven: bool = False
+    options: LiveOptions, world: World | None = None, *, lights_set: bool = False, driven: Collection[str] = ()
 ) -> Stages:
     """Load the scene, unless ``world`` is given, and choose devices and settings; raises InputError.
 
-    Where ``lights_set`` says that lights change from outside, their light does not stand still; where ``driven`` says
-    that things are moved from outside, they may go fast, and the camera need not stand still.
+    Where ``lights_set`` says that lights change from outside, their light does not stand still. What ``driven`` names
+    is moved from outside: it may go fast, and the camera need not stand still.
     """
     from clsim.render import (
         RenderOptions,
@@ -172,14 +174,14 @@ def plan_stages(
     by_frames = options.time == "fixed" or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
     slow = not driven and things_go_slowly(world, fps)
-    watched = camera_watches(world) and not (driven or lights_set)
+    watched = camera_watches(world) and CAMERA not in driven and not lights_set
     options = options.settled(still and not lights_set, not light_is_found_apart(world), slow, watched)
     point = options.point
     steered = point.sampling in ("adaptive", "in-turn")
     if point.sampling == "in-turn" and not (watched and options.time == "fixed"):
         raise InputError(
-            "`sampling` in-turn needs `time` fixed and a scene whose camera stands still, where nothing is set from "
-            f"outside and no light changes by itself, which does not hold of {world.name}; use adaptive"
+            "`sampling` in-turn needs `time` fixed and a scene whose camera stands still and where no light changes, "
+            f"by itself or from outside, which does not hold of {world.name}; use adaptive"
         )
     if point.sampling == "cached" and not still:
         raise InputError(

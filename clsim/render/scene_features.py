@@ -10,6 +10,7 @@ from clsim.render.deform import deforms
 from clsim.render.features import SceneFeatures, lamps_apart
 from clsim.render.scene_lamps import few_lamps, several_lights_of_a_tree, still_lamps
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
+from clsim.scene.driven import stands_still
 
 
 def _used_meshes(world: World) -> list[Mesh]:
@@ -80,9 +81,8 @@ def light_stands_still(world: World) -> bool:
 
 
 def camera_watches(world: World) -> bool:
-    """Whether the camera stands still, and light changes by what moves alone."""
-    camera, *_ = world.motions()
-    return camera.duration_s == 0 and not world.light_changes()
+    """Whether the camera stands still, unless it is set from outside, and light changes by what moves alone."""
+    return stands_still(world.camera.motion) and not world.light_changes()
 
 
 def check_kept_light(world: World, light_cache: bool) -> None:

@@ -23,6 +23,7 @@ from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.scene_features import check_kept_light
 from clsim.scene import Camera
+from clsim.scene.motion import Matrix
 from clsim.scene.spectral import spectral_weights
 from clsim.scene.world import Spectral
 
@@ -111,6 +112,7 @@ class View:
         smallest_m = data.smallest_m if options.first_hit_rays else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
+        self._pose: Matrix = np.eye(4)
         self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
@@ -177,9 +179,11 @@ class View:
         self._settings.stream = stream_state(
             self._options.seed, index + self.noise_offset if self._options.noise == "independent" else None
         )
-        place = self._motion.pose(time_s)[:3, 3]
+        pose = self._motion.pose(time_s)
         if not self._sky_differs:
-            self._settings.reach_m = self._data.farthest_m(place)
+            self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
+        if self._options.in_turn:
+            self._stand_at(pose)
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
@@ -279,6 +283,12 @@ class View:
         self.cancel()
         self._tiles.close()
         self._targets.clear()
+
+    def _stand_at(self, pose: Matrix) -> None:
+        """Keep no paths from where the camera was, unless it still is there."""
+        if not np.array_equal(pose, self._pose):
+            self.forget_light()
+        self._pose = pose
 
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.

@@ -91,6 +91,13 @@ class Driven:
         self.keys = ()
 
 
+def stands_still(motion: Motion) -> bool:
+    """Whether it does in the scene: what can be set from outside may move all the same."""
+    if isinstance(motion, Driven):
+        return stands_still(motion.scenes)
+    return stands_still(motion.parent) if isinstance(motion, Attached) else motion.duration_s == 0
+
+
 def read_place(name: str, value: Any) -> Place:
     """Return the place that a 4×4 matrix tells, or a pair of position and quaternion x, y, z, w.
 

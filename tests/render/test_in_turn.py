@@ -13,6 +13,7 @@ from clsim.render import PathTracer, RenderOptions
 from clsim.render.in_turn import LAYERS, REACH, Layer, Lit, draw_out, light_on
 from clsim.render.turn_keeper import window_weights
 from clsim.scene import load_world
+from clsim.scene.driven import Driven
 
 SIZE = (16, 12)
 KEPT = 8
@@ -21,9 +22,9 @@ TURNS = RenderOptions(
 )
 
 
-def pictures(times_us, board=None, **changed):
+def pictures(times_us, board=None, world=None, **changed):
     """Return the radiance of frames at those times, and how many paths each took, by pixel."""
-    tracer = PathTracer(load_world("cornell", resolution=SIZE), replace(TURNS, **changed), board)
+    tracer = PathTracer(world or load_world("cornell", resolution=SIZE), replace(TURNS, **changed), board)
     frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
     shown, paths = [], [0]
     try:
@@ -54,6 +55,19 @@ def test_light_that_changes_is_traced_more():
     area = SIZE[0] * SIZE[1]
     # Four of the nine, or five, would have waited.
     assert tracer_paths[2] * area == pytest.approx(area / 2 + 9 * 4 - 4.5, abs=0.5)
+
+
+def test_a_camera_that_is_moved_sees_what_one_sees_that_was_there_before():
+    """No path that is kept tells of a pixel that shows something else; where the camera stands again they are kept."""
+    world = load_world("cornell", resolution=SIZE)
+    moved = Driven(world.camera.motion)
+    for time_s, place_m in ((0.0, (0.0, 1.0, 3.35)), (0.02, (0.2, 1.1, 3.2))):
+        moved.set(time_s, (place_m, (0.0, 0.0, 0.0, 1.0), 1.0))
+    world = replace(world, camera=replace(world.camera, motion=moved))
+    shown, paths = pictures([0, 8333, 16667, 25000, 33333], world=world)
+    for k in range(4):
+        np.testing.assert_array_equal(shown[k], pictures([8333 * k + k // 2], world=world)[0][0])
+    assert np.all(paths[:4] == KEPT) and paths[4] < KEPT
 
 
 def test_light_is_that_of_as_many_paths_as_are_kept():

@@ -43,6 +43,36 @@ def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, obje
     assert parts[3]["t"].max() <= 16_667 < parts[4]["t"].min()
 
 
+@pytest.mark.parametrize(
+    ("scene", "options"),
+    [
+        ("cornell", {"quality": "accurate"}),
+        ("cornell", {"quality": "draft"}),
+        ("moving-light", {"quality": "accurate"}),
+    ],
+    ids=["paths kept", "things go slowly", "a lamp moves"],
+)
+def test_where_a_live_run_chooses_by_the_scene_so_does_a_simulator(scene: str, options: dict[str, object]) -> None:
+    expected = live(scene, **options)
+    assert len(expected) > 20
+    with simulator(scene, **options) as run:
+        assert run.step(round((FRAMES - 1) * 1e6 / FPS)).tobytes() == expected.tobytes()
+
+
+def test_a_camera_that_is_set_chooses_other_settings_than_one_that_stands_still() -> None:
+    with simulator("cornell", quality="accurate") as run:
+        run.step(0)
+        assert run._eye.stages.options.sampling == "in-turn"
+    with simulator("cornell", quality="accurate") as run:
+        run.set_camera(run.pose("camera"), 0)
+        run.step(0)
+        assert run._eye.stages.options.sampling != "in-turn"
+    with simulator("cornell", quality="accurate") as run:
+        run.set_light(next(iter(run._driving.shining())), (1.0, 1.0, 1.0))
+        run.step(0)
+        assert run._eye.stages.options.sampling != "in-turn"
+
+
 def test_no_thread_is_needed_nor_left() -> None:
     before = set(threading.enumerate())
     with simulator("two-boxes", threads=1) as run:
