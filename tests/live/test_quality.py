@@ -262,7 +262,7 @@ def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() ->
     assert plan_stages(options(scene="cornell", sampling="in-turn")).render.spp == 48
     for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
         assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
-    assert not plan_stages(options(scene="cornell", quality="accurate"), driven=True).render.in_turn
+    assert not plan_stages(options(scene="cornell", quality="accurate"), driven=["camera"]).render.in_turn
     assert not plan_stages(options(scene="two-boxes", quality="accurate")).render.in_turn
 
 
