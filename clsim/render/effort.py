@@ -130,14 +130,44 @@ def largest_around(values: Any, room: Any) -> Any:
     return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
 
 
-class Steerer:
-    """Decides from interest maps which pixels of a frame get how many samples, and counts what they got.
+class MapReader:
+    """Spends by interest maps, which it finds on a board, and counts what its frames took.
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
     """
+
+    def __init__(
+        self, width: int, height: int, effort: Effort, sight: Sight, board: InterestBoard | None, device: Any
+    ) -> None:
+        """Begin before the first frame."""
+        self.effort = effort
+        self.first_hit_rays = self.paths = 0
+        self._sight, self._board = sight, board
+        self._number = 0
+        self._index = -1
+        self._anew = True
+        self._grades = np.zeros((height, width), dtype=np.uint8)
+        self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
+        self._spent: Any = wp.zeros((2, width * height), dtype=wp.int32, device=device)
+
+    def cancel(self) -> None:
+        """Let `prepare` wait for no map any longer; safe from any thread."""
+        if self._board is not None:
+            self._board.close()
+
+    def finish(self) -> bool:
+        """Add up what the frame took; return whether it is to be rendered again, which it never is."""
+        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
+        self.first_hit_rays += int(first_hit_rays)
+        self.paths += int(paths)
+        return False
+
+
+class Steerer(MapReader):
+    """Decides from interest maps which pixels of a frame get how many samples."""
 
     def __init__(
         self,
@@ -149,23 +179,13 @@ class Steerer:
         device: Any,
     ) -> None:
         """Allocate what is kept from frame to frame."""
+        super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
-        self._sight = sight
-        self.effort = effort
-        self.first_hit_rays = self.paths = 0
-        self._device = device
-        self._board = board
-        self._number = 0
-        self._index = -1
-        self._anew = True
         self._before = effort
-        self._grades = np.zeros((height, width), dtype=np.uint8)
-        self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
         self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._correction: Any = wp.zeros((GRADES, pixels), dtype=wp.vec3, device=device)
         self._known: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
-        self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -215,18 +235,6 @@ class Steerer:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
         self._anew = True
         self._irradiance.zero_()
-
-    def cancel(self) -> None:
-        """Let `prepare` wait for no map any longer; safe from any thread."""
-        if self._board is not None:
-            self._board.close()
-
-    def finish(self) -> bool:
-        """Add up what the frame took; return whether it is to be rendered again, which it never is."""
-        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
-        self.first_hit_rays += int(first_hit_rays)
-        self.paths += int(paths)
-        return False
 
     def _grade(self, interest: InterestMap, top: int) -> None:
         """Choose by how many doublings of the probe a decision is safe, or an event is timed; add 1 near an event.

@@ -8,7 +8,7 @@ import numpy as np
 import warp as wp
 
 from clsim.frames import InterestBoard, InterestMap
-from clsim.render.effort import STILL, Effort, Sight, largest_around, looks_of
+from clsim.render.effort import STILL, Effort, MapReader, Sight, largest_around, looks_of
 from clsim.render.in_turn import LAYERS, LIT, REACH, Layer, Lit, Turns
 
 _QUIET, _CHANGES, _ALL = 0, 1, 2
@@ -23,32 +23,20 @@ def window_weights() -> Any:
     return weights.astype(np.float32).reshape(-1)
 
 
-class TurnKeeper:
+class TurnKeeper(MapReader):
     """Keeps what each path of each pixel found last, and decides how many are traced again.
 
     The number of paths that are kept is that of the first effort; ``probe_spp`` of them are traced again where light
     changes, and one in every n-th frame elsewhere.
-
-    Attributes:
-        effort: what holds from the next frame on; may be set from any thread.
-        first_hit_rays: first-hit rays traced so far.
-        paths: paths traced so far.
     """
 
     def __init__(
         self, width: int, height: int, effort: Effort, sight: Sight, board: InterestBoard | None, device: Any
     ) -> None:
         """Allocate what is kept from frame to frame."""
+        super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
-        self.effort = effort
-        self.first_hit_rays = self.paths = 0
         self._kept = effort.spp
-        self._sight, self._board = sight, board
-        self._number = 0
-        self._index = -1
-        self._anew = True
-        self._grades = np.zeros((height, width), dtype=np.uint8)
-        self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
         kept = (pixels, effort.spp)
         kinds: dict[str, tuple[Any, Any]] = {
             "grades": (pixels, wp.uint8),
@@ -63,7 +51,6 @@ class TurnKeeper:
             name: wp.zeros(size, dtype=kind, device=device) for name, (size, kind) in kinds.items()
         }
         self._arrays["window"] = wp.array(window_weights(), dtype=wp.float32, device=device)
-        self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -98,18 +85,6 @@ class TurnKeeper:
     def forget(self) -> None:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
         self._anew = True
-
-    def cancel(self) -> None:
-        """Let `prepare` wait for no map any longer; safe from any thread."""
-        if self._board is not None:
-            self._board.close()
-
-    def finish(self) -> bool:
-        """Add up what the frame took; return whether it is to be rendered again, which it never is."""
-        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
-        self.first_hit_rays += int(first_hit_rays)
-        self.paths += int(paths)
-        return False
 
     def _grade(self, interest: InterestMap) -> None:
         """Trace more where brightness changes by a share of the threshold that matters, and around."""
