@@ -188,7 +188,7 @@ def test_draft_finds_other_light_more_often_where_things_go_far_from_frame_to_fr
     from clsim.live.stages import plan_stages
 
     cornell = load_world("cornell")
-    for fps, driven, every in ((120.0, False, 8), (30.0, False, 4), (120.0, True, 4)):
+    for fps, driven, every in ((120.0, [], 8), (30.0, [], 4), (120.0, ["ball"], 4)):
         live = plan_stages(LiveOptions("", quality="draft", fps=fps), cornell, driven=driven)
         assert (live.render.probe_every, live.detector.window) == (every, 11)
         if not driven:
