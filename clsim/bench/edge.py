@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.bench.tradeoff_measure import run_point
-from clsim.bench.tradeoff_settings import Light, named_points
+from clsim.bench.tradeoff_settings import named_points
+from clsim.live.light import Light
 from clsim.opencl.device import choose_device
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, World, load_world
 from clsim.scene.motion import Keyframes, Motion

@@ -17,11 +17,12 @@ from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import RULES, Reference, is_kept, load_or_render
 from clsim.bench.stopwatch import Stopwatch
 from clsim.bench.tradeoff_measure import run_point, start_up, warm_renderer
-from clsim.bench.tradeoff_settings import Light, Point, Rendering, full_points, quick_points
+from clsim.bench.tradeoff_settings import Point, Rendering, full_points, quick_points
 from clsim.bench.tradeoff_summary import summarise
 from clsim.detect.config import EventRule
 from clsim.errors import InputError
 from clsim.events import EventBatch
+from clsim.live.light import Light
 from clsim.opencl.device import Device, choose_device
 from clsim.render import RenderOptions
 from clsim.render.devices import usable_cores

@@ -7,10 +7,10 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
 from clsim.live import quality
-from clsim.live.base_rate import things_go_slowly
+from clsim.live.light import Light
 from clsim.live.options import LiveOptions
-from clsim.render import RenderOptions, camera_watches, light_is_found_apart, light_stands_still
-from clsim.scene import Sensor, World
+from clsim.render import RenderOptions
+from clsim.scene import Sensor
 
 QUICK_POINTS = 12
 _TURNED: tuple[tuple[str, Any], ...] = (
@@ -139,38 +139,17 @@ class Point:
         return asdict(self.rendering) | asdict(self.detector)
 
 
-@dataclass(frozen=True)
-class Light:
-    """What a named quality goes by in a scene, as `LiveOptions.settled` takes it."""
-
-    stands_still: bool = False
-    all_by_paths: bool = False
-    """Whether paths find all light, also that straight from lamps."""
-    slow: bool = True
-    """Whether things go slowly, as they and the light from them do in bundled scenes."""
-    watched: bool = False
-    """Whether the camera stands still, and light changes by what moves alone."""
-
-    @classmethod
-    def of(cls, world: World, fps: float) -> Light:
-        """Return that of a scene at so many frames a second."""
-        slow, watched = things_go_slowly(world, fps), camera_watches(world)
-        return cls(light_stands_still(world), not light_is_found_apart(world), slow, watched)
-
-
 LIGHTS = (
     *(Light(still, by_paths) for still in (False, True) for by_paths in (False, True)),
     Light(watched=True),
+    Light(watched=True, lamps_move=True),
 )
 """Those in which a quality has other settings."""
 
 
 def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names, in scenes with such light."""
-    runs = {
-        name: LiveOptions("", quality=name).settled(light.stands_still, light.all_by_paths, light.slow, light.watched)
-        for name in quality.QUALITIES
-    }
+    runs = {name: LiveOptions("", quality=name).settled(light) for name in quality.QUALITIES}
     return {name: _of_live(run.point, seed) for name, run in runs.items()}
 
 

@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.events.files import LABELLED
 from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
+from clsim.live.light import Light
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ALL_BY_PATHS,
@@ -20,6 +21,7 @@ from clsim.live.quality import (
     CACHED,
     DEFAULT,
     IN_TURN,
+    LAMPS_MOVE,
     PLAIN,
     QUALITIES,
     Noise,
@@ -210,35 +212,38 @@ class LiveOptions:
             point = replace(point, event_rule="interpolated")
         return point
 
-    def settled(
-        self, light_stands_still: bool, all_by_paths: bool, slow: bool = True, watched: bool = False
-    ) -> LiveOptions:
-        """Return the options for a scene: a named quality keeps light on surfaces where it stands still.
+    def settled(self, light: Light) -> LiveOptions:
+        """Return the options for a scene of such light: a named quality keeps light on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
         paths, there are more of these, unless it is told how many; where it is not, and things move, there may
-        be fewer, the more so where they go slowly. ``watched`` tells that the camera stands still and no light changes
-        but by what moves: paths are then kept, unless they are found between frames too, a governor changes them, or an
-        event wants evidence.
+        be fewer, the more so where they go slowly. Where the camera watches what moves, paths are kept, unless they
+        are found between frames too, a governor changes them, or an event wants evidence.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
         if not fits or free != (None,) * len(free):
             return self
-        if light_stands_still and self.basis in CACHED:
+        if light.stands_still and self.basis in CACHED:
             kept = replace(self, sampling="cached")
-            if all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
-                chosen: dict[str, Any] = dict(ALL_BY_PATHS[self.basis])
-                kept = replace(kept, **{name: n for name, n in chosen.items() if getattr(self, name) is None})
+            if light.all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
+                kept = kept._with_instead(ALL_BY_PATHS[self.basis])
             return kept
         plain = self.time == "fixed" and self.pace == "max" and self.confidence == 0
-        # Balanced would cost a fifth more than without.
-        if watched and plain and not all_by_paths and self.basis == "accurate":
-            return replace(self, sampling="in-turn")
-        if self.basis in APART and not all_by_paths and (self.spp, self.probe_every) == (None, None):
-            settings: dict[str, Any] = (APART_SLOW if slow else APART)[self.basis]
+        if light.watched and plain and not light.all_by_paths and self.basis in IN_TURN:
+            in_turn = replace(self, sampling="in-turn")
+            if not light.lamps_move:
+                return in_turn
+            if self.basis in LAMPS_MOVE:
+                return in_turn._with_instead(LAMPS_MOVE[self.basis]) if self.spp is None else in_turn
+        if self.basis in APART and not light.all_by_paths and (self.spp, self.probe_every) == (None, None):
+            settings: dict[str, Any] = (APART_SLOW if light.slow else APART)[self.basis]
             return replace(self, **settings)
         return self
+
+    def _with_instead(self, others: Mapping[str, Any]) -> LiveOptions:
+        """Return the options with those settings, but for what was given."""
+        return replace(self, **{name: value for name, value in others.items() if getattr(self, name) is None})
 
     @property
     def basis(self) -> Quality | None:

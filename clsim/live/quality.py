@@ -157,20 +157,20 @@ IN_TURN: dict[Quality, Point] = {
         method="esim",
         window=None,
         sampling="in-turn",
-        probe_spp=4,
+        probe_spp=6,
         spp=48,
-        first_hit_rays=16,
+        first_hit_rays=32,
         sampler="sobol",
-        probe_every=2,
+        probe_every=6,
         event_rule="linear-light",
     ),
     "accurate": Point(
         method="esim",
         window=None,
         sampling="in-turn",
-        probe_spp=8,
+        probe_spp=16,
         spp=64,
-        first_hit_rays=64,
+        first_hit_rays=128,
         sampler="sobol",
         probe_every=2,
         event_rule="linear-light",
@@ -178,6 +178,8 @@ IN_TURN: dict[Quality, Point] = {
 }
 """What those qualities are where things move before a camera that stands still, and light straight from lamps is found
 apart: paths are kept, and traced again in turn."""
+LAMPS_MOVE: dict[Quality, dict[str, int]] = {"accurate": {"probe_spp": 8, "first_hit_rays": 64}}
+"""What those have instead that keep paths where lamps move too: all is lit anew in each frame, and no look is kept."""
 ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
     "balanced": {"probe_spp": 1, "probe_every": 8, "spp": 16, "first_hit_rays": 48},
     "accurate": {"probe_spp": 8, "probe_every": 1, "spp": 64},

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
-from clsim.live.base_rate import BASE_FPS, base_fps, things_go_slowly
+from clsim.live.base_rate import BASE_FPS, base_fps
+from clsim.live.light import Light
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
 from clsim.live.time_steps import TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
-from clsim.scene.driven import CAMERA
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
 from clsim.truth.names import plane_names
@@ -159,31 +159,22 @@ def plan_stages(
     Where ``lights_set`` says that lights change from outside, their light does not stand still. What ``driven`` names
     is moved from outside: it may go fast, and the camera need not stand still.
     """
-    from clsim.render import (
-        RenderOptions,
-        camera_watches,
-        check_device,
-        lamps_move,
-        light_is_found_apart,
-        light_stands_still,
-    )
+    from clsim.render import RenderOptions, check_device, lamps_move, light_stands_still
 
     if world is None:
         world = alone(load_options_world(options))
-    still = light_stands_still(world)
     by_frames = options.time == "fixed" or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
-    slow = not driven and things_go_slowly(world, fps)
-    watched = camera_watches(world) and CAMERA not in driven and not lights_set
-    options = options.settled(still and not lights_set, not light_is_found_apart(world), slow, watched)
+    light = Light.of(world, fps, driven, lights_set=lights_set)
+    options = options.settled(light)
     point = options.point
     steered = point.sampling in ("adaptive", "in-turn")
-    if point.sampling == "in-turn" and not (watched and options.time == "fixed"):
+    if point.sampling == "in-turn" and not (light.watched and options.time == "fixed"):
         raise InputError(
             "`sampling` in-turn needs `time` fixed and a scene whose camera stands still and where no light changes, "
             f"by itself or from outside, which does not hold of {world.name}; use adaptive"
         )
-    if point.sampling == "cached" and not still:
+    if point.sampling == "cached" and not light_stands_still(world):
         raise InputError(
             f"`sampling` cached needs a scene in which nothing but the camera moves and no light changes, but in "
             f"{world.name} more does; use adaptive"

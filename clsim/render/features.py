@@ -39,6 +39,7 @@ class SceneFeatures:
         still_lamps: all such triangles stand still and look the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
+        lamps_move: something that shines moves or deforms.
         few_lamps: few enough shine to add up what all send to a point; none has a texture or a picture.
         light_tree: there are several lights, and which is drawn depends on the point that they light.
         environment: the environment emits.
@@ -76,6 +77,7 @@ class SceneFeatures:
     punctual_lights: bool
     light_pictures: bool
     few_lamps: bool
+    lamps_move: bool
     light_tree: bool
     environment: bool
     environment_map: bool
@@ -131,6 +133,11 @@ class Features(SceneFeatures):
     def shadow_rays(self) -> bool:
         """Whether it is told which rays of a pixel reach the lamps: all do or do not, and the light is kept."""
         return self.light_cache and self.lamp_light and self.sharp and not self.alpha
+
+    @property
+    def keeps_looks(self) -> bool:
+        """Whether what first-hit rays saw is kept while nothing that moves comes near: the camera stands still."""
+        return self.in_turn and self.sharp and not self.lamps_move
 
     @property
     def sharp(self) -> bool:

@@ -25,7 +25,8 @@ class Sample:
     ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
 
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
-    ``lamp_all`` if nothing stands between, else ``lamp_lit``.
+    ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``guarded`` is whether a way led through where something
+    moves (`guards.py`).
     """
 
     radiance: wp.vec3
@@ -44,6 +45,7 @@ class Sample:
     lamp: bool
     lamp_all: float
     lamp_lit: float
+    guarded: bool
 
 
 @wp.struct

@@ -76,7 +76,8 @@ class Seen:
 
     ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
     ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
-    them, they are 0, and its first bit is for all of the pixel.
+    them, they are 0, and its first bit is for all of the pixel. ``guarded`` is whether a ray led through where
+    something moves (`guards.py`).
     """
 
     things: int
@@ -85,6 +86,7 @@ class Seen:
     counted: bool
     by_colour: bool
     shadow: Shadow
+    guarded: bool
 
 
 @wp.func
@@ -323,6 +325,7 @@ def make_look(
         skipped = int(0)
         more_light = float(0.0)
         shadow = Shadow()
+        guarded = bool(False)
         if wp.static(shadow_rays):
             if edge.alone and (edge.plain or edge.flat):
                 shadow.triangle = corners[nearest].triangle
@@ -366,6 +369,7 @@ def make_look(
             if corner >= 0 or places or edge.flat:
                 width = 0.0
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
+            guarded = guarded or sample.guarded
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
@@ -394,9 +398,11 @@ def make_look(
                     edge, number = _take_in(
                         things, number, edge, sample, place, footprint, corners[nearest], looks.pixel_angle, coats
                     )
-        return finish(
+        seen = finish(
             scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,
             shadows, more_light, shadow, things,
         )  # fmt: skip
+        seen.guarded = guarded
+        return seen
 
     return look

@@ -25,6 +25,7 @@ from clsim.render.film import Sample, make_film
 from clsim.render.first_hits import make_look
 from clsim.render.gather import make_gather, make_plain
 from clsim.render.geometry import Hit, Tree, make_sphere_at, offset_origin
+from clsim.render.guards import meets_guard
 from clsim.render.intersection import face, make_intersection
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE, make_lamp_light, rim_draw, rim_place
@@ -40,6 +41,7 @@ from clsim.render.towards_light import looks_ahead, make_towards_light
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
+_FAR = wp.constant(1.0e30)
 _PLACES = wp.constant(8)
 """Places round a ray that only looks, of which the mean of a texture is taken."""
 
@@ -128,6 +130,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 foreseen = uniform2(stream, (depth + 1) * _DIMENSIONS + sampling.LIGHT)
                 foresee_environment(scene.lights.environment_image, foreseen)
             hit = closest_opaque(scene, origin, direction, time, stream, depth)
+            if wp.static(only_look and features.keeps_looks):
+                far = wp.where(hit.triangle >= 0 or hit.sphere >= 0, hit.t, _FAR)
+                sample.guarded = sample.guarded or meets_guard(scene.geometry, origin, direction, far)
             if wp.static(features.absorption):
                 if hit.triangle >= 0 or hit.sphere >= 0:
                     left = dimmed(absorption, hit.t)
@@ -292,6 +297,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                         if lit_here:
                             if wp.static(not ahead):
                                 light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
+                            if wp.static(only_look and features.keeps_looks):
+                                passes = meets_guard(scene.geometry, light.origin, light.direction, light.distance)
+                                sample.guarded = sample.guarded or passes
                             if light.visible > 0.0:
                                 w = light.visible
                                 if wp.static(features.environment_map):
@@ -375,6 +383,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             from clsim.render.in_turn import make_in_turn as make
         else:
             from clsim.render.steered import make_steered as make
-        return make(features.sobol, look, shoot, *types, kernel_options())
+        kept = (features.keeps_looks,) if features.in_turn else ()
+        return make(features.sobol, *kept, look, shoot, *types, kernel_options())
 
     return make_plain(gather, store, *types, kernel_options())

@@ -15,6 +15,7 @@ from clsim.render.bvh16_build import grow
 from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.geometry import Tree
+from clsim.render.guard_keeper import Guards
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Scene
 from clsim.render.options import RenderOptions
@@ -50,6 +51,7 @@ class SceneData:
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
         poses: those that were asked for, where there are several instants.
+        guards: room around what moves, once somebody wants to `watch` it.
         still: whether nothing but cameras moves, so that all instants are alike.
     """
 
@@ -107,6 +109,7 @@ class SceneData:
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
         self._levels = False
+        self.guards: Guards | None = None
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def add_texture_levels(self) -> None:
@@ -116,6 +119,16 @@ class SceneData:
                 add_levels(self.world, self.scene.materials.textures)
                 self._levels = True
 
+    def watch(self) -> Guards:
+        """Return room around what moves, which is kept up to date from now on."""
+        with self.lock:
+            if self.guards is None:
+                geometry = self._geometry.geometry
+                self.guards = Guards(len(self._geometry.moving), geometry, self.device)
+                self.scene.geometry = geometry
+                self.guards.follow(*self._geometry.moving_boxes)
+            return self.guards
+
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""
         if time_s != self._time_s:
@@ -123,6 +136,8 @@ class SceneData:
             self._geometry.update(times_s)
             self._lights.update(times_s)
             self._time_s = time_s
+            if self.guards is not None:
+                self.guards.follow(*self._geometry.moving_boxes)
 
     def move_anew(self) -> None:
         """Let the next `move` move everything, whatever its time: motions themselves have changed."""

@@ -8,7 +8,7 @@ from clsim.errors import InputError
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.deform import deforms
 from clsim.render.features import SceneFeatures, lamps_apart
-from clsim.render.scene_lamps import few_lamps, several_lights_of_a_tree, still_lamps
+from clsim.render.scene_lamps import few_lamps, lamps_move, several_lights_of_a_tree, still_lamps
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
 from clsim.scene.driven import stands_still
 
@@ -126,6 +126,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         punctual_lights=bool(world.punctual_lights),
         light_pictures=any(light.picture >= 0 for light in world.punctual_lights),
         few_lamps=few_lamps(world),
+        lamps_move=lamps_move(world),
         light_tree=several_lights_of_a_tree(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,
         environment_map=world.environment_map is not None,

@@ -9,10 +9,14 @@ import warp as wp
 
 from clsim.frames import InterestBoard, InterestMap
 from clsim.render.effort import STILL, Effort, MapReader, Sight, largest_around, looks_of
-from clsim.render.in_turn import LAYERS, LIT, REACH, Layer, Lit, Turns
+from clsim.render.guard_keeper import Guards
+from clsim.render.in_turn import LIT, PLANES, Turns
+from clsim.render.light_layers import LAYERS, REACH, Layer, Lit
 
 _QUIET, _CHANGES, _ALL = 0, 1, 2
 """Grades of pixels (`make_in_turn`)."""
+_FIRST = 4
+"""Times the paths of a pixel whose light changes that the first frame traces; each later one adds one, to all."""
 
 
 def window_weights() -> Any:
@@ -27,15 +31,24 @@ class TurnKeeper(MapReader):
     """Keeps what each path of each pixel found last, and decides how many are traced again.
 
     The number of paths that are kept is that of the first effort; ``probe_spp`` of them are traced again where light
-    changes, and one in every n-th frame elsewhere.
+    changes, and one in every n-th frame elsewhere. What first-hit rays saw is kept as long as the guards let it.
     """
 
     def __init__(
-        self, width: int, height: int, effort: Effort, sight: Sight, board: InterestBoard | None, device: Any
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        sight: Sight,
+        board: InterestBoard | None,
+        guards: Guards | None,
+        device: Any,
     ) -> None:
-        """Allocate what is kept from frame to frame."""
+        """Allocate what is kept from frame to frame; without ``guards`` each frame looks at all pixels."""
         super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
+        self._guards = guards
+        self._rays = self._known = self._first = 0
         self._kept = effort.spp
         kept = (pixels, effort.spp)
         kinds: dict[str, tuple[Any, Any]] = {
@@ -46,6 +59,9 @@ class TurnKeeper(MapReader):
             "traced": (pixels, wp.int32),
             "lit": ((pixels, LIT), Lit),
             "lit_things": (pixels, wp.int32),
+            "shown": ((PLANES, pixels), wp.float32),
+            "seen_in": (pixels, wp.int32),
+            "corner_seen_in": ((width + 1) * (height + 1), wp.int32),
         }
         self._arrays: dict[str, Any] = {
             name: wp.zeros(size, dtype=kind, device=device) for name, (size, kind) in kinds.items()
@@ -65,17 +81,26 @@ class TurnKeeper(MapReader):
         effort = self.effort
         steering: Any = Turns()
         steering.looks = looks_of(effort.first_hit_rays, self._sight)
-        steering.probe, steering.every, steering.turn = effort.probe_spp, effort.every, self._number + 1
+        steering.every, steering.turn = effort.every, self._number + 1
         if index <= self._index or self._anew:
             # Nothing that was kept tells of this frame.
             self._grades.fill(_ALL)
-            for name in ("light", "marks", "layers", "traced"):
-                self._arrays[name].zero_()
+            self._clear("light", "marks", "layers", "traced", "seen_in", "corner_seen_in")
+            steering.known = self._known = self._first = min(_FIRST * effort.probe_spp, self._kept)
         else:
             interest = None if self._board is None else self._board.find(self._number)
+            steering.known, steering.more = self._known, min(self._kept - self._known, 1)
+            self._known += steering.more
             self._grades.fill(_QUIET)
             if interest is not None:
                 self._grade(interest)
+        steering.probe = min(effort.probe_spp, steering.known)
+        steering.worth = self._first / self._known
+        if effort.first_hit_rays != self._rays:
+            self._clear("seen_in", "corner_seen_in")
+        self._rays = effort.first_hit_rays
+        if self._guards is not None:
+            steering.generation = self._guards.generation
         grades = self._grades.reshape(-1)
         wp.copy(self._arrays["grades"], wp.array(grades, dtype=wp.uint8, device="cpu", copy=False))
         self._index, self._anew = index, False
@@ -85,6 +110,10 @@ class TurnKeeper(MapReader):
     def forget(self) -> None:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
         self._anew = True
+
+    def _clear(self, *names: str) -> None:
+        for name in names:
+            self._arrays[name].zero_()
 
     def _grade(self, interest: InterestMap) -> None:
         """Trace more where brightness changes by a share of the threshold that matters, and around."""

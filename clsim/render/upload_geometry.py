@@ -35,6 +35,8 @@ class GeometryData:
         most_instants: how many instants at a time serve well.
         middle_m: middle of the box around all triangles, from the origin, at the first times.
         radius_m: half the diagonal of that box.
+        moving: indices of the instances that move or deform.
+        moving_boxes: lower and upper corners of the boxes around these, from the origin, at the last times.
     """
 
     def __init__(
@@ -56,6 +58,9 @@ class GeometryData:
         self._features = features
         self._instances = placement.instances
         self._sphere_lights = sphere_lights
+        self.moving = np.flatnonzero(
+            [each.motion.duration_s > 0 or deforms(placement.meshes[each.mesh]) for each in placement.instances]
+        )
         meshes = placement.meshes
         first_triangle = np.cumsum([0, *(len(mesh.triangles) for mesh in meshes)])
         # A mesh that deforms stands in the table once for each key of the interval, or each of several instants.
@@ -127,6 +132,7 @@ class GeometryData:
         if self._features.two_level:
             poses, steps = self._poses(times_s)
             lowers, uppers = self._bounds(poses, steps)
+            self.moving_boxes = lowers[self.moving], uppers[self.moving]
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
             # A tree that is only fitted makes rays ever slower as objects disperse. To build it anew takes .4 µs an
@@ -149,6 +155,7 @@ class GeometryData:
         self._most_times = len(times_s)
         poses, steps = self._poses(times_s)
         lowers, uppers = self._bounds(poses, steps)
+        self.moving_boxes = lowers[self.moving], uppers[self.moving]
         self.middle_m = (lowers.min(axis=0) + uppers.max(axis=0)) / 2
         self.radius_m = float(np.linalg.norm(uppers.max(axis=0) - lowers.min(axis=0)) / 2)
         if self._features.two_level:

@@ -133,7 +133,8 @@ class View:
             elif options.in_turn:
                 from clsim.render.turn_keeper import TurnKeeper
 
-                self._steerer = TurnKeeper(*size, effort, sight, board, self._device)
+                guards = data.watch() if features.keeps_looks else None
+                self._steerer = TurnKeeper(*size, effort, sight, board, guards, self._device)
             else:
                 self._steerer = Steerer(*size, effort, sight, board, self._device)
         self._truth: TruthPass | None = None

@@ -13,9 +13,10 @@ from clsim.bench import tradeoff, tradeoff_measure
 from clsim.bench.mismatch import fire
 from clsim.bench.reference_cache import load_or_render
 from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Light, Point, Rendering, named_points
+from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
 from clsim.cli.tradeoff_tables import markdown_text
 from clsim.errors import InputError
+from clsim.live.light import Light
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import load_world

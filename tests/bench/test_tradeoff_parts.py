@@ -166,10 +166,12 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
         materials=tuple(dataclasses.replace(each, emission=(0.0, 0.0, 0.0)) for each in lit.materials),
         environment=(1.0, 1.0, 1.0),
     )
-    cornell = load_world("cornell")
-    found = [Light.of(world, world.fps) for world in (cornell, lit, sky)]
-    assert found == [Light(watched=True), Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
-    for world, light in ((cornell, found[0]), (lit, found[1]), (sky, found[2])):
+    cornell, lamp = load_world("cornell"), load_world("moving-light")
+    worlds = (cornell, lit, sky, lamp)
+    found = [Light.of(world, world.fps) for world in worlds]
+    assert found[1:3] == [Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
+    assert [found[0], found[3]] == [Light(watched=True), Light(watched=True, lamps_move=True)]
+    for world, light in zip(worlds, found, strict=True):
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
             point = named_points(0, light)[name]
@@ -179,7 +181,7 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
     drafts = [named_points(0, light)["draft"] for light in LIGHTS]
-    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8]
+    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8, 8]
     assert [draft.detector.window for draft in drafts[:2]] == [11, 7]
 
 

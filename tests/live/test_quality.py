@@ -256,10 +256,11 @@ def test_the_text_leaves_out_what_the_method_has_no_use_for() -> None:
 def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() -> None:
     """Unless what is kept would be of no use, or a setting goes without it."""
     kept = plan_stages(options(scene="cornell", quality="accurate"))
-    assert not plan_stages(options(scene="cornell")).render.in_turn
     assert kept.render.in_turn and kept.detector.method == "esim" and kept.steered
     assert kept.render.spp == 64
-    assert plan_stages(options(scene="cornell", sampling="in-turn")).render.spp == 48
+    assert plan_stages(options(scene="cornell")).render.spp == 48
+    assert plan_stages(options(scene="moving-light", quality="accurate")).render.in_turn
+    assert not plan_stages(options(scene="moving-light")).render.in_turn
     for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
         assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
     assert not plan_stages(options(scene="cornell", quality="accurate"), driven=["camera"]).render.in_turn

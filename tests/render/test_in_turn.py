@@ -10,7 +10,7 @@ import warp as wp
 
 from clsim.frames import RADIANCE, Frame, InterestBoard, InterestMap, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.in_turn import LAYERS, REACH, Layer, Lit, draw_out, light_on
+from clsim.render.light_layers import LAYERS, REACH, Layer, Lit, draw_out, light_on
 from clsim.render.turn_keeper import window_weights
 from clsim.scene import load_world
 from clsim.scene.driven import Driven
@@ -42,6 +42,27 @@ def test_all_paths_are_traced_at_first_and_then_in_turn():
     shown, paths = pictures([0] * 6)
     assert paths[0] == KEPT and np.all(paths[1:] == 0.5)
     np.testing.assert_allclose(shown, np.broadcast_to(shown[:1], shown.shape), rtol=2e-6)
+
+
+def test_to_know_light_better_changes_nothing():
+    """Four times the probe's paths are traced at first; each frame adds one to all until all are known."""
+    shown, paths = pictures([0] * 20, spp=32)
+    np.testing.assert_array_equal(paths, [16] + [1.5] * 16 + [0.5] * 3)
+    np.testing.assert_allclose(shown, np.broadcast_to(shown[:1], shown.shape), rtol=2e-6)
+
+
+def test_paths_that_come_later_count_for_changes():
+    """A block comes and stays: light is then that of a run that begins there, up to what 16 paths do not know."""
+    world = load_world("cornell", resolution=SIZE)
+    times_us = [0] * 10 + [1_000_000] * 200
+    late = pictures(times_us, world=world, spp=64, probe_every=1, frames=len(times_us))[0][-1]
+    truth = pictures([1_000_000], world=world, spp=512, probe_spp=512)[0][0]
+    first = pictures([1_000_000], world=world, spp=64)[0][0]
+    dark = 0.01
+    error, known = (
+        np.abs(np.log((each + dark).sum(axis=0) / (truth + dark).sum(axis=0))).mean() for each in (late, first)
+    )
+    assert error < 1.3 * known < 0.1
 
 
 def test_light_that_changes_is_traced_more():
@@ -114,6 +135,7 @@ def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
             values[pixel, k]["count"], values[pixel, k]["frames"] = count, count * int(rng.integers(0, turn))
             values[pixel, k]["total"], values[pixel, k]["rate"] = rng.random(3) * count, rng.normal(size=3) * 0.02
             values[pixel, k]["position"], values[pixel, k]["normal"] = place, normal
+            values[pixel, k]["weight"] = 0.5 * count
     layers = wp.array(values, dtype=Layer, device="cpu")
     lit = Lit()
     lit.position, lit.normal, lit.depth = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*up), 1.0
@@ -130,6 +152,6 @@ def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
             share = np.exp(-(dx * dx + dy * dy) / (2 * (REACH / 2) ** 2))
             known = layer["total"].astype(np.float64)
             drawn = known + layer["rate"] * float(turn * layer["count"] - layer["frames"])
-            total += share * np.maximum(drawn, 0.2 * known) * (layer["count"] > 0)
-            weight += share * layer["count"]
+            total += share * layer["weight"] * np.maximum(drawn, 0.2 * known) / max(layer["count"], 1)
+            weight += share * layer["weight"]
     np.testing.assert_allclose(out.numpy()[0], total / weight, rtol=1e-5)
