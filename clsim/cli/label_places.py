@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -18,16 +19,17 @@ def place_labels(
 ) -> None:
     """Write ``texts`` beside ``points`` on matplotlib axes that have been drawn once, a thin line leading to each.
 
-    The nearest place is taken where a label lies inside the axes, covers no obstacle and no other label; a text that
-    finds none is left out.
+    The nearest place is taken where a label lies inside the axes, covers no obstacle and no other label. A text that
+    finds none is cut to its first line; where that finds none either, it is left out.
     """
     from matplotlib.transforms import Bbox
 
     dots = [panel.transData.transform(obstacle) for obstacle in obstacles]
     taken = [Bbox.from_extents(x - _CLEAR_PX, y - _CLEAR_PX, x + _CLEAR_PX, y + _CLEAR_PX) for x, y in dots]
     for point, text in zip(points, texts, strict=True):
-        for distance in _DISTANCES:
-            label, box = _first_free(panel, point, text, distance, taken)
+        lengths = dict.fromkeys((text, text.partition("\n")[0]))
+        for shown, distance in itertools.product(lengths, _DISTANCES):
+            label, box = _first_free(panel, point, shown, distance, taken)
             if label is not None:
                 taken.append(box)
                 break
