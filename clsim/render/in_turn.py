@@ -215,7 +215,7 @@ def make_in_turn(
                 if sample.hit and sampling.finite(sample.normal) and sampling.finite(sample.radiance):
                     e = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))
                     footprint_m = sample.depth * steering.looks.pixel_angle
-                    joins = mark == 0 and grade != _ALL
+                    joins = i >= wanted
                     marks[pixel, s] = put_on(
                         layers, pixel, mark, before, e, sample.position, sample.normal, footprint_m, steering.turn,
                         settings.samples, steering.worth, joins,

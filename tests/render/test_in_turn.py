@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import hand_worlds as hw
 import numpy as np
 import pytest
 import warp as wp
@@ -12,7 +13,7 @@ from clsim.frames import RADIANCE, Frame, InterestBoard, InterestMap, page_align
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.light_layers import LAYERS, REACH, Layer, Lit, draw_out, light_on
 from clsim.render.turn_keeper import window_weights
-from clsim.scene import load_world
+from clsim.scene import Material, load_world
 from clsim.scene.driven import Driven
 
 SIZE = (16, 12)
@@ -63,6 +64,27 @@ def test_paths_that_come_later_count_for_changes():
         np.abs(np.log((each + dark).sum(axis=0) / (truth + dark).sum(axis=0))).mean() for each in (late, first)
     )
     assert error < 1.3 * known < 0.1
+
+
+def test_paths_that_met_nothing_before_find_the_light_of_what_comes():
+    """A wall comes where nothing was, and stays: each path counts for what it finds, as in a run that begins there."""
+    wall = hw.quad((-3, -3, 0), (6, 0, 0), (0, 6, 0))
+    floor = hw.quad((-3, -3, 4), (6, 0, 0), (0, 0, -4))
+    lamp = hw.quad((-2, 3, 0), (4, 0, 0), (0, 0, 4), material=1)
+    comes = Driven(hw.IDENTITY)
+    for time_s, depth_m in ((0.0, 50.0), (0.1, 0.0)):
+        comes.set(time_s, ((0.0, 0.0, depth_m), (0.0, 0.0, 0.0, 1.0), 1.0))
+    world = hw.world(
+        wall,
+        floor,
+        lamp,
+        materials=(hw.GREY, Material(color=(0.0, 0.0, 0.0), emission=(5.0, 5.0, 5.0))),
+        view=hw.camera(hw.look_from((0, 0, 4), (0, 0, 0)), *SIZE),
+        motions=[comes, hw.IDENTITY, hw.IDENTITY],
+    )
+    times_us = [0] * 4 + [100_000] * 40
+    late, first = (pictures(each, world=world)[0][-1] for each in (times_us, times_us[4:5]))
+    np.testing.assert_allclose(late, first, rtol=1e-4)
 
 
 def test_light_that_changes_is_traced_more():
