@@ -259,7 +259,8 @@ def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() ->
     assert kept.render.in_turn and kept.detector.method == "esim" and kept.steered
     assert kept.render.spp == 64
     assert plan_stages(options(scene="cornell")).render.spp == 48
-    assert plan_stages(options(scene="moving-light", quality="accurate")).render.in_turn
+    lamp_moves = plan_stages(options(scene="moving-light", quality="accurate")).render
+    assert lamp_moves.in_turn and (lamp_moves.probe_spp, lamp_moves.first_hit_rays) == (8, 64)
     assert not plan_stages(options(scene="moving-light")).render.in_turn
     for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
         assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
