@@ -6,8 +6,8 @@ A pixel has ``settings.samples`` paths, each with random numbers of its own that
 traced again in a frame: one in every n-th where light is quiet, more where it changes. Of the others the last is known,
 so that noise is that of all. What stands still stays as it is.
 
-The first frame traces a part of them, and each later one adds one. It counts for what is known already, and then for
-what it changes by: to know the light better is no event.
+The first frame traces a part of them, and later ones add one by one. Such a path counts for what is known already, and
+then for what it changes by: to know the light better is no event.
 
 A pixel's paths are kept by the surface on which they begin, of which it knows two (`light_layers.py`). Once all are
 traced, each thing that a pixel shows is lit by them.

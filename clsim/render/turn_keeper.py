@@ -16,7 +16,9 @@ from clsim.render.light_layers import LAYERS, REACH, Layer, Lit
 _QUIET, _CHANGES, _ALL = 0, 1, 2
 """Grades of pixels (`make_in_turn`)."""
 _FIRST = 4
-"""Times the paths of a pixel whose light changes that the first frame traces; each later one adds one, to all."""
+"""Times the paths of a pixel whose light changes that the first frame traces …"""
+_FRAMES_A_PATH = 2
+"""… and frames in which each pixel then gets one more."""
 
 
 def window_weights() -> Any:
@@ -89,7 +91,8 @@ class TurnKeeper(MapReader):
             steering.known = self._known = self._first = min(_FIRST * effort.probe_spp, self._kept)
         else:
             interest = None if self._board is None else self._board.find(self._number)
-            steering.known, steering.more = self._known, min(self._kept - self._known, 1)
+            steering.known = self._known
+            steering.more = int(self._known < self._kept and self._number % _FRAMES_A_PATH == 1)
             self._known += steering.more
             self._grades.fill(_QUIET)
             if interest is not None:
