@@ -55,10 +55,11 @@ class Gathering:
         probe: paths of a pixel whose light is known.
         every: a pixel whose light is known traces them in each so many-th frame, in turn with its neighbours.
         turn: number of the frame.
-        known, finely: where what is known of the light, and by the finest cells, is at least so much, the probe will
-            do; 0 … 1.
+        known, finely: where what is known of the light is at least so much, and by the finest cells where light
+            straight from lamps is kept, the probe will do; 0 … 1.
         asked: which cells are asked for the light, and the update whose gain is no event.
         earlier: whether the light is shown as it was known before that update.
+        lamps: whether light straight from lamps is found apart, but for what is glossy.
         tells_shadows: whether it is told which rays reach the lamps.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
     """
@@ -71,6 +72,7 @@ class Gathering:
     finely: float
     asked: Asked
     earlier: bool
+    lamps: bool
     tells_shadows: bool
     cell_angle: float
 
@@ -82,7 +84,8 @@ class Lit:
     ``covered`` is the share of the pixel where a surface is seen, ``before`` the luminance of ``earlier``.
     ``brightness`` and ``squares`` are means over the pixel of the luminance of things and of its square.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
-    ``finely`` is the mean, over the pixel, of what the finest cells know.
+    ``from_lamps`` is the share of the pixel where light straight from lamps is kept, and ``finely`` the part of it that
+    the finest cells know.
     """
 
     covered: float
@@ -93,9 +96,19 @@ class Lit:
     unlit: wp.vec3
     unlit_before: wp.vec3
     known: float
+    from_lamps: float
     finely: float
     brightness: float
     squares: float
+
+
+@wp.func
+def _is_smooth(sample: Sample, gathering: Gathering) -> bool:
+    """Whether light that is kept for a surface changes slowly from place to place: none comes straight from lamps.
+
+    It counts as smooth on plastics too, where finer cells took a twentieth more time in a room and gained nothing.
+    """
+    return gathering.lamps and (sample.lamp or sample.coat[0] > 0.0)
 
 
 @wp.func
@@ -109,6 +122,7 @@ def light_of(
     at = wp.vec3()
     facing = wp.vec3()
     looked_in = int(-1)
+    looked_for_smooth = bool(False)
     for k in range(number):
         first = things[k].first
         radiance = things[k].emission
@@ -117,19 +131,23 @@ def light_of(
             footprint_m = first.depth * gathering.looks.pixel_angle
             apart_m = wp.length(things[k].position - at)
             s.covered += things[k].share
+            smooth = _is_smooth(first, gathering)
+            s.from_lamps += wp.where(smooth, 0.0, things[k].share)
             # What lies below the coat, and then the coat.
             for in_coat in range(wp.where(things[k].coat[0] > 0.0, 2, 1)):
                 whole = things[k].albedo
                 if in_coat == 1:
                     whole = things[k].coat
                 apart = apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL
-                if apart or in_coat != looked_in:
+                if apart or in_coat != looked_in or smooth != looked_for_smooth:
                     at = things[k].position
                     facing = first.normal
                     looked_in = in_coat
-                    kept = look_up(cells, gathering.asked, at, facing, in_coat, first.depth * gathering.cell_angle)
+                    looked_for_smooth = smooth
+                    width_m = first.depth * gathering.cell_angle
+                    kept = look_up(cells, gathering.asked, at, facing, in_coat, smooth, width_m)
                 s.known = wp.min(s.known, kept.known)
-                if in_coat == 0:
+                if in_coat == 0 and not smooth:
                     s.finely += kept.finely * things[k].share
                 albedo = whole * things[k].share
                 reflected = wp.cw_mul(albedo, kept.light)
@@ -319,7 +337,7 @@ def make_cached(
                 out_again[number] = brightness(seen_again, settings.spectral)
                 continue
             wanted = int(settings.samples)
-            if lit.known >= steering.known and lit.finely >= steering.finely * lit.covered:
+            if lit.known >= steering.known and lit.finely >= steering.finely * lit.from_lamps:
                 turn = pixel % settings.width + pixel // settings.width + steering.turn
                 wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
             if lit.covered == 0.0:
@@ -341,7 +359,8 @@ def make_cached(
                     p = sample.position
                     where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
                     n = sample.normal
-                    out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], wp.where(sample.in_coat, 1.0, 0.0))
+                    kind = wp.where(sample.in_coat, 1.0, 0.0) + wp.where(_is_smooth(sample, steering), 2.0, 0.0)
+                    out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], kind)
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
                     if not sample.in_coat:
                         radiance = radiance + reflected

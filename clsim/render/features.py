@@ -41,6 +41,7 @@ class SceneFeatures:
         punctual_lights: the number of point, spot and directional lights is not zero.
         lamps_move: something that shines moves or deforms.
         few_lamps: few enough shine to add up what all send to a point; none has a texture or a picture.
+        diffuse_lit: some used material that sends out no light is diffuse.
         light_tree: there are several lights, and which is drawn depends on the point that they light.
         environment: the environment emits.
         environment_map: the environment is an image, with the constant environment added to it.
@@ -77,6 +78,7 @@ class SceneFeatures:
     punctual_lights: bool
     light_pictures: bool
     few_lamps: bool
+    diffuse_lit: bool
     lamps_move: bool
     light_tree: bool
     environment: bool
@@ -194,7 +196,7 @@ class Features(SceneFeatures):
 def lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
     """Whether light straight from lamps may be found apart from paths."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
-    return plain and scene.few_lamps and "diffuse" in scene.kinds and strategy == "mis"
+    return plain and scene.few_lamps and scene.diffuse_lit and strategy == "mis"
 
 
 def view_features(

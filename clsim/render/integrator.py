@@ -173,7 +173,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if wp.static(not only_look):
                     chance = uniform2(stream, (depth + 1) * _DIMENSIONS + sampling.LOBE)[1]
                 point.material = pick(scene.materials, point, chance)
-            if wp.static(features.normal_maps):
+            # Light is kept by how a surface lies, without its normal map: cells know the mean of all that it bends.
+            kept_normal = point.shading_normal
+            if wp.static(features.normal_maps and not (only_look and features.light_cache)):
                 point.shading_normal = mapped_normal(scene.materials, point, -direction)
             dimension = (depth + 1) * _DIMENSIONS
             choice = uniform2(stream, dimension + sampling.CHOICE)
@@ -194,6 +196,13 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 bsdf = coloured(scene.materials, point, texture_seen(scene.materials, point, spot))
             else:
                 bsdf = resolve(scene.materials, point)
+            if wp.static(not features.light_cache):
+                kept_normal = point.shading_normal
+            if wp.static(features.normal_maps and features.light_cache):
+                if bsdf.mirror or (wp.static(features.lamp_light) and bsdf.kind == DIFFUSE):
+                    if wp.static(only_look):
+                        point.shading_normal = mapped_normal(scene.materials, point, -direction)
+                    kept_normal = point.shading_normal
             point.material = whole
             followed = bool(False)
             looked_at = looking
@@ -201,7 +210,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 passed_m += hit.t
                 sample.hit = True
                 sample.depth = passed_m
-                sample.normal = point.shading_normal
+                sample.normal = kept_normal
                 sample.albedo = wp.cw_mul(tint, albedo_of(bsdf))
                 if wp.static(features.blends):
                     sample.albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
@@ -209,7 +218,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
                 if wp.static(features.coats):
                     sample.coat = wp.vec3()
                     if bsdf.kind == PLASTIC and not bsdf.dark:
-                        cosine = -wp.dot(direction, point.shading_normal)
+                        cosine = -wp.dot(direction, kept_normal)
                         passing = passing_out(scene.materials.transmittance, bsdf, cosine)
                         sample.coat = tint * (1.0 - passing)
                         sample.albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing

@@ -93,14 +93,18 @@ class Asked:
     Attributes:
         finest: the first level that is asked; 0 has the finest cells.
         finest_before: the same, for the light as it was known before.
+        finest_if_smooth: no level below is asked where light is smooth, as none that is kept comes straight from lamps.
         last_update: what was known before is what cells knew before that update.
         wanted: paths with which a level counts as much as all coarser ones; these blur light, fine ones are noisy.
+        wanted_if_smooth: the same where light is smooth.
     """
 
     finest: int
     finest_before: int
+    finest_if_smooth: int
     last_update: int
     wanted: float
+    wanted_if_smooth: float
 
 
 @wp.func
@@ -195,13 +199,23 @@ def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.ar
 
 @wp.func
 def look_up(
-    cells: wp.array(dtype=Cell), asked: Asked, position: wp.vec3, normal: wp.vec3, in_coat: int, width_m: float
+    cells: wp.array(dtype=Cell),
+    asked: Asked,
+    position: wp.vec3,
+    normal: wp.vec3,
+    in_coat: int,
+    smooth: bool,
+    width_m: float,
 ) -> Kept:
     """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
 
-    Where ``in_coat`` is 1, it is the light that a coat reflects; else 0.
+    Where ``in_coat`` is 1, it is the light that a coat reflects; else 0. ``smooth`` is as in `Asked`.
     """
     kept = Kept()
+    least = wp.where(smooth, asked.finest_if_smooth, 0)
+    finest = wp.max(asked.finest, least)
+    finest_before = wp.max(asked.finest_before, least)
+    wanted = wp.where(smooth, asked.wanted_if_smooth, asked.wanted)
     size = _size(width_m)
     side_m = wp.pow(2.0, float(size))
     face = _face(normal)
@@ -210,7 +224,7 @@ def look_up(
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
     for level in range(_LEVELS):
-        if level < asked.finest and level < asked.finest_before:
+        if level < finest and level < finest_before:
             side_m = side_m * 2.0
             continue
         at = _in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
@@ -242,14 +256,14 @@ def look_up(
                     else:
                         before += cell.light * (weight * cell.count)
                         count_before += weight * cell.count
-        if count > 0.0 and level >= asked.finest:
-            share = left * count / (count + asked.wanted)
-            if level == asked.finest:
+        if count > 0.0 and level >= finest:
+            share = left * count / (count + wanted)
+            if level == finest:
                 kept.finely = share
             kept.light += light * (share / count)
             left = left - share
-        if count_before > 0.0 and level >= asked.finest_before:
-            share = left_before * count_before / (count_before + asked.wanted)
+        if count_before > 0.0 and level >= finest_before:
+            share = left_before * count_before / (count_before + wanted)
             kept.before += before * (share / count_before)
             left_before = left_before - share
         if left_before < _ENOUGH:
@@ -268,17 +282,18 @@ def open_cells(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
     normals: wp.array2d(dtype=wp.vec4),
-    finest: int,
+    asked: Asked,
     update: int,
     keys: wp.array(dtype=wp.int64),
     cells: wp.array(dtype=Cell),
     out_rows: wp.array3d(dtype=int),
     out_used: wp.array(dtype=int),
 ):
-    """Find or make the cells of each path from the level ``finest`` on, and keep what they knew so far.
+    """Find or make the cells of each path that are ``asked``, and keep what they knew so far.
 
     A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
-    largest width of the finest cells there [m] last, 0 where a path met nothing.
+    largest width of the finest cells there [m] last, 0 where a path met nothing. ``normals`` have a number last, to
+    which 1 is added in a coat, and 2 where light is smooth.
     """
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
@@ -288,8 +303,10 @@ def open_cells(
             side_m = wp.pow(2.0, float(size))
             n = normals[i, pixel]
             face = _face(wp.vec3(n[0], n[1], n[2]))
+            in_coat = int(n[3]) & 1
+            finest = wp.where(int(n[3]) > 1, wp.max(asked.finest, asked.finest_if_smooth), asked.finest)
             for level in range(_LEVELS):
-                grid = _grid(size + level, face, int(n[3]))
+                grid = _grid(size + level, face, in_coat)
                 at = _in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
                 key = _key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
                 row = int(-1)

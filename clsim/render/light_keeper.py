@@ -18,15 +18,16 @@ from clsim.render.shadow_rays import Shadow
 KNOWN = 0.04
 """Where less is known of the light, a pixel traces all its paths."""
 _FINELY = 1.0 / 17.0
-"""The same of the finest cells, where all light is kept: 16 paths, so that what comes into view is soon known too."""
+"""The same of the finest cells, where light straight from lamps is kept: 16 paths, so that what comes into view is soon
+known too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
-_FINEST_BESIDE_LAMPS = 2
-"""First level that is asked where light straight from lamps is found apart: the rest is smooth, few paths will do."""
-_WANTED_BESIDE_LAMPS = 1024.0
-"""See `Asked.wanted`: where light straight from lamps is not kept."""
+_FINEST_IF_SMOOTH = 2
+"""See `Asked`: few paths will do there."""
+_WANTED_IF_SMOOTH = 1024.0
+"""See there too."""
 _WANTED, _WANTED_AT = 256.0, 0.0091
-"""Where all light is kept, the same for pixels as wide as the latter [rad]. Wider ones have wider cells, …"""
+"""The same where lamps' light is kept, for pixels as wide as the latter [rad]. Wider ones have wider cells, …"""
 _WANTED_FALLS = 1.4
 """… whose blur does more harm: the fine ones are trusted sooner, by this power of the width."""
 _ENOUGH_FOR_FINE = 4
@@ -57,17 +58,17 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     return empty
 
 
-def _finest_of(effort: Effort, lamps: bool) -> int:
+def _finest_of(effort: Effort) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
-    finest = _FINEST_BESIDE_LAMPS if lamps else 0
-    return finest if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
+    return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
 
 
-def _wanted_of(sight: Sight) -> float:
-    """Return with how many paths a level of cells counts as much as all coarser ones."""
-    if sight.lamps:
-        return _WANTED_BESIDE_LAMPS
-    return min(float(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS), _WANTED_BESIDE_LAMPS)
+def _wanted_of(sight: Sight, finest: int) -> float:
+    """Return with how many paths a level of cells counts as much as all coarser ones, where lamps' light is kept."""
+    if sight.lamps and finest > 0:
+        # Few paths are traced where light is smooth, and what else there is must not have fewer.
+        return _WANTED_IF_SMOOTH
+    return min(float(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS), _WANTED_IF_SMOOTH)
 
 
 def _passes_of_first(effort: Effort, lamps: bool) -> int:
@@ -121,10 +122,8 @@ class LightKeeper:
         self._frames = 0
         self._update = 0
         self._found_more = False
-        self._lamps = sight.lamps
-        self._wanted = _wanted_of(sight)
-        self._finest = _finest_of(effort, self._lamps)
-        self._passes = _passes_of_first(effort, self._lamps)
+        self._finest = _finest_of(effort)
+        self._passes = _passes_of_first(effort, sight.lamps)
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
@@ -167,12 +166,11 @@ class LightKeeper:
         """
         effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
-        asked: Any = Asked()
-        asked.last_update, asked.finest, asked.finest_before = -1, self._finest, self._finest
-        asked.wanted = self._wanted
+        asked = self._asked()
+        asked.finest_before = self._finest
         if self._learns:
             self._learn()
-            asked.finest = self._finest = _finest_of(effort, self._lamps)
+            asked.finest = self._finest = _finest_of(effort)
             # The first frame is rendered more than once, and what it learns is no gain over a frame before.
             asked.last_update = self._update if self._frames >= self._passes else -1
             if effort.spp != self._found["out_lights"].shape[0]:
@@ -188,9 +186,10 @@ class LightKeeper:
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         self._gathering.known = KNOWN
-        if self._frames < self._passes and self._passes > _PASSES_OF_FIRST:
-            self._gathering.known = _NEVER
         self._gathering.finely = _FINELY if self._finest == 0 else 0.0
+        self._gathering.lamps = self._sight.lamps
+        if self._frames < self._passes and self._passes > _PASSES_OF_FIRST:
+            self._gathering.finely = _NEVER
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
@@ -249,6 +248,13 @@ class LightKeeper:
         self._frames += 1
         return self._frames < self._passes
 
+    def _asked(self) -> Any:
+        """Return which cells are asked for the light as it is known; for no update is there a gain."""
+        asked: Any = Asked()
+        asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
+        asked.wanted, asked.wanted_if_smooth = _wanted_of(self._sight, self._finest), _WANTED_IF_SMOOTH
+        return asked
+
     def _is_time(self, time_us: int) -> bool:
         """Whether a frame learns: at a pace, the first one from each of its times on."""
         if self._pace_hz is None:
@@ -264,7 +270,7 @@ class LightKeeper:
         self._found_more = False
         self._update += 1
         self._open.set_param_by_name("update", self._update)
-        self._open.set_param_by_name("finest", self._finest)
+        self._open.set_param_by_name("asked", self._asked())
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
@@ -293,8 +299,8 @@ class LightKeeper:
         table = {"sums": self._sums, "cells": self._cells}
         kernels = build_updates()
         self._open = record(
-            kernels.open_cells, shape[1], self._device, **found, normals=normals, finest=0, update=0, keys=self._keys,
-            cells=self._cells, out_rows=rows, out_used=self._used,
+            kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
+            keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
         )  # fmt: skip
         self._add = record(
             kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums

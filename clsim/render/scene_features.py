@@ -126,6 +126,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         punctual_lights=bool(world.punctual_lights),
         light_pictures=any(light.picture >= 0 for light in world.punctual_lights),
         few_lamps=few_lamps(world),
+        diffuse_lit=any(material.kind == "diffuse" and max(material.emission) == 0 for material in materials),
         lamps_move=lamps_move(world),
         light_tree=several_lights_of_a_tree(world),
         environment=max(world.environment) > 0 or world.environment_map is not None,

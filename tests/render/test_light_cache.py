@@ -20,7 +20,7 @@ from clsim.render import (
     light_keeper,
     light_stands_still,
 )
-from clsim.scene import Material
+from clsim.scene import ImageTexture, Material
 from clsim.scene.drift import drifting
 
 pytestmark = pytest.mark.usefixtures("ordinary")
@@ -246,12 +246,54 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
     np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
 
 
-def test_fine_cells_are_trusted_the_sooner_the_wider_a_pixel_is_but_not_beside_lamps():
-    def wanted(pixel_angle, lamps=False):
-        sight = effort.Sight(pixel_angle, sharp=True, lamps=lamps)
+def test_fine_cells_are_trusted_the_sooner_the_wider_a_pixel_is_but_not_where_light_is_smooth():
+    def asked(pixel_angle):
+        sight = effort.Sight(pixel_angle, sharp=True)
         keeper = light_keeper.LightKeeper(4, 3, Effort(4, 1, 48), sight, None, 0, "cpu")
-        return keeper.prepare(0, 0)[0]["steering"].asked.wanted
+        return keeper.prepare(0, 0)[0]["steering"].asked
 
-    assert wanted(0.0091) == pytest.approx(256.0)
-    assert wanted(0.0364) == pytest.approx(256.0 / 4.0**1.4)
-    assert wanted(0.0364, lamps=True) == wanted(0.0001) == 1024.0
+    assert asked(0.0091).wanted == pytest.approx(256.0)
+    assert asked(0.0364).wanted == pytest.approx(256.0 / 4.0**1.4)
+    assert asked(0.0364).wanted_if_smooth == asked(0.0001).wanted == 1024.0
+
+
+def floor_in_lamplight(floor, *textures):
+    """A floor, a lamp above it, a box that throws a shadow, and a diffuse wall."""
+    lamp = hw.quad((-0.2, 3.0, -0.2), (0.4, 0, 0), (0, 0, 0.4), material=1)
+    meshes = [
+        hw.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6), material=2),
+        hw.quad((-3, 0, -2), (6, 0, 0), (0, 4, 0)),
+        hw.box((-0.3, 0.4, -0.3), (0.3, 0.8, 0.3)),
+    ]
+    view = hw.camera(hw.look_from((0.3, 3.0, 4.0), (0, 0.2, 0)), 32, 24)
+    return hw.world(*meshes, lamp, materials=(hw.GREY, LAMP, floor), view=view, textures=textures)
+
+
+@pytest.mark.slow
+def test_what_is_glossy_keeps_the_shadows_of_lamps():
+    """Beside a wall for which light straight from the lamp is found apart, so that few paths would do."""
+    world = floor_in_lamplight(Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.8))
+    assert light_is_found_apart(world)
+    truth = log_brightness(hw.render(world, spp=2048, sampler="sobol"))
+    kept = Run(world, first_hit_rays=32, light_cache=True, spp=32, probe_spp=1).fill(0)
+    assert np.sqrt(np.mean((log_brightness(kept) - truth) ** 2)) < 0.25
+
+
+def test_lamps_alone_are_nothing_to_be_lit():
+    """They count as diffuse, but no light is found apart for them."""
+    world = floor_in_lamplight(Material(kind="conductor", alpha=0.3))
+    assert light_is_found_apart(world)
+    assert not light_is_found_apart(replace(world, materials=(world.materials[2], *world.materials[1:])))
+
+
+def test_a_normal_map_is_no_edge_where_light_is_kept():
+    """The cells know the mean light of all that it bends, so it takes no more rays to see."""
+    rough = Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.4)
+    texels = np.array([[[230, 128, 204, 255], [25, 128, 204, 255]]], np.uint8)
+    lean = ImageTexture(texels, srgb=False, uv_matrix=((40.0, 0.0, 0.0), (0.0, 40.0, 0.0)))
+    rays = []
+    for floor in (rough, replace(rough, normal_texture=0)):
+        run = Run(floor_in_lamplight(floor, lean), **CACHED)
+        run.fill(0)
+        rays.append(run.spent[1])
+    assert rays[1] < 1.02 * rays[0]
