@@ -208,7 +208,9 @@ def open_live(
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
     judged = ideal and config.facts.knows_error
-    twice = ideal and not judged and stages.render.light_cache
+    # Pixels that share light or a window with their neighbours would need these looked at again too.
+    alone = not config.facts.windowed and (stages.render.light_cache or not stages.render.first_hit_rays)
+    twice = ideal and alone
     if twice:
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")

@@ -48,10 +48,11 @@ _PLACES = wp.constant(8)
 
 @one_at_a_time
 def build_kernel(features: Features, tree: Tree = "warp") -> Any:
-    """Return the kernel ``render(scene, camera, settings, first_pixel, out_planes, out_bits)``; a thread is a pixel.
+    """Return the kernel ``render(scene, camera, settings, first_pixel, every, out_planes, out_bits)``.
 
-    ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as unsigned integers. Where first hits are
-    sampled apart, it is the kernel of ``steered.py``, and for requests one of ``retraced.py``.
+    A thread is one in ``every`` pixels. ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as
+    unsigned integers. Where first hits are sampled apart, it is the kernel of ``steered.py``, and for requests one of
+    ``retraced.py``.
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     sphere_at = make_sphere_at(features)

@@ -51,6 +51,11 @@ def settings_of(options: RenderOptions, width: int, spectral: Spectral) -> Any:
     return settings
 
 
+def _as_bits(planes: Any) -> Any:
+    """Return the same memory as unsigned integers."""
+    return wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=planes.device)
+
+
 class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
     """``View.cancel`` was called; the frame is incomplete."""
 
@@ -137,6 +142,9 @@ class View:
                 self._steerer = TurnKeeper(*size, effort, sight, board, guards, self._device)
             else:
                 self._steerer = Steerer(*size, effort, sight, board, self._device)
+        # A second look writes where a first one does, at the same place of planes of its own.
+        pixels = camera.width * camera.height if options.look_again and self._steerer is None else 0
+        self._again: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass
@@ -177,9 +185,8 @@ class View:
             raise RenderCancelled
         time_s = time_us * 1e-6
         self._data.move(time_s)
-        self._settings.stream = stream_state(
-            self._options.seed, index + self.noise_offset if self._options.noise == "independent" else None
-        )
+        noise_of = index + self.noise_offset if self._options.noise == "independent" else None
+        self._settings.stream = stream_state(self._options.seed, noise_of)
         pose = self._motion.pose(time_s)
         if not self._sky_differs:
             self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
@@ -189,8 +196,13 @@ class View:
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
         if self._steerer is None:
-            self._render(changed | {"out_bits": bits}, self.width * self.height)
+            self._render(changed | {"every": 1, "out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
+            if self._options.look_again:
+                # Of no other look: the seed's complement is nobody's.
+                self._settings.stream = stream_state(~self._options.seed, noise_of)
+                again = {"out_planes": self._again, "out_bits": _as_bits(self._again)}
+                self._look_again(changed | again | {"every": self._options.look_again})
         else:
             unfinished = True
             while unfinished:
@@ -203,8 +215,7 @@ class View:
                     self._render(changed | {"corner_pass": False, "lighting": True}, self.width * self.height)
                 unfinished = self._steerer.finish()
             if self._options.look_again:
-                again = {"corner_pass": False, "again": self._options.look_again}
-                self._render(changed | again, -(-self.width * self.height // self._options.look_again))
+                self._look_again(changed | {"corner_pass": False, "again": self._options.look_again})
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
@@ -263,7 +274,11 @@ class View:
         """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then."""
         every, weights = self._options.look_again, spectral_weights(self._data.world.sensor.spectral)
         first = frame.planes[:3].reshape(3, -1)[:, ::every]
-        return np.stack([np.asarray(weights, np.float32) @ first, self.light_keeper.seen_again.numpy()])
+        if self._steerer is None:
+            again = np.asarray(weights, np.float32) @ self._again[:3].numpy()[:, ::every]
+        else:
+            again = self.light_keeper.seen_again.numpy()
+        return np.stack([np.asarray(weights, np.float32) @ first, again])
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""
@@ -315,7 +330,7 @@ class View:
             "out_planes": planes,
         }
         if self._steerer is None:
-            arguments["out_bits"] = wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+            arguments |= {"every": 1, "out_bits": _as_bits(planes)}
         else:
             arguments |= {"pixels": 1, "corner_pass": False, "corners": self._corners} | self._steerer.arguments
         return record(self._kernel, tile, self._device, **arguments)
@@ -324,6 +339,10 @@ class View:
         """Render so many pixels, or corners of pixels, with those arguments of the kernel that have changed."""
         if not self._tiles.run(count, changed):
             raise RenderCancelled
+
+    def _look_again(self, changed: dict[str, Any]) -> None:
+        """Render some pixels again."""
+        self._render(changed, -(-self.width * self.height // self._options.look_again))
 
     def _target(self, out: Frame) -> tuple[Any, Any]:
         """Return the array that the kernel writes, and the same as bits: the frame's own memory on a CPU."""
@@ -334,8 +353,7 @@ class View:
                 self._targets.clear()
             on_host = self._device.is_cpu
             planes = self._host(out) if on_host else wp.empty(shape, dtype=wp.float32, device=self._device)
-            bits: Any = wp.array(ptr=planes.ptr, shape=shape, dtype=wp.uint32, device=self._device)
-            self._targets[address] = (planes, bits)
+            self._targets[address] = (planes, _as_bits(planes))
         return self._targets[address]
 
     def _host(self, out: Frame) -> Any:

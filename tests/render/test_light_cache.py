@@ -71,8 +71,6 @@ def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing
     same = np.isclose(first, again, rtol=1e-4)
     assert 0.2 < same.mean() < 1.0
     assert np.median(np.abs(np.log(again / first))) < 0.003
-    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`"):
-        RenderOptions(look_again=3)
 
 
 def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
