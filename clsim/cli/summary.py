@@ -65,6 +65,12 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
             f"clsim: about {percent_text(noise)} of the events are likely noise of the rendering: with another "
             "--seed they would be others"
         )
+    noise = summary["ideal_noise_share"]
+    if noise is not None and noise > _MUCH_NOISE:
+        say(
+            f"clsim: about {percent_text(noise)} of the events that ideal pixels would fire here are likely noise of "
+            "the rendering; the sensor's own noise is not in this"
+        )
     motion = summary["motion"]
     if motion is not None and motion["fast_pairs"]:
         say(

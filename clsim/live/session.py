@@ -70,6 +70,8 @@ class Session:
     """Rendered frames from one with truth to the next; 0 where there is none."""
     labelled: bool = False
     """Whether events are labelled with what caused them."""
+    ideal: bool = True
+    """Whether the sensor is the ideal one."""
     started: bool = False
 
     def start(self) -> None:
@@ -132,7 +134,8 @@ class Session:
             steep_pixels=progress.steep_pixels,
             most_crossings=progress.most_crossings,
             capped_events=progress.capped_events,
-            noise_share=progress.noise_share,
+            noise_share=progress.noise_share if self.ideal else None,
+            ideal_noise_share=None if self.ideal else progress.noise_share,
             lost_events=progress.lost_events,
             dropped_frames=progress.dropped_frames,
             late_frames=progress.late_frames,
@@ -210,8 +213,7 @@ def open_live(
     judged = ideal and config.facts.knows_error
     # Pixels that share light or a window with their neighbours would need these looked at again too.
     alone = not config.facts.windowed and (stages.render.light_cache or not stages.render.first_hit_rays)
-    twice = ideal and alone
-    if twice:
+    if alone:
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.without_use() else config.side
@@ -232,7 +234,7 @@ def open_live(
         board=board,
         governed=governed,
         share_cores=options.render_device == "cpu",
-        second_look=SecondLook(config) if twice else None,
+        second_look=SecondLook(config) if alone else None,
         significance=Significance(config) if judged else None,
     )
     return Session(
@@ -250,6 +252,7 @@ def open_live(
         governed,
         world,
         truth_every=stages.render.truth_every if options.truth else 0,
+        ideal=ideal,
         labelled=options.files.labels or "labels" in options.truth,
     )
 

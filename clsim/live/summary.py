@@ -22,6 +22,7 @@ class Summary:
         capped_events: events not written because a pixel had too many in one step.
         noise_share: share of the events that is likely noise of the rendering (see `clsim.live.second_look`); None
             where that is not measured.
+        ideal_noise_share: the same of what ideal pixels would fire in place of a real sensor; None where it is ideal.
         lost_events: events that the sensor's readout had no time for.
         dropped_frames, late_frames: frames lost, and frames begun more than a frame's time late, at real pace.
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.
@@ -49,6 +50,7 @@ class Summary:
     most_crossings: int
     capped_events: int
     noise_share: float | None
+    ideal_noise_share: float | None
     lost_events: int
     dropped_frames: int
     late_frames: int

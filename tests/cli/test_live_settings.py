@@ -139,6 +139,9 @@ def test_what_was_lost_is_always_told(session: Session) -> None:
 def test_noise_is_told_where_it_is_more_than_a_tenth(session: Session) -> None:
     assert "clsim: about 24 % of the events are likely noise" in told_at_the_end(session, noise_share=0.237)
     assert "noise" not in told_at_the_end(session, noise_share=0.1) + told_at_the_end(session, noise_share=None)
+    text = told_at_the_end(session, ideal_noise_share=0.237)
+    assert "clsim: about 24 % of the events that ideal pixels would fire here are likely noise" in text
+    assert "noise" not in told_at_the_end(session, ideal_noise_share=0.1)
 
 
 @pytest.mark.parametrize(("first_frame_s", "long_s", "told"), [(None, 0.0, 1), (None, 1e3, 0), (0.1, 0.0, 0)])

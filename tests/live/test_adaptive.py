@@ -132,6 +132,16 @@ def test_noise_is_what_another_seed_does_not_fire(monkeypatch: pytest.MonkeyPatc
     assert alone / 1.5 < told < alone * 1.5
 
 
+def test_of_a_real_sensor_noise_is_told_as_ideal_pixels_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Under another name, for its events are not those."""
+    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    given = {"sampling": None, "quality": "draft", "frame_count": 8, "fps": 60.0}
+    ideal, real = (summary_of("two-boxes", sensor=sensor, **given) for sensor in (None, "davis346"))
+    assert ideal["events"] != real["events"]
+    assert real["ideal_noise_share"] == ideal["noise_share"] > 0
+    assert real["noise_share"] is ideal["ideal_noise_share"] is None
+
+
 def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:
     """With the bits of a run that asks for it, unless a setting goes without it."""
     asked = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=6)
