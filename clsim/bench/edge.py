@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from time import process_time
 from typing import Any, Literal
 
 import numpy as np
@@ -12,17 +13,21 @@ import numpy.typing as npt
 
 from clsim.bench.tradeoff_measure import run_point
 from clsim.bench.tradeoff_settings import named_points
+from clsim.events import EventBatch
 from clsim.live.light import Light
+from clsim.live.quality import Quality
+from clsim.live.time_steps import check_time
 from clsim.opencl.device import choose_device
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, World, load_world
 from clsim.scene.motion import Keyframes, Motion
 from clsim.score.matching import Sampling, one_to_one
 from clsim.score.score import harmonic
 from clsim.score.straight_edge import Edge
+from clsim.simulator import Simulator
 
 Kind = Literal["geometric", "albedo", "ramp"]
 KINDS: tuple[Kind, ...] = ("geometric", "albedo", "ramp")
-QUALITIES = ("draft", "balanced", "accurate")
+QUALITIES: tuple[Quality, ...] = ("draft", "balanced", "accurate")
 SPEEDS_PX_S = (30.0, 300.0, 3000.0)
 RAMP_PX = 4.0
 _MOST_FRAMES = 24
@@ -111,9 +116,15 @@ def _sheet(world: World, motion: Motion, ramp_px: float) -> World:
 
 
 def measure_edges(
-    speeds_px_s: Sequence[float], size: tuple[int, int], fps: float, report: Callable[[str], None]
+    speeds_px_s: Sequence[float],
+    size: tuple[int, int],
+    fps: float,
+    time: str,
+    report: Callable[[str], None],
 ) -> list[dict[str, Any]]:
     """Measure ``QUALITIES`` on edges of all kinds and of some speeds; ``report`` is told what is being measured.
+
+    With ``time`` "adaptive", pixels are traced between frames too.
 
     Returns:
         One dict each: ``kind``, ``speed_px_s``, ``quality``, ``frames``, and what ``measure_edge`` returns.
@@ -125,12 +136,14 @@ def measure_edges(
             for quality in QUALITIES:
                 report(f"{kind} edge, {speed:g} px/s, {quality}")
                 about = {"kind": kind, "speed_px_s": speed, "quality": quality, "frames": scene.frames}
-                rows.append(about | measure_edge(scene, quality, fps))
+                rows.append(about | measure_edge(scene, quality, fps, time))
     return rows
 
 
-def measure_edge(scene: EdgeScene, quality: str, fps: float, seed: int = 0) -> dict[str, Any]:
+def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "fixed", seed: int = 0) -> dict[str, Any]:
     """Run a named quality on an edge and compare its events with the closed form.
+
+    With ``time`` "adaptive", pixels are traced between frames too.
 
     Returns:
         ``events``, ``true_events``, ``matched`` (pairs at one pixel, of one polarity, at most a frame or a pixel of
@@ -138,19 +151,35 @@ def measure_edge(scene: EdgeScene, quality: str, fps: float, seed: int = 0) -> d
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    point = named_points(seed, Light.of(world, fps))[quality]
-    config = point.detector.config(world.sensor)
-    run = run_point(world, point.rendering.options(fps, scene.frames), config, choose_device(), lambda: None)
+    check_time(time)
+    if time != "fixed":
+        found, cpu_s = _run_between(scene, quality, fps, time, seed)
+    else:
+        point = named_points(seed, Light.of(world, fps))[quality]
+        config = point.detector.config(world.sensor)
+        run = run_point(world, point.rendering.options(fps, scene.frames), config, choose_device(), lambda: None)
+        found, cpu_s = run.events, run.cpu_s
     truth = edge.events(camera.width, camera.height, (scene.frames - 1) / fps, world.sensor.threshold_on)
     window_us = round(1e6 * max(1 / fps, 1 / edge.speed_px_s))
-    late = one_to_one(run.events, truth, Sampling(camera.width, camera.height, fps), window_us)
+    late = one_to_one(found, truth, Sampling(camera.width, camera.height, fps), window_us)
     px = edge.speed_px_s / 1e6
     return {
-        "events": len(run.events),
+        "events": len(found),
         "true_events": len(truth),
         "matched": len(late),
-        "f1": harmonic(len(late) / max(len(run.events), 1), len(late) / max(len(truth), 1)),
+        "f1": harmonic(len(late) / max(len(found), 1), len(late) / max(len(truth), 1)),
         "error_px": px * float(np.median(np.abs(late))) if len(late) else None,
         "bias_px": px * float(late.mean()) if len(late) else None,
-        "cpu_us_per_pixel_second": 1e6 * run.cpu_s / (camera.width * camera.height * scene.frames / fps),
+        "cpu_us_per_pixel_second": 1e6 * cpu_s / (camera.width * camera.height * scene.frames / fps),
     }
+
+
+def _run_between(scene: EdgeScene, quality: Quality, fps: float, time: str, seed: int) -> tuple[EventBatch, float]:
+    """Return the events of a run that finds brightness between frames too, and its processor time [s]."""
+    with Simulator(scene.world, quality=quality, fps=fps, seed=seed, time=time) as simulator:
+        # The first steps build kernels.
+        simulator.step(round(2e6 / fps))
+        simulator.reset()
+        begun = process_time()
+        events = simulator.step(round(1e6 * (scene.frames - 1) / fps))
+        return events, process_time() - begun

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -78,6 +79,9 @@ def _scenes(scenes: list[str]) -> dict[str, Any]:
 def edge(
     resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "96x72",
     fps: Annotated[float, typer.Option(min=1.0, help="Frames per simulated second.")] = 120.0,
+    time: Annotated[
+        str, typer.Option(help="fixed: frames alone; adaptive: pixels are traced between frames too.")
+    ] = "fixed",
     as_json: JSON = False,
 ) -> None:
     """Measure how exact event times are, in pixels, on straight edges whose events have a closed form.
@@ -85,14 +89,15 @@ def edge(
     The bundled scene `edge` at 30, 300 and 3000 pixels per second; as one surface before another, as a change of colour
     on one surface, and as a ramp of colour. The error is the speed times the median distance in time.
 
-    Example: `clsim bench edge --fps 480`
+    Examples: `clsim bench edge --fps 480`, `clsim bench edge --time adaptive`
     """
     from rich.console import Console
     from rich.table import Table
 
     from clsim.bench.edge import SPEEDS_PX_S, measure_edges
 
-    rows = measure_edges(SPEEDS_PX_S, parse.resolution(resolution), fps, lambda what: typer.echo(what, err=True))
+    report = partial(typer.echo, err=True)
+    rows = measure_edges(SPEEDS_PX_S, parse.resolution(resolution), fps, time, report)
     if as_json:
         typer.echo(json.dumps(rows))
         return
