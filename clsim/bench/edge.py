@@ -129,6 +129,7 @@ def measure_edges(
     Returns:
         One dict each: ``kind``, ``speed_px_s``, ``quality``, ``frames``, and what ``measure_edge`` returns.
     """
+    check_time(time)
     rows = []
     for kind in KINDS:
         for speed in speeds_px_s:
@@ -151,7 +152,6 @@ def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "fi
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    check_time(time)
     if time != "fixed":
         found, cpu_s = _run_between(scene, quality, fps, time, seed)
     else:

@@ -34,5 +34,7 @@ def main() -> None:
             raise
         from clsim.cli.usage import usage_sentence
 
-        print(f"clsim: {usage_sentence(error)}", file=sys.stderr)
+        sentence = usage_sentence(error)
+        if sentence:
+            print(f"clsim: {sentence}", file=sys.stderr)
         sys.exit(2)

@@ -8,11 +8,17 @@ from typing import Any
 
 
 def usage_sentence(error: Any) -> str:
-    """Return the sentence of a usage error of typer's: the option, what was expected, and what was got."""
+    """Return the sentence of a usage error of typer's: the option, what was expected, and what was got.
+
+    It is empty where no command was given, and help was printed instead.
+    """
     findings = getattr(error.__cause__, "errors", None)
     parameter = getattr(error, "param", None)
     if findings is None or parameter is None:
-        return str(error.format_message())
+        message = str(error.format_message())
+        if not message.startswith("No such command"):
+            return message
+        return f"{message.rstrip('.')}, expected one of {', '.join(error.ctx.command.list_commands(error.ctx))}"
     finding = findings()[0]
     got, name = finding["input"], max(parameter.opts, key=len)
     choices = re.fullmatch(r"Value error, .* is not one of (.*?)\.?", finding["msg"])

@@ -45,6 +45,9 @@ def files(tmp_path: Path) -> Path:
             "did you mean accurate?\n",
         ),
         (["bench", "edge", "--fps", "0.5"], "clsim: --fps must be greater than or equal to 1, got '0.5'\n"),
+        (["bench", "edge", "--time", "x"], "clsim: --time must be one of fixed, adaptive and lambda=PIXELS"),
+        (["bench", "x"], "clsim: No such command 'x', expected one of tradeoff, throughput, edge\n"),
+        (["dataset", "flow", "--count", "-1"], "clsim: --count must be greater than or equal to 1, got '-1'\n"),
         (["live", "still", "--out", "{}/frames"], "frames is a folder, expected a file for events"),
         (["live", "still", "--out", "{}/a.foo"], ".bag; or name the format with --format"),
         (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
@@ -116,6 +119,11 @@ def test_one_sentence_and_status_2(
     assert outcome.stderr.startswith("clsim: ") and "Traceback" not in outcome.stderr
     assert len(outcome.stderr.strip().splitlines()) == 1, outcome.stderr
     assert set(files.rglob("*")) == before
+
+
+def test_without_a_command_there_is_help_and_nothing_else(clsim: Callable[..., object]) -> None:
+    outcome = clsim("sensor")
+    assert outcome.status == 2 and outcome.stderr == "" and "Usage: clsim sensor" in outcome.stdout
 
 
 def test_every_wrong_key_is_named_at_once(clsim: Callable[..., object], tmp_path: Path) -> None:
