@@ -8,7 +8,8 @@ No ray slips between triangles that share an edge. The edge functions are those 
 their own (no fused multiply-add), so that the two sides of an edge get values that differ in sign alone, and 0 counts
 for both. Boxes are tested with a slack that is a bound on all roundings, of the box test and of the triangle test: each
 is at most 2^-24 of the largest coordinate, and there are fewer than 16 of them (the bound takes the place of the factor
-1 + 2γ of Ize, JCGT 2(2), 2013, and allows the fused form of the slab test).
+1 + 2γ of Ize, JCGT 2(2), 2013, and allows the fused form of the slab test). Close to where a
+ray begins, roundings may put a thin triangle on the wrong side of its origin; there planes in double precision decide.
 
 Results are bits in integers: the code around is compiled as if there were no NaN, and an index may look like one.
 """

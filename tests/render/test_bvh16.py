@@ -363,3 +363,30 @@ def test_small_triangles_far_from_the_origin_are_told_apart(away, side):
     triangle, *_ = shoot(tree, origins, directions)
     expected = np.tile(np.arange(len(triangles)), 20)
     assert (triangle == expected).mean() > 0.97
+
+
+def test_what_lies_behind_a_ray_is_not_hit_however_thin_it_is():
+    """Slivers metres long and millimetres high, right behind where rays begin: the planes decide, in float64."""
+    rng = np.random.default_rng(4)
+    count, rays = 700, 400_000
+    along, across = directions(rng, count), directions(rng, count)
+    start = rng.uniform(-3, 3, (count, 3))
+    far = start + rng.uniform(2, 5, (count, 1)) * along
+    third = start + rng.uniform(0, 1, (count, 1)) * (far - start) + 0.003 * across
+    vertices = np.stack([start, far, third], axis=1).reshape(-1, 3).astype(np.float32)
+    indices = np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
+    corners = vertices[indices].astype(np.float64)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    of = rng.integers(count, size=rays)
+    weights = rng.dirichlet((1, 1, 1), rays)
+    normal = normals[of] / np.linalg.norm(normals[of], axis=1, keepdims=True)
+    origins = (np.einsum("rk,rkj->rj", weights, corners[of]) + 5e-5 * normal).astype(np.float32)
+    toward = directions(rng, rays).astype(np.float32)
+    toward *= np.sign(np.einsum("rj,rj->r", toward, normal))[:, None].astype(np.float32)
+    triangle, t, _, found = shoot(Bvh16(*arrays(vertices, indices)), origins, toward)
+    hit = triangle >= 0
+    n, d = normals[triangle[hit]], toward[hit].astype(np.float64)
+    true_t = np.einsum("rj,rj->r", corners[triangle[hit], 0] - origins[hit], n) / np.einsum("rj,rj->r", d, n)
+    assert hit.sum() > 1000
+    assert np.all(true_t >= 0), ((true_t < 0).sum(), t[hit][true_t < 0].max())
+    np.testing.assert_array_equal(found, hit)

@@ -41,6 +41,22 @@ const auto fetch = [&](int child) __attribute__((always_inline)) {
     // As long as a node; a leaf is shorter.
     for (int line = 0; line < NODE_FLOATS / 16; ++line) __builtin_prefetch(p + 16 * line);
 };
+// Whether the plane of a triangle is met before t_min, in double precision.
+const auto behind = [&](const float* triangle, int count) __attribute__((always_inline)) {
+    double a[3], e[3], f[3];
+    for (int k = 0; k < 3; ++k) {
+        a[k] = triangle[k * count];
+        e[k] = triangle[(3 + k) * count] - a[k];
+        f[k] = triangle[(6 + k) * count] - a[k];
+    }
+    const double n[3] = {e[1] * f[2] - e[2] * f[1], e[2] * f[0] - e[0] * f[2], e[0] * f[1] - e[1] * f[0]};
+    double way = 0.0, along = 0.0;
+    for (int k = 0; k < 3; ++k) {
+        way += n[k] * (a[k] - origin[k]);
+        along += n[k] * direction[k];
+    }
+    return way * along < t_min * along * along;
+};
 // Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
 const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
     const float* block = corners + CORNER_FLOATS * (long long)first;
@@ -71,6 +87,11 @@ const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((
         u *= scale;
         v *= scale;
         met &= mask((t >= v8(t_min)) & (t <= v8(far)));
+        // Roundings may move t of a sliver, metres long and millimetres high, from behind the ray's origin before it.
+        for (unsigned close = met & mask(t < v8(0x1p-10f * size)); close; close &= close - 1) {
+            const int i = __builtin_ctz(close);
+            if (behind(block + i, count)) met &= ~(1u << i);
+        }
     }
     return met;
 };
