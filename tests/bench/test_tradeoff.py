@@ -183,7 +183,8 @@ def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("quality", [pytest.param("draft", marks=pytest.mark.slow), "balanced"])
+@pytest.mark.slow
+@pytest.mark.parametrize("quality", ["draft", "balanced"])
 def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) -> None:
     """Also in later passes, which are timed: what they render must be the same."""
     import clsim

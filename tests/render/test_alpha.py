@@ -129,7 +129,8 @@ def test_a_ray_ends_among_endless_layers():
     assert np.isfinite(frame.planes[:12]).all()
 
 
-@pytest.mark.parametrize("strategy", ["light", pytest.param("scatter", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", ["light", "scatter"])
 def test_shadow_rays_end_after_as_many_layers_as_others(strategy):
     """A glowing ceiling above clear panes, found one way or the other: 250 panes change nothing, 300 shut it off."""
 

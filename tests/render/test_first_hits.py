@@ -19,7 +19,7 @@ COUNTED = 7
 """First-hit rays too few for corners to be looked at: shares are those of the rays."""
 
 
-@pytest.mark.parametrize("kind", ["geometric", "albedo"])
+@pytest.mark.parametrize("kind", [pytest.param("geometric", marks=pytest.mark.slow), "albedo"])
 def test_the_share_of_a_straight_edge_is_its_area(kind):
     """24 rays place it to a hundredth of a pixel, where counting rays is wrong by a tenth."""
     scene = edge_scene(kind, 100.0, *SIZE, 60.0)

@@ -19,7 +19,10 @@ FEW = ("edge", "uniform-wall")
 
 
 @pytest.mark.usefixtures("anything")
-@pytest.mark.parametrize("scene", sorted(bundled_scenes()))
+@pytest.mark.parametrize(
+    "scene",
+    [pytest.param(each, marks=pytest.mark.slow if each == "cornell" else ()) for each in sorted(bundled_scenes())],
+)
 def test_a_bundled_scene_looks_as_it_did(scene: str) -> None:
     golden = np.load(GOLDEN / f"{scene}.npy")
     found = block_means(scene, spp=64 if scene in FEW else 512)

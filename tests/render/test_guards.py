@@ -61,8 +61,10 @@ def frames_of(world, *, keep, times_us=None, **changed):
     [
         pytest.param(cornell(), id="matt"),
         pytest.param(cornell(speed=25.0), id="fast"),
-        pytest.param(cornell(Material(kind="conductor", alpha=0.0, color=(0.9, 0.9, 0.9))), id="mirror"),
-        pytest.param(cornell(Material(kind="dielectric", ior=1.5, alpha=0.0)), id="glass"),
+        pytest.param(
+            cornell(Material(kind="conductor", alpha=0.0, color=(0.9, 0.9, 0.9))), id="mirror", marks=pytest.mark.slow
+        ),
+        pytest.param(cornell(Material(kind="dielectric", ior=1.5, alpha=0.0)), id="glass", marks=pytest.mark.slow),
     ],
 )
 def test_what_is_kept_is_what_would_be_seen(world):

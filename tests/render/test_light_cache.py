@@ -284,6 +284,7 @@ def test_lamps_alone_are_nothing_to_be_lit():
     assert not light_is_found_apart(replace(world, materials=(world.materials[2], *world.materials[1:])))
 
 
+@pytest.mark.slow
 def test_a_normal_map_is_no_edge_where_light_is_kept():
     """The cells know the mean light of all that it bends, so it takes no more rays to see."""
     rough = Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.4)

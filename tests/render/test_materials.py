@@ -160,6 +160,7 @@ def test_features_of_the_mirror_itself_on_request():
         np.testing.assert_allclose(frame.plane(f"Albedo.{channel}"), expected, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_following_changes_features_and_not_light():
     scene = room(Material(kind="dielectric", color=WHITE))
     followed, plain = (hw.render(scene, spp=16, follow_specular=f) for f in (True, False))

@@ -12,7 +12,7 @@ from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
 from clsim.scene import load_world
 
-pytestmark = pytest.mark.usefixtures("ordinary")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ordinary")]
 WIDTH, HEIGHT = 96, 72
 OPTIONS = RenderOptions(
     spp=4, probe_spp=1, first_hit_rays=32, sampler="sobol", light_cache=True, light_hz=30.0, fps=30.0

@@ -62,7 +62,7 @@ def interest(number, near):
     return InterestMap(number, far, np.full_like(far, 0.2), np.zeros_like(far), np.zeros_like(far))
 
 
-@pytest.mark.parametrize("sampler", ["sobol", "pcg"])
+@pytest.mark.parametrize("sampler", ["sobol", pytest.param("pcg", marks=pytest.mark.slow)])
 def test_it_is_the_picture_of_plain_paths(sampler):
     plain = hw.render(textured_world(), spp=1024, variances=True)
     steered = Run(textured_world(), spp=512, first_hit_rays=512, seed=5, sampler=sampler).fill(0)

@@ -48,7 +48,7 @@ def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, obje
     [
         ("cornell", {"quality": "accurate"}),
         ("cornell", {"quality": "draft"}),
-        ("moving-light", {"quality": "accurate"}),
+        pytest.param("moving-light", {"quality": "accurate"}, marks=pytest.mark.slow),
     ],
     ids=["paths kept", "things go slowly", "a lamp moves"],
 )
