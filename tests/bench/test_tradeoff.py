@@ -55,6 +55,7 @@ def results(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureReq
         yield run_tradeoff(options(tmp_path_factory.mktemp("cache")), ignore)
 
 
+@pytest.mark.slow
 def test_all_figures_are_there(results: dict[str, Any]) -> None:
     scores = set(Score.__dataclass_fields__) - {"within"} | {"f1_within_1ms"}
     assert len(results["points"]) == len(POINTS) == len(results["settings"])
@@ -123,6 +124,7 @@ def test_starting_is_told_apart_and_happens_before_anything_is_timed(
     assert 1000 < float(line.split("|")[place]) < 1500
 
 
+@pytest.mark.slow
 def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
     import clsim
 

@@ -56,6 +56,7 @@ def test_gymnasium_finds_nothing_wrong(tmp_path: Path, form: str) -> None:
         check_env(wrapped(run, form=form), skip_render_check=True)
 
 
+@pytest.mark.slow
 def test_what_is_observed_is_what_fired(tmp_path: Path) -> None:
     with simulator(tmp_path) as run:
         env = wrapped(run, bins=3, limit=2.0)

@@ -113,6 +113,7 @@ def test_a_camera_that_is_moved_sees_what_one_sees_that_was_there_before():
     assert np.all(paths[:4] == KEPT) and paths[4] < KEPT
 
 
+@pytest.mark.slow
 def test_light_is_that_of_as_many_paths_as_are_kept():
     """Nothing is lost, and nothing counted twice: the mean picture is that of paths which nobody keeps."""
     kept, _ = pictures([0], spp=64)

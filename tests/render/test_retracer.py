@@ -105,6 +105,7 @@ def test_requests_have_no_variances():
     assert not options.features(data.features, data.world.camera, requests=True).variances
 
 
+@pytest.mark.slow
 def test_a_request_gives_the_bits_of_the_frame_where_everything_moves():
     compare(busy_world(), RenderOptions(spp=4, sampler="sobol", threads=2, tile_pixels=50))
 

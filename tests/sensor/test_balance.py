@@ -100,6 +100,7 @@ def check_balance(path, step_us=STEP_US):
     assert (end < own["ON"][alive]).all() and (end > -own["OFF"][alive]).all()
 
 
+@pytest.mark.slow
 @hypothesis_settings(max_examples=25)
 @given(PATHS)
 def test_thresholds_times_events_are_what_the_front_end_gave_and_what_leaked(path):
