@@ -13,6 +13,7 @@ from clsim.cli.options import JSON, SENSOR_SIZE
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
+    from clsim.sensor import SensorSettings
     from clsim.sensor.fit_flicker import FlickerFit
     from clsim.sensor.fit_still import Counts, StillFit
 
@@ -32,9 +33,9 @@ def plot(
     Example: `clsim sensor plot davis346 --out davis346.png`
     """
     from clsim.cli.sensor_plot import plot_sensor
-    from clsim.sensor import load_sensor
 
-    plot_sensor(load_sensor(name), out, seed)
+    _check_ending(out, ".png")
+    plot_sensor(_load(name, "NAME|FILE"), out, seed)
     typer.echo(out)
 
 
@@ -64,13 +65,15 @@ def fit(
     `clsim sensor fit still.raw --lamp lamp.raw --contrast 0.5 --base davis346 --out mine.toml`
     """
     from clsim.events.filesink import PartFile
-    from clsim.sensor import load_sensor
     from clsim.sensor.fitted import fitted_rows, sensor_file
 
     if (lamp is None) != (contrast is None):
         raise InputError("--lamp and --contrast belong together; give both")
+    _check_ending(out, ".toml")
     if base is not None:
-        load_sensor(base)
+        _load(base, "--base")
+        if Path(base).suffix.lower() == ".toml" and out.exists() and out.samefile(base):
+            raise InputError(f"--out {out} is the file that --base names; choose another name")
         base = str(Path(base).absolute()) if Path(base).suffix.lower() == ".toml" else base
     part = PartFile(out)
     try:
@@ -86,6 +89,22 @@ def fit(
         return
     for name, number, _ in rows:
         typer.echo(f"{name:<24} " + ("none found" if number is None else f"{number[0]:.5g} ± {number[1]:.2g}"))
+
+
+def _check_ending(out: Path, ending: str) -> None:
+    """Raise InputError where a file of another kind, such as the recording itself, would be written over."""
+    if out.suffix.lower() != ending:
+        raise InputError(f"--out {out}: the ending is wrong; expected NAME{ending}")
+
+
+def _load(name: str, option: str) -> SensorSettings:
+    """Return a sensor; a message that there is none names what the user wrote."""
+    from clsim.sensor import load_sensor
+
+    try:
+        return load_sensor(name)
+    except InputError as error:
+        raise InputError(str(error).replace("`sensor`", option, 1)) from None
 
 
 def _fitted(
@@ -109,4 +128,8 @@ def _fitted(
     if lamp is None or contrast is None:
         return size, still, None
     with open_events(lamp) as source:
-        return size, still, fit_flicker(source, *size, contrast, ~still.hot)
+        flicker = fit_flicker(source, *size, contrast, ~still.hot)
+    if flicker.mismatch[0] > min(flicker.on[0], flicker.off[0]):
+        # What is no flicker fits thresholds of nothing, which differ by more than they are.
+        raise InputError(f"{lamp}: is no recording of a lamp whose light is a sine of contrast {contrast:g}")
+    return size, still, flicker

@@ -202,7 +202,32 @@ def test_the_command_fits_files(recorded, tmp_path, monkeypatch, capsys):
 
 def test_a_base_that_is_not_there_is_told(recorded, tmp_path, monkeypatch, capsys):
     words = "sensor", "fit", "no.npz", "--out", tmp_path / "a.toml", "--base", "davis3"
-    assert run(monkeypatch, *words) == 2 and "did you mean davis346" in capsys.readouterr().err
+    assert run(monkeypatch, *words) == 2
+    assert capsys.readouterr().err == "clsim: --base: there is no sensor 'davis3'; did you mean davis346?\n"
+
+
+def test_files_that_would_be_lost_are_not_written_over(tmp_path, monkeypatch, capsys):
+    still, mine = tmp_path / "still.txt", tmp_path / "mine.toml"
+    still.write_text("1 2 3 1\n")
+    mine.write_text("[threshold]\non = 0.3\n")
+    for words, said in (
+        (("fit", still, "--out", still), "the ending is wrong; expected NAME.toml"),
+        (("fit", still, "--out", mine, "--base", mine), "is the file that --base names; choose another name"),
+        (("plot", mine, "--out", still), "the ending is wrong; expected NAME.png"),
+    ):
+        assert run(monkeypatch, "sensor", *words) == 2 and said in capsys.readouterr().err
+    assert still.read_text() == "1 2 3 1\n" and mine.read_text() == "[threshold]\non = 0.3\n"
+
+
+def test_a_lamp_that_does_not_flicker_is_told(recorded, tmp_path, monkeypatch, capsys):
+    name = tmp_path / "still.npz"
+    with clsim.write(name, WIDTH, HEIGHT) as out:
+        for batch in recorded[0][:5]:
+            out.write(batch, int(batch["t"][-1]) + 1 if len(batch) else 0)
+    words = "sensor", "fit", name, "--out", tmp_path / "a.toml", "--lamp", name, "--contrast", CONTRAST
+    assert run(monkeypatch, *words) == 2
+    assert "still.npz: is no recording of a lamp whose light is a sine" in capsys.readouterr().err
+    assert not (tmp_path / "a.toml").exists()
 
 
 @pytest.mark.slow
