@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from clsim.live.view.playback import TimedImages
     from clsim.live.view.truth_pictures import Shown
 
+_MOST_FPS = 1000.0
+"""Pictures per second of a video: more are no video, and would take for ever."""
+
 
 def view(
     events: Annotated[
@@ -69,11 +72,15 @@ def view(
 
     Examples: `clsim view events.aedat4`, `clsim view tcp://127.0.0.1:7777`, `clsim view events.aedat4 --to film.mp4`
     """
-    from clsim.events.open import open_events, sensor_size
+    from clsim.events.open import open_events
 
     for option, value in (("--video-fps", video_fps), ("--speed", speed), ("--contrast", contrast)):
         if not 0 < value < float("inf"):
             raise InputError(f"{option} must be a positive number, got {value}")
+    if video_fps > _MOST_FPS:
+        raise InputError(f"--video-fps must be at most {_MOST_FPS:g}, got {video_fps:g}; --speed shows slow motion")
+    if at is not None and (to is None or Path(to).suffix.lower() != ".png"):
+        raise InputError("--at is the time of a picture, so it needs --to NAME.png")
     if show is not None and (is_address(events) or recording_kind(events) is None):
         raise InputError(f"--show is for recordings with truth, but {events} is none")
     if to is None:
@@ -81,7 +88,7 @@ def view(
         if colours == "cause" and where != "web":
             raise InputError(f"--colours cause is for the page and for --to, got --view {where}")
     with open_events(events, labels=("cause",) if colours == "cause" else ()) as source:
-        size = sensor_size(events, source, None if resolution is None else parse.resolution(resolution))
+        size = _size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
             from clsim.live.view.colormaps import DEFAULT
             from clsim.live.view.picture import Film, Look, write_picture
@@ -103,6 +110,20 @@ def view(
         elif where == "web":
             _in_page(events, source, size, port, show, colours)
     return 0
+
+
+def _size(name: str, source: EventSource | SocketSource, given: tuple[int, int] | None) -> tuple[int, int]:
+    """Return the sensor's size; one that the user gives must hold what is there."""
+    from clsim.events.open import least_size, sensor_size
+
+    if given is None:
+        return sensor_size(name, source, None)
+    least = least_size(name, source)
+    if given[0] < least[0] or given[1] < least[1]:
+        raise InputError(
+            f"--resolution {given[0]}x{given[1]} is too small for {name}, which needs {least[0]}x{least[1]}"
+        )
+    return given
 
 
 class _Times:

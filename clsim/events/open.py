@@ -53,6 +53,14 @@ def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int,
     """
     if given is not None:
         return given
+    size = least_size(name, source)
+    if size == (0, 0):
+        raise InputError(f"{Path(name)}: holds no events, so its sensor size is unknown; give it with `resolution`")
+    return size
+
+
+def least_size(name: str, source: EventSource | SocketSource) -> tuple[int, int]:
+    """Return the size that an open source or its sidecar tells, else the smallest that holds its events."""
     if source.width is not None and source.height is not None:
         return source.width, source.height
     return sidecar_size(read_sidecar(name)) or _smallest_size(name)
@@ -64,6 +72,4 @@ def _smallest_size(name: str) -> tuple[int, int]:
         for batch in source:
             width = max(width, int(batch["x"].max()) + 1)
             height = max(height, int(batch["y"].max()) + 1)
-    if width == 0:
-        raise InputError(f"{Path(name)}: holds no events, so its sensor size is unknown; give it with `resolution`")
     return width, height

@@ -58,6 +58,20 @@ def test_view_to_a_picture(clsim: Callable[..., object], recording: Path, tmp_pa
         assert picture.size == (60, 30)
 
 
+def test_a_resolution_must_hold_the_events_of_files_that_do_not_tell(
+    clsim: Callable[..., object], tmp_path: Path
+) -> None:
+    (tmp_path / "a.txt").write_text("1 7 5 1\n")
+    picture = "--to", tmp_path / "a.png", "--zoom", 1
+    outcome = clsim("view", tmp_path / "a.txt", *picture, "--resolution", "7x6")
+    assert outcome.status == 2 and "a.txt, which needs 8x6" in outcome.stderr and not (tmp_path / "a.png").exists()
+    assert clsim("view", tmp_path / "a.txt", *picture, "--resolution", "9x6").status == 0
+    with Image.open(tmp_path / "a.png") as image:
+        assert image.size == (9, 6)
+    (tmp_path / "none.txt").write_text("")
+    assert "no events to show" in clsim("view", tmp_path / "none.txt", *picture, "--resolution", "9x6").stderr
+
+
 def test_a_picture_after_the_end_is_refused_with_the_length(
     clsim: Callable[..., object], recording: Path, tmp_path: Path
 ) -> None:
@@ -94,6 +108,9 @@ def test_help_tells_the_unit_of_bare_numbers(
         (["--to", "film.gif", "--accumulate", "soon"], "--accumulate"),
         (["--to", "film.gif", "--zoom", "0"], "--zoom"),
         (["--to", "film.gif", "--resolution", "5"], "--resolution"),
+        (["--to", "film.gif", "--resolution", "20x9"], "--resolution 20x9 is too small for"),
+        (["--to", "film.gif", "--video-fps", "1e9"], "--video-fps must be at most 1000"),
+        (["--to", "film.gif", "--at", "0.1"], "--at is the time of a picture, so it needs --to NAME.png"),
         (["--port", "http"], "--port"),
         (["--port", "99999"], "--port"),
         (["--view", "hologram"], "hologram"),

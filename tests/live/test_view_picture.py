@@ -1,3 +1,4 @@
+import platform
 from pathlib import Path
 
 import numpy as np
@@ -120,3 +121,12 @@ def test_a_source_that_breaks_leaves_no_film(tmp_path: Path) -> None:
         write_picture(str(tmp_path / "film.gif"), broken(), SIZE, Look(), Film())
     assert [p.name for p in tmp_path.iterdir()] == ["film.gif"]
     assert (tmp_path / "film.gif").read_text() == "what was there"
+
+
+def test_what_a_killed_run_left_goes_and_links_stay(tmp_path: Path) -> None:
+    left = tmp_path / f".film.gif.{platform.node()}.{2**22 + 1}.part"  # no process has such a number
+    left.write_text("half a film")
+    (tmp_path / "link.gif").symlink_to("film.gif")
+    write_picture(str(tmp_path / "link.gif"), BATCHES, SIZE, Look(), Film())
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["film.gif", "link.gif"]
+    assert (tmp_path / "link.gif").is_symlink()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -15,7 +14,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, Labels
-from clsim.events.filesink import unwritable
+from clsim.events.filesink import PartFile, unwritable
 from clsim.live.view.accumulate import EventWindow, IndexImage, cause_indices, colour_indices, signed_image
 from clsim.live.view.colormaps import CAUSE, DEFAULT, ZERO, Lut, Theme, lut
 
@@ -237,12 +236,11 @@ def _chain(first: IndexImage, rest: Iterator[IndexImage]) -> Iterator[IndexImage
 
 @contextlib.contextmanager
 def _complete_or_not_at_all(target: Path) -> Iterator[Path]:
-    temporary = target.with_name(f".{os.getpid()}.{target.name}")
+    part = PartFile(target)
     try:
-        try:
-            yield temporary
-            os.replace(temporary, target)
-        finally:
-            temporary.unlink(missing_ok=True)
+        yield part.part
+        part.complete()
     except OSError as error:
         raise unwritable(target, error) from None
+    finally:
+        part.discard()
