@@ -30,7 +30,7 @@ def dataset(
     count: Annotated[int | None, typer.Option(min=1, help="Number of sequences. [the specification's]")] = None,
     workers: Annotated[
         int | None,
-        typer.Option(help="Processes on this machine, each with one sequence at a time. [a half of the cores]"),
+        typer.Option(min=1, help="Processes on this machine, each with one sequence at a time. [a half of the cores]"),
     ] = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a running scheduler of Dask, such as tcp://HOST:8786, instead.")
@@ -111,6 +111,7 @@ class _bar:  # noqa: N801 - a context manager
         self._bars = Bars(
             TextColumn("sequences"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(),
             TextColumn("{task.fields[cost]}"), console=console, transient=True,
+            disable=not console.is_terminal,
         )  # fmt: skip
         self._task = self._bars.add_task("", total=None, cost="starting")
         self._begun_s = time.monotonic()

@@ -112,14 +112,15 @@ def check_engine() -> None:
 
 
 def prepare(spec: Spec, out: Path) -> None:
-    """Make the folder and write what it is of; raises InputError where it is of another specification."""
+    """Make the folder and write what it is of; raises InputError where it has sequences of another specification."""
     told = {"name": spec.name, "digest": spec.digest, "split": [name for name, _ in spec.parts]}
     about = out / "dataset.json"
     try:
         out.mkdir(parents=True, exist_ok=True)
         if about.is_file():
             found = json.loads(about.read_text(encoding="utf-8"))
-            if found.get("digest") != spec.digest:
+            # Where no sequence was begun, as after a specification that was wrong, nothing could be mixed.
+            if found.get("digest") != spec.digest and any(out.glob("sequences/*")):
                 raise InputError(
                     f"{out}: holds a data set of another specification, seed or version of clsim; give a new folder"
                 )

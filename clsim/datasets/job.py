@@ -20,6 +20,7 @@ from typing import Any
 from clsim.datasets.measure import Figures, measure, reasons
 from clsim.datasets.scene_file import scene_text
 from clsim.datasets.spec import Sample, Spec
+from clsim.errors import InputError
 from clsim.events.filesink import process_runs
 from clsim.live.options import LiveOptions
 from clsim.version import VERSION
@@ -122,9 +123,12 @@ def _run(spec: Spec, sample: Sample, part: Path, threads: int | None) -> tuple[F
     (part / "scene.toml").write_text(scene_text(sample.scene), encoding="utf-8")
     given = sample.run | {"scene": str(part / "scene.toml"), "strict": False, "threads": threads}
     names = spec.outputs()
-    options = replace(LiveOptions.from_dict(given), outputs=tuple(str(part / name) for name in names))
-    # What files tell of their making must not hang on where and by which process they were made.
-    session = open_live(options, told={"scene": "scene.toml", "outputs": names, "threads": None})
+    try:
+        options = replace(LiveOptions.from_dict(given), outputs=tuple(str(part / name) for name in names))
+        # What files tell of their making must not hang on where and by which process they were made.
+        session = open_live(options, told={"scene": "scene.toml", "outputs": names, "threads": None})
+    except InputError as error:  # the hidden folder will be gone when the user reads this
+        raise InputError(str(error).replace(f"{part}{os.sep}", "")) from None
     warnings = session.warnings
     try:
         summary = session.run()

@@ -19,3 +19,11 @@ def test_of_a_thousand_warnings_the_first_are_printed(clsim, monkeypatch, tmp_pa
     told = clsim("dataset", "flow", "--out", tmp_path / "set").stderr
     assert "lamp 4 flickers" in told and "lamp 5 flickers" not in told
     assert "clsim: 995 more warnings are in the job.json of the sequences" in told
+
+
+def test_workers_are_at_least_one_and_no_bar_is_drawn_elsewhere_than_on_a_terminal(clsim, monkeypatch, tmp_path):
+    monkeypatch.setattr(engine, "make", lambda *_, tell, **__: tell(engine.Progress(2)) or engine.Progress(2, whole=2))
+    words = "dataset", "flow", "--out", tmp_path / "set"
+    assert clsim(*words).stderr.splitlines() == [f"clsim: 2 of 2 sequences are in {tmp_path / 'set'}, 2 of them new"]
+    outcome = clsim(*words, "--workers", "-3")
+    assert outcome.status == 2 and outcome.stderr.startswith("clsim: --workers must be greater than or equal to 1")

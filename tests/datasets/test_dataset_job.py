@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import platform
 import subprocess
@@ -12,10 +13,11 @@ from dataclasses import replace
 import pytest
 
 from clsim.datasets import job
-from clsim.datasets.engine import Progress, _missing
+from clsim.datasets.engine import Progress, _missing, prepare
 from clsim.datasets.job import read_done, run_job, sequence_folder
 from clsim.datasets.measure import Figures
 from clsim.datasets.spec import Limits, load_spec
+from clsim.errors import InputError
 
 _DATA = bytes(range(256)) * 5000  # more than a block
 
@@ -113,3 +115,20 @@ def test_what_is_there_is_counted_before_more_is_made(tmp_path, spec, made):
     assert _missing(picky, tmp_path, False, progress) == [2, 3]
     assert (progress.whole, progress.found, progress.rejected) == (2, 2, 1)
     assert not sequence_folder(tmp_path, 2).exists()
+
+
+def test_a_specification_that_was_wrong_does_not_take_its_folder(tmp_path, spec, made):
+    out, other = tmp_path / "set", replace(spec, also=("a.csv",))
+    prepare(spec, out)
+    prepare(other, out)
+    assert json.loads((out / "dataset.json").read_text())["digest"] == other.digest
+    run_job(other, 0, str(out), None)
+    with pytest.raises(InputError, match="another specification, seed or version"):
+        prepare(spec, out)
+
+
+def test_a_scene_that_cannot_be_is_told_without_the_hidden_folder(tmp_path):
+    (tmp_path / "a.toml").write_text("count = 1\n")
+    with pytest.raises(InputError, match=r"^scene\.toml: camera: is missing"):
+        run_job(load_spec(str(tmp_path / "a.toml")), 0, str(tmp_path / "set"), None)
+    assert not any((tmp_path / "set" / "sequences").iterdir())
