@@ -78,7 +78,7 @@ def _scenes(scenes: list[str]) -> dict[str, Any]:
 @bench.command()
 def edge(
     resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "96x72",
-    fps: Annotated[float, typer.Option(min=1.0, help="Frames per simulated second.")] = 120.0,
+    fps: Annotated[float, typer.Option(min=1.0, max=1e6, help="Frames per simulated second.")] = 120.0,
     time: Annotated[
         str, typer.Option(help="fixed: frames alone; adaptive: pixels are traced between frames too.")
     ] = "fixed",

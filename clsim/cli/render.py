@@ -120,10 +120,10 @@ def render(
     write_sidecar(out / "frames.json", rendering.about | scene_from_here(rendering.about, out))
     size = {"width": rendering.width, "height": rendering.height}
     if as_json:
-        typer.echo(json.dumps({"frames": rendering.frame_count, "out": str(out)} | size))
+        typer.echo(json.dumps({"frames": count, "out": str(out)} | size))
         return
     console.print(
-        f"{rendering.frame_count} frames of {rendering.width}x{rendering.height} ({rendering.settings}) → {out}",
+        f"{count} frame{'s' * (count > 1)} of {rendering.width}x{rendering.height} ({rendering.settings}) → {out}",
         highlight=False,
         soft_wrap=True,
     )

@@ -33,8 +33,12 @@ def read_times_us(path: str | Path, unit: TimeUnit) -> list[int]:
         if path.suffix.lower() == ".npy":
             times = _of_array(path, unit)
         else:
-            lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-            told = [(k, line) for k, line in enumerate(lines, 1) if line.strip() and not line.startswith("#")]
+            text = path.read_text(encoding="utf-8", errors="replace")
+            if "\0" in text:
+                raise InputError(f"{path}: is no text; expected times of frames, one a line, or a .npy array")
+            told = [
+                (k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")
+            ]
             times = [_of_line(path, k, line, unit) for k, line in told]
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); expected times of frames") from None

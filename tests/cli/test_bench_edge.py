@@ -20,3 +20,8 @@ def test_the_figures_of_all_edges_are_told(monkeypatch):
     table = CliRunner().invoke(app, given).stdout
     for row in rows:
         assert f"{row['error_px']:.4f}" in table and f"{row['true_events']:,}" in table
+
+
+def test_a_rate_without_end_is_told(clsim):
+    outcome = clsim("bench", "edge", "--fps", "inf")
+    assert outcome.status == 2 and outcome.stderr.startswith("clsim: --fps must be less than or equal to 1000000")

@@ -50,3 +50,9 @@ def test_what_is_no_time(tmp_path, text):
     (tmp_path / "a.txt").write_text(text)
     with pytest.raises(InputError):
         read_times_us(tmp_path / "a.txt", "s")
+
+
+def test_a_file_that_is_no_text_is_told_in_words(tmp_path):
+    (tmp_path / "a.npz").write_bytes(b"PK\x03\x04\0\0")
+    with pytest.raises(InputError, match=r"a\.npz: is no text; expected times of frames, one a line, or a \.npy array"):
+        read_times_us(tmp_path / "a.npz", "s")
