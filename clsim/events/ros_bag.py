@@ -6,6 +6,7 @@ import contextlib
 import errno
 import os
 import shutil
+import sqlite3
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -51,6 +52,9 @@ class Bag:
 
     def __init__(self, path: Path, storage: Storage) -> None:
         """Begin a bag under a hidden name; raises InputError when it cannot be written."""
+        if storage == "sqlite" and set("?#%") & set(os.path.realpath(path)):
+            # rosbags makes a URI of the path and quotes nothing.
+            raise InputError(f"{path}: SQLite cannot write there; expected a path without ?, # and %")
         self.ros = 1 if storage == "ros1" else 2
         self.types = typestore(self.ros)
         self._storage = storage
@@ -86,6 +90,11 @@ class Bag:
         if self._storage == "mcap":
             # rosbags has no option for the level. Its own, 3, takes two to six times as long for a sixth fewer bytes.
             writer.storage.compressor = partial(writer.storage.compressor, level=1)
+        elif self._storage == "sqlite":
+            # A run opens its outputs in one thread and writes in another, which rosbags' own connection refuses.
+            writer.storage.conn.close()
+            writer.storage.conn = sqlite3.connect(writer.storage.path, check_same_thread=False)
+            writer.storage.cursor = writer.storage.conn.cursor()
         return writer
 
     def topic(self, topic: str, kind: str) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -264,3 +265,18 @@ _SAME_TESTS = (
 @pytest.mark.parametrize("test", _SAME_TESTS, ids=lambda test: test.__name__)
 def test_what_holds_of_mcap_holds_of_other_bags(tmp_path, test, ending):
     test(tmp_path, ending)
+
+
+@pytest.mark.parametrize("ending", [".mcap", ".db3", ".bag"])
+def test_a_bag_may_be_written_in_another_thread_than_opens_it(tmp_path, ending):
+    # So does a live run.
+    batch, path = events(300), tmp_path / f"a{ending}"
+    with clsim.write(path, WIDTH, HEIGHT) as sink, ThreadPoolExecutor(1) as thread:
+        thread.submit(sink.write, batch, int(batch["t"][-1]) + 1).result()
+    np.testing.assert_array_equal(read(path), batch)
+
+
+def test_a_path_that_sqlite_does_not_take_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"a\?\.db3: SQLite cannot write there; expected a path without \?"):
+        clsim.write(tmp_path / "a?.db3", WIDTH, HEIGHT)
+    assert list(tmp_path.iterdir()) == []
