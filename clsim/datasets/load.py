@@ -161,17 +161,20 @@ class Slices:
             raise InputError("`truth` is for slices by frames")
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
-        """Yield the slices."""
+        """Yield the slices; raises InputError where there are no sequences."""
         worker, workers = _of_torch(self.worker, self.workers)
-        shards = sorted(Path(self.folder).glob(f"{self.split or '*'}-*.tar"))
+        folder = Path(self.folder)
+        shards = sorted(folder.glob(f"{self.split or '*'}-*.tar"))
         if shards:
             yield from self._of_shards(shards[worker::workers])
             return
-        found = [done.index for done in scan(Path(self.folder)) if done.kept and self.split in ("", done.split)]
+        found = [done.index for done in scan(folder) if done.kept and self.split in ("", done.split)]
+        if not found:
+            raise InputError(f"{folder}: holds no sequences" + (f" of the split {self.split!r}" if self.split else ""))
         if self.shuffle_seed is not None:
             np.random.default_rng(self.shuffle_seed).shuffle(found)
         for index in found[worker::workers]:
-            with Sequence(sequence_folder(Path(self.folder), index)) as sequence:
+            with Sequence(sequence_folder(folder, index)) as sequence:
                 yield from self._of(sequence, index)
 
     def _of_shards(self, shards: list[Path]) -> Iterator[dict[str, Any]]:

@@ -54,6 +54,15 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.parametrize(
+    ("place", "split", "said"),
+    [(".", "tset", "no sequences of the split 'tset'"), ("no", "", "no: holds no sequences$")],
+)
+def test_what_is_not_there_is_told(folder, place, split, said):
+    with pytest.raises(InputError, match=said):
+        next(iter(Slices(folder / place, split=split)))
+
+
 def test_any_slice_of_time_has_its_events(folder):
     events = make_events(0)
     with Sequence(sequence_folder(folder, 0)) as sequence:
