@@ -169,14 +169,14 @@ def _in_page(
 
     source.close()
     frames: Callable[[], TimedImages] | None = None
-    if format_of(split_topic(name)[0]).name == "aedat4":
-        from clsim.events.aedat4 import read_frames
-
-        frames = partial(read_frames, Path(name))
-    elif recording_kind(name) is not None:
+    if recording_kind(name) is not None:
         from clsim.live.view.truth_pictures import recorded_pictures
 
         frames = partial(recorded_pictures, name, show or "image")
+    elif format_of(split_topic(name)[0]).name == "aedat4":
+        from clsim.events.aedat4 import read_frames
+
+        frames = partial(read_frames, Path(name))
     causes = "cause" in source.labelled
     player = Player(
         partial(open_source, name, labels=("cause",) if causes else ()),

@@ -95,7 +95,7 @@ def convert_events(
 
 def _labels_of(source: str) -> Labels:
     """Return which labels stand beside the events of a file, if its format has any: a pipe cannot be opened twice."""
-    if is_address(source) or format_of(split_topic(source)[0]).name not in LABELLED:
+    if is_address(source) or Path(source).is_dir() or format_of(split_topic(source)[0]).name not in LABELLED:
         return ()
     with open_events(source) as opened:
         return opened.labelled if isinstance(opened, EventSource) else ()

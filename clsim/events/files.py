@@ -112,12 +112,16 @@ def open_sink(
 
 
 def open_source(path: str | os.PathLike[str], *, format: str | None = None, labels: Labels = ()) -> EventSource:
-    """Open an event file for reading in bounded memory; see EventSource and, for a topic of a bag, `split_topic`.
+    """Open an event file, or a folder with truth, for reading in bounded memory; see EventSource.
+
+    `split_topic` tells how a topic of a bag is named.
 
     Raises InputError for an unknown ending, a file that cannot be read or is not of its format, and one whose events
     have not all of ``labels``.
     """
     target, topic = split_topic(path)
+    if format is None and not labels and (folder := _open_folder(target)) is not None:
+        return folder
     chosen = format_named(format) if format else format_of(target)
     if topic is not None and chosen.name not in BAGS:
         raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
@@ -133,6 +137,16 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None, labe
             f"{target}: its events have no {', '.join(missing)}; expected HDF5 or Parquet written with `labels`"
         )
     return source
+
+
+def _open_folder(path: Path) -> EventSource | None:
+    """Return the events of a recording with truth that is a folder, such as DSEC's; None for what is none."""
+    from clsim.truth.recording import read_recording, recording_kind
+
+    if not path.is_dir() or recording_kind(str(path)) is None:
+        return None
+    found = read_recording(str(path))
+    return EventSource(path, found.about.width, found.about.height, found.events())
 
 
 def split_topic(name: str | os.PathLike[str]) -> tuple[Path, str | None]:

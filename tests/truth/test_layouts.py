@@ -17,6 +17,7 @@ import recordings
 import yaml
 from typer.testing import CliRunner
 
+import clsim as library
 from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.scene.world import Lens
@@ -391,3 +392,15 @@ def test_convert_from_the_command_line(tmp_path: Path) -> None:
 def test_every_layout_writes_and_tells_what_it_holds() -> None:
     for kind in LAYOUTS:
         assert hasattr(importlib.import_module(f"clsim.truth.{kind.module}"), "open_layout")
+
+
+@pytest.mark.parametrize("ending", [".dsec", ".mvsec"])
+def test_events_of_a_folder_are_read_as_those_of_files(tmp_path: Path, ending: str) -> None:
+    folder = tmp_path / f"run{ending}"
+    given = recorded(folder)
+    with library.open(folder) as source:
+        assert (source.width, source.height) == (recordings.WIDTH, recordings.HEIGHT)
+        np.testing.assert_array_equal(source.read(), given.events)
+    for words in ("view", str(folder), "--to", str(tmp_path / "a.png")), ("convert", str(folder), f"{folder}.npz"):
+        assert CliRunner().invoke(app, [*words]).exit_code == 0
+    np.testing.assert_array_equal(library.open(f"{folder}.npz").read(), given.events)
