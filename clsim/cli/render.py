@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections.abc import Mapping
@@ -49,6 +50,9 @@ from clsim.cli.options import (
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
+    from clsim.frames.exr import ExrWriter
     from clsim.live.rendering import Rendering
 
 
@@ -86,7 +90,7 @@ def render(
     render_device: RENDER_DEVICE = None,
     opencl: OPENCL = None,
     strict: STRICT = None,
-) -> None:
+) -> int:
     """Render the frames that `clsim live` would render, to EXR files with all their planes.
 
     `clsim detect` makes the same events of them. Planes of variances are there unless first-hit rays are traced. With
@@ -96,11 +100,9 @@ def render(
     Examples: `clsim render cornell --out frames`, `clsim render cornell --out clean --method esim --spp 512`
     """
     given = dict(locals())
-    import numpy as np
     from rich.console import Console
-    from rich.progress import track
 
-    from clsim.cli.status import say_about_scene
+    from clsim.cli.status import INTERRUPTED, say_about_scene
     from clsim.events.sidecar import write_sidecar
     from clsim.frames.exr import ExrWriter
     from clsim.live.sidecars import scene_from_here
@@ -111,22 +113,38 @@ def render(
     writer = ExrWriter(out)
     console = Console(stderr=True)
     say_about_scene(console, rendering.notes, rendering.warnings)
-    count, quiet = rendering.frame_count, not sys.stderr.isatty()
-    frames = rendering.frames_and_requests()
-    for frame, requests in track(frames, "rendering", count, console=console, disable=quiet):
-        writer.write(frame)
-        if rendering.between and frame.index > 0:
-            np.savez(out / f"between-{frame.index:06d}.npz", **requests.as_dict())
+    count = rendering.frame_count
+    written = _write_frames(rendering, writer, console)
+    if written < count:
+        print(f"clsim: interrupted; {out} holds {written:,} of {count:,} frames", file=sys.stderr)
+        return INTERRUPTED
     write_sidecar(out / "frames.json", rendering.about | scene_from_here(rendering.about, out))
     size = {"width": rendering.width, "height": rendering.height}
     if as_json:
         typer.echo(json.dumps({"frames": count, "out": str(out)} | size))
-        return
+        return 0
     console.print(
         f"{count} frame{'s' * (count > 1)} of {rendering.width}x{rendering.height} ({rendering.settings}) → {out}",
         highlight=False,
         soft_wrap=True,
     )
+    return 0
+
+
+def _write_frames(rendering: Rendering, writer: ExrWriter, console: Console) -> int:
+    """Render all frames, or until Ctrl-C; returns how many were written."""
+    import numpy as np
+    from rich.progress import track
+
+    frames, count, quiet = rendering.frames_and_requests(), rendering.frame_count, not sys.stderr.isatty()
+    written = 0
+    with contextlib.suppress(KeyboardInterrupt):
+        for frame, requests in track(frames, "rendering", count, console=console, disable=quiet):
+            writer.write(frame)
+            if rendering.between and frame.index > 0:
+                np.savez(writer.folder / f"between-{frame.index:06d}.npz", **requests.as_dict())
+            written += 1
+    return written
 
 
 def _rendering(given: Mapping[str, Any]) -> Rendering:

@@ -35,7 +35,7 @@ def plot(
     from clsim.cli.sensor_plot import plot_sensor
 
     _check_ending(out, ".png")
-    plot_sensor(_load(name, "NAME|FILE"), out, seed)
+    plot_sensor(_load(name, "sensor plot"), out, seed)
     typer.echo(out)
 
 

@@ -11,6 +11,8 @@ from clsim.cli.config import live_options
 from clsim.cli.detect import detector_config
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
+from clsim.frames import Frame
+from clsim.frames.exr import ExrWriter
 from clsim.live.options import LiveOptions
 from clsim.live.sensors import RecordedSensor
 from clsim.sensor import load_sensor
@@ -55,6 +57,23 @@ def test_frames_tell_how_they_were_made(clsim: Callable[..., object], tmp_path: 
     assert given.status == 0
     detector = json.loads((tmp_path / "x.txt.json").read_text())["options"]["config"]
     assert (detector["method"], detector["window"], detector["threshold_on"]) == ("esim", None, 0.3)
+
+
+def test_an_interrupted_rendering_tells_what_is_there(
+    clsim: Callable[..., object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write = ExrWriter.write
+
+    def interrupted(self: ExrWriter, frame: Frame) -> Path:
+        if frame.index == 2:
+            raise KeyboardInterrupt
+        return write(self, frame)
+
+    monkeypatch.setattr(ExrWriter, "write", interrupted)
+    outcome = clsim("render", *SMALL, "--quality", "draft", "--out", tmp_path / "frames")
+    assert outcome.status == 130
+    assert outcome.stderr == f"clsim: interrupted; {tmp_path / 'frames'} holds 2 of 7 frames\n"
+    assert sorted(file.name for file in (tmp_path / "frames").iterdir()) == ["frame_0000.exr", "frame_0001.exr"]
 
 
 def test_frames_tell_the_random_numbers_that_were_chosen(clsim: Callable[..., object], tmp_path: Path) -> None:
