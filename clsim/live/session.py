@@ -211,8 +211,9 @@ def open_live(
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
     judged = ideal and config.facts.knows_error
-    # Pixels that share light or a window with their neighbours would need these looked at again too.
-    alone = not config.facts.windowed and (stages.render.light_cache or not stages.render.first_hit_rays)
+    # Pixels that share light found anew or a window with their neighbours would need these looked at again too.
+    kept = stages.render.light_cache or stages.render.in_turn
+    alone = not config.facts.windowed and (kept or not stages.render.first_hit_rays)
     if alone:
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")

@@ -14,6 +14,9 @@ traced, each thing that a pixel shows is lit by them.
 
 First-hit rays are the same in every frame too, and the camera stands still. So what a pixel shows is kept while all of
 its rays stay out of where something moves (`guards.py`).
+
+Some pixels may be looked at twice, by other first-hit rays. No path is traced for that: how far the light is off is
+told by two halves of the pixels around.
 """
 
 from typing import Any
@@ -24,7 +27,7 @@ from clsim.frames import rendered_planes
 from clsim.render import sampling
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
-from clsim.render.light_layers import Layer, Lit, draw_out, light_on, put_on, take_off
+from clsim.render.light_layers import ALL_AROUND, HALF, OTHER_HALF, Layer, Lit, draw_out, light_on, put_on, take_off
 from clsim.render.shadow_rays import Shadows
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
@@ -36,6 +39,10 @@ _SHOWN = rendered_planes(first_hit_rays=True)
 PLANES = len(_SHOWN.names)
 """Planes of what a pixel shows."""
 _PLANES, _SAMPLES = wp.constant(PLANES), wp.constant(_SHOWN.first("Samples"))
+_AGAIN = wp.constant(-3)
+"""Names the random numbers of a second look; no path has a negative number."""
+_OFF = wp.constant(0.125**0.5)
+"""How far a look is off, as a part of what halves of the pixels around differ by, each of twice the variance of all."""
 _QUIET, _ALL = wp.constant(0), wp.constant(2)
 """Grades of pixels (`make_in_turn`)."""
 
@@ -89,9 +96,9 @@ def _same_corners(seen_in: wp.array(dtype=int), pixel: int, width: int, generati
 
 @wp.func
 def _note_things(
-    things: wp.array(dtype=Thing), number: int, pixel: int, lit: wp.array2d(dtype=Lit), lit_things: wp.array(dtype=int)
+    things: wp.array(dtype=Thing), number: int, place: int, lit: wp.array2d(dtype=Lit), lit_things: wp.array(dtype=int)
 ) -> wp.vec3:
-    """Note what is to be lit once all paths are traced; return the light that is sent out."""
+    """Note at ``place`` what is to be lit once all paths are traced; return the light that is sent out."""
     emission = wp.vec3()
     noted = int(0)
     for k in range(number):
@@ -104,12 +111,33 @@ def _note_things(
                 thing.position = things[k].position
                 thing.normal = wp.normalize(things[k].normal)
                 thing.depth = things[k].depth
-                lit[pixel, noted] = thing
+                lit[place, noted] = thing
                 noted = noted + 1
             else:
-                lit[pixel, _LIT - 1].reflects += reflects
-    lit_things[pixel] = noted
+                lit[place, _LIT - 1].reflects += reflects
+    lit_things[place] = noted
     return emission
+
+
+@wp.func
+def _reflected(
+    lit: wp.array2d(dtype=Lit),
+    lit_things: wp.array(dtype=int),
+    layers: wp.array2d(dtype=Layer),
+    windows: wp.array2d(dtype=float),
+    by: int,
+    pixel: int,
+    place: int,
+    width: int,
+    pixel_angle: float,
+) -> wp.vec3:
+    """Return what a pixel's things, noted at ``place``, reflect of the light on them, found by one of the windows."""
+    radiance = wp.vec3()
+    for k in range(lit_things[place]):
+        thing = lit[place, k]
+        e = light_on(layers, windows, by, pixel, width, thing, pixel_angle)
+        radiance += wp.cw_mul(thing.reflects, e)
+    return radiance
 
 
 def make_in_turn(
@@ -133,8 +161,12 @@ def make_in_turn(
     Where it ``keeps_looks``, ``seen_in``, int32 ``[H·W]``, tells in which generation of the guards a pixel's rays were
     traced and stayed out of them, and ``corner_seen_in``, int32 ``[(H + 1)·(W + 1)]``, the same of corners; else 0.
 
-    The pass with ``lighting`` comes last: it adds the light on that to the planes of radiance. Its ``window`` holds
-    the weights of the pixels around, row by row.
+    The pass with ``lighting`` comes last: it adds the light on that to the planes of radiance. Its ``windows`` hold
+    the weights of the pixels around, row by row: of all, and of each half of them.
+
+    Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
+    What it sees is kept behind that of the H·W pixels. It writes to ``out_twice`` alone, float ``[2, H·W / n]``: the
+    luminance of two looks, which differ as two runs of other random numbers do.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -158,23 +190,28 @@ def make_in_turn(
         shown: wp.array2d(dtype=float),
         seen_in: wp.array(dtype=int),
         corner_seen_in: wp.array(dtype=int),
-        window: wp.array(dtype=float),
+        windows: wp.array2d(dtype=float),
+        again: int,
         out_planes: wp.array2d(dtype=float),
         out_spent: wp.array2d(dtype=int),
+        out_twice: wp.array2d(dtype=float),
     ):
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
         first = first_pixel + wp.tid() * pixels
-        for pixel in range(first, first + pixels):
+        angle = steering.looks.pixel_angle
+        for number in range(first, first + pixels):
+            pixel = number * wp.max(again, 1)
             if lighting:
-                radiance = wp.vec3(0.0, 0.0, 0.0)
-                for k in range(lit_things[pixel]):
-                    thing = lit[pixel, k]
-                    e = light_on(layers, window, pixel, settings.width, thing, steering.looks.pixel_angle)
-                    radiance += wp.cw_mul(thing.reflects, e)
+                width = settings.width
+                radiance = _reflected(lit, lit_things, layers, windows, ALL_AROUND, pixel, pixel, width, angle)
                 for c in range(3):
                     out_planes[c, pixel] = out_planes[c, pixel] + radiance[c]
                 continue
             state = sampling.absorb(settings.stream, pixel)
+            place = int(pixel)
+            if again > 0:
+                state = sampling.absorb(state, _AGAIN)
+                place = traced.shape[0] + number
             corner = wp.where(corner_pass, pixel, -1)
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
@@ -184,7 +221,7 @@ def make_in_turn(
                     kept = corner_seen_in[pixel] == steering.generation
                 else:
                     same = _same_corners(corner_seen_in, pixel, settings.width, steering.generation)
-                    kept = seen_in[pixel] == steering.generation and (same or steering.looks.steps == 0)
+                    kept = seen_in[place] == steering.generation and (same or steering.looks.steps == 0)
             seen = Seen()
             if not kept:
                 seen = look(
@@ -195,6 +232,21 @@ def make_in_turn(
                 if corner_pass and not kept:
                     corner_seen_in[pixel] = wp.where(corners[pixel].guarded, 0, steering.generation)
             if corner_pass:
+                continue
+            if not kept:
+                emission = _note_things(things, seen.things, place, lit, lit_things)
+                store_things(things, seen.things, seen.rays, emission, settings.spectral, place, shown)
+                if wp.static(keeps_looks):
+                    seen_in[place] = wp.where(seen.guarded, 0, steering.generation)
+            if again > 0:
+                one = _reflected(lit, lit_things, layers, windows, HALF, pixel, place, settings.width, angle)
+                other = _reflected(lit, lit_things, layers, windows, OTHER_HALF, pixel, place, settings.width, angle)
+                all = _reflected(lit, lit_things, layers, windows, ALL_AROUND, pixel, place, settings.width, angle)
+                off = _OFF * (one - other)
+                now = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
+                then = all + wp.vec3(shown[0, place], shown[1, place], shown[2, place])
+                out_twice[0, number] = sampling.brightness(now + off, settings.spectral)
+                out_twice[1, number] = sampling.brightness(then - off, settings.spectral)
                 continue
             grade = int(grades[pixel])
             wanted = _wanted(grade, pixel, settings.width, steering)
@@ -226,11 +278,6 @@ def make_in_turn(
                     marks[pixel, s] = 0
             traced[pixel] = (traced[pixel] + wanted) % steering.known
             draw_out(layers, pixel, steering.turn)
-            if not kept:
-                emission = _note_things(things, seen.things, pixel, lit, lit_things)
-                store_things(things, seen.things, seen.rays, emission, settings.spectral, pixel, shown)
-                if wp.static(keeps_looks):
-                    seen_in[pixel] = wp.where(seen.guarded, 0, steering.generation)
             for plane in range(_PLANES):
                 out_planes[plane, pixel] = shown[plane, pixel]
             out_planes[_SAMPLES, pixel] = out_planes[_SAMPLES, pixel] + float(wanted + steering.more)

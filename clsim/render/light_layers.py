@@ -17,6 +17,8 @@ LAYERS = 2
 """Surfaces that a pixel keeps paths of: those on another one count once no path is on one of them any more."""
 REACH = 3
 """Half the side of the square from which a thing takes its light [pixels]."""
+ALL_AROUND, HALF, OTHER_HALF = wp.constant(0), wp.constant(1), wp.constant(2)
+"""Windows: of all pixels around, and of those of either colour of a chequerboard."""
 _REACH, _LAYERS = wp.constant(REACH), wp.constant(LAYERS)
 _MARKS = wp.constant(LAYERS + 1)
 _LEAST = wp.constant(0.2)
@@ -167,13 +169,16 @@ def draw_out(layers: wp.array2d(dtype=Layer), pixel: int, turn: int):
 @wp.func
 def light_on(
     layers: wp.array2d(dtype=Layer),
-    window: wp.array(dtype=float),
+    windows: wp.array2d(dtype=float),
+    by: int,
     pixel: int,
     width: int,
     lit: Lit,
     pixel_angle: float,
 ) -> wp.vec3:
     """Return the light on a thing: the mean of what paths around found that began on its surface.
+
+    ``by`` is the row of ``windows``, weights of the pixels around, by which it is that mean.
 
     Where none did, it is that of all its own pixel's.
     """
@@ -185,7 +190,7 @@ def light_on(
     for dy in range(wp.max(-_REACH, -y), wp.min(_REACH + 1, layers.shape[0] // width - y)):
         for dx in range(wp.max(-_REACH, -x), wp.min(_REACH + 1, width - x)):
             other = pixel + dy * width + dx
-            w = window[(dy + _REACH) * (2 * _REACH + 1) + dx + _REACH]
+            w = windows[by, (dy + _REACH) * (2 * _REACH + 1) + dx + _REACH]
             if w > 0.0:
                 for k in range(_LAYERS):
                     mine = w * layers[other, k].weight

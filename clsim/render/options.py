@@ -96,7 +96,7 @@ class RenderOptions:
     look_again: int = 0
     """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
 
-    Needs ``light_cache`` or no first-hit rays; `View.seen_twice` has what was seen.
+    Needs ``light_cache``, ``in_turn`` or no first-hit rays; `View.seen_twice` has what was seen.
     """
     truth: tuple[str, ...] = ()
     """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
@@ -154,8 +154,8 @@ class RenderOptions:
             raise InputError("`in_turn` and `light_cache` are two ways to keep light; give one of them")
         if self.look_again < 0:
             raise InputError(f"`look_again` must not be negative, got {self.look_again}")
-        if self.look_again and self.first_hit_rays and not self.light_cache:
-            raise InputError(f"`look_again` {self.look_again} needs `light_cache` or no `first_hit_rays`")
+        if self.look_again and self.first_hit_rays and not (self.light_cache or self.in_turn):
+            raise InputError(f"`look_again` {self.look_again} needs `light_cache`, `in_turn` or no `first_hit_rays`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 

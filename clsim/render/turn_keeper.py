@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from clsim.frames import InterestBoard, InterestMap
@@ -22,11 +23,15 @@ _FRAMES_A_PATH = 2
 
 
 def window_weights() -> Any:
-    """Return the weights of the pixels around one, row by row; σ is half the reach, and the square's corners are 0."""
+    """Return the weights of the pixels around one ``[3, n]``, row by row: of all, and of each half of them.
+
+    σ is half the reach, and the square's corners are 0. Each half is one colour of a chequerboard.
+    """
     steps = np.arange(-REACH, REACH + 1)
     apart2 = steps[:, None] ** 2 + steps**2
     weights = np.where(apart2 <= REACH**2 + 1, np.exp(-apart2 / (2 * (REACH / 2) ** 2)), 0)
-    return weights.astype(np.float32).reshape(-1)
+    white = steps[:, None] + steps & 1 == 0
+    return np.stack([weights, weights * white, weights * ~white]).astype(np.float32).reshape(3, -1)
 
 
 class TurnKeeper(MapReader):
@@ -44,11 +49,16 @@ class TurnKeeper(MapReader):
         sight: Sight,
         board: InterestBoard | None,
         guards: Guards | None,
+        look_again: int,
         device: Any,
     ) -> None:
-        """Allocate what is kept from frame to frame; without ``guards`` each frame looks at all pixels."""
+        """Allocate what is kept from frame to frame; without ``guards`` each frame looks at all pixels.
+
+        ``look_again`` is `RenderOptions.look_again`.
+        """
         super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
+        again = -(-pixels // look_again) if look_again else 0
         self._guards = guards
         self._rays = self._known = self._first = 0
         self._kept = effort.spp
@@ -59,21 +69,28 @@ class TurnKeeper(MapReader):
             "marks": (kept, wp.int32),
             "layers": ((pixels, LAYERS), Layer),
             "traced": (pixels, wp.int32),
-            "lit": ((pixels, LIT), Lit),
-            "lit_things": (pixels, wp.int32),
-            "shown": ((PLANES, pixels), wp.float32),
-            "seen_in": (pixels, wp.int32),
+            "lit": ((pixels + again, LIT), Lit),
+            "lit_things": (pixels + again, wp.int32),
+            "shown": ((PLANES, pixels + again), wp.float32),
+            "seen_in": (pixels + again, wp.int32),
             "corner_seen_in": ((width + 1) * (height + 1), wp.int32),
         }
         self._arrays: dict[str, Any] = {
             name: wp.zeros(size, dtype=kind, device=device) for name, (size, kind) in kinds.items()
         }
-        self._arrays["window"] = wp.array(window_weights(), dtype=wp.float32, device=device)
+        self._arrays["windows"] = wp.array(window_weights(), dtype=wp.float32, device=device)
+        self._seen_twice: Any = wp.zeros((2, max(again, 1)), dtype=wp.float32, device=device)
 
     @property
     def arguments(self) -> dict[str, Any]:
         """What the kernel takes beside the scene and the frame; ``steering`` changes with each frame."""
-        return {"steering": Turns(), "lighting": False, "out_spent": self._spent} | self._arrays
+        return {
+            "steering": Turns(),
+            "lighting": False,
+            "again": 0,
+            "out_spent": self._spent,
+            "out_twice": self._seen_twice,
+        } | self._arrays
 
     def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
         """Choose the paths of the frame ``index``; return arguments of the kernel and how many paths are kept.
@@ -108,7 +125,12 @@ class TurnKeeper(MapReader):
         wp.copy(self._arrays["grades"], wp.array(grades, dtype=wp.uint8, device="cpu", copy=False))
         self._index, self._anew = index, False
         self._number += 1
-        return {"steering": steering, "lighting": False}, self._kept
+        return {"steering": steering, "lighting": False, "again": 0}, self._kept
+
+    @property
+    def seen_twice(self) -> npt.NDArray[np.float32]:
+        """Luminance of every n-th pixel ``[2, n]``, as two looks at the last frame saw it."""
+        return cast("npt.NDArray[np.float32]", self._seen_twice.numpy())
 
     def forget(self) -> None:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""

@@ -139,7 +139,7 @@ class View:
                 from clsim.render.turn_keeper import TurnKeeper
 
                 guards = data.watch() if features.keeps_looks else None
-                self._steerer = TurnKeeper(*size, effort, sight, board, guards, self._device)
+                self._steerer = TurnKeeper(*size, effort, sight, board, guards, options.look_again, self._device)
             else:
                 self._steerer = Steerer(*size, effort, sight, board, self._device)
         # A second look writes where a first one does, at the same place of planes of its own.
@@ -271,14 +271,20 @@ class View:
         return self._corners if looked_at else None
 
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then."""
-        every, weights = self._options.look_again, spectral_weights(self._data.world.sensor.spectral)
-        first = frame.planes[:3].reshape(3, -1)[:, ::every]
+        """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then.
+
+        Where paths are kept one is somewhat brighter and one darker than the frame, by as much as its light is noisy.
+        """
+        if self._options.in_turn:
+            return cast("TurnKeeper", self._steerer).seen_twice
+        every = self._options.look_again
+        weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
+        first = weights @ frame.planes[:3].reshape(3, -1)[:, ::every]
         if self._steerer is None:
-            again = np.asarray(weights, np.float32) @ self._again[:3].numpy()[:, ::every]
+            again = weights @ self._again[:3].numpy()[:, ::every]
         else:
             again = self.light_keeper.seen_again.numpy()
-        return np.stack([np.asarray(weights, np.float32) @ first, again])
+        return np.stack([first, again])
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""

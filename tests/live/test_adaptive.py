@@ -120,14 +120,21 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
 
 
 @pytest.mark.parametrize(
-    ("quality", "time"),
-    [("draft", "fixed"), pytest.param("draft", "adaptive", marks=pytest.mark.slow), ("exact", "fixed")],
+    ("scene", "quality", "time"),
+    [
+        ("two-boxes", "draft", "fixed"),
+        pytest.param("two-boxes", "draft", "adaptive", marks=pytest.mark.slow),
+        ("two-boxes", "exact", "fixed"),
+        ("cornell", "balanced", "fixed"),
+    ],
 )
-def test_noise_is_what_another_seed_does_not_fire(monkeypatch: pytest.MonkeyPatch, quality: str, time: str) -> None:
+def test_noise_is_what_another_seed_does_not_fire(
+    monkeypatch: pytest.MonkeyPatch, scene: str, quality: str, time: str
+) -> None:
     monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
     given = {"sampling": None, "quality": quality, "frame_count": 8, "time": time}
-    told = summary_of("two-boxes", **given, fps=60.0)["noise_share"]
-    runs = (events_of("two-boxes", **given, seed=seed) for seed in (0, 1))
+    told = summary_of(scene, **given, fps=60.0)["noise_share"]
+    runs = (events_of(scene, **given, seed=seed) for seed in (0, 1))
     alone = 1 - score(*runs, *SIZE, fps=60, within_us=(25_000,)).within[25_000].precision
     assert alone / 1.5 < told < alone * 1.5
 

@@ -11,7 +11,7 @@ import warp as wp
 
 from clsim.frames import RADIANCE, Frame, InterestBoard, InterestMap, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.light_layers import LAYERS, REACH, Layer, Lit, draw_out, light_on
+from clsim.render.light_layers import ALL_AROUND, HALF, LAYERS, OTHER_HALF, REACH, Layer, Lit, draw_out, light_on
 from clsim.render.turn_keeper import window_weights
 from clsim.scene import Material, load_world
 from clsim.scene.driven import Driven
@@ -136,15 +136,17 @@ def test_pictures_do_not_depend_on_threads_and_tiles():
 
 @wp.kernel
 def ask(
-    layers: wp.array2d(dtype=Layer), window: wp.array(dtype=float), lit: Lit, turn: int, out: wp.array(dtype=wp.vec3)
+    layers: wp.array2d(dtype=Layer), windows: wp.array2d(dtype=float), lit: Lit, turn: int, out: wp.array(dtype=wp.vec3)
 ):
-    """Draw out each pixel's light, and find that on one thing in the middle."""
+    """Draw out each pixel's light, and find that on one thing in the middle, by all windows."""
     for pixel in range(layers.shape[0]):
         draw_out(layers, pixel, turn)
-    out[0] = light_on(layers, window, layers.shape[0] // 2, 9, lit, 0.01)
+    for by in range(3):
+        out[by] = light_on(layers, windows, by, layers.shape[0] // 2, 9, lit, 0.01)
 
 
-def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
+@pytest.mark.parametrize("by", [ALL_AROUND, HALF, OTHER_HALF])
+def test_a_thing_is_lit_by_paths_that_began_on_its_surface(by):
     """Against the sums in float64: two surfaces at right angles, some pixels without paths, light that changes."""
     rng = np.random.default_rng(3)
     side, turn = 9, 40
@@ -162,14 +164,15 @@ def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
     layers = wp.array(values, dtype=Layer, device="cpu")
     lit = Lit()
     lit.position, lit.normal, lit.depth = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*up), 1.0
-    out = wp.zeros(1, dtype=wp.vec3, device="cpu")
-    window = wp.array(window_weights(), dtype=wp.float32, device="cpu")
-    wp.launch(ask, dim=1, inputs=[layers, window, lit, turn, out], device="cpu")
+    out = wp.zeros(3, dtype=wp.vec3, device="cpu")
+    windows = wp.array(window_weights(), dtype=wp.float32, device="cpu")
+    wp.launch(ask, dim=1, inputs=[layers, windows, lit, turn, out], device="cpu")
 
     total, weight = np.zeros(3), 0.0
     for dy in range(-REACH, REACH + 1):
         for dx in range(-REACH, REACH + 1):
-            if dx * dx + dy * dy > REACH**2 + 1:
+            white = (dx + dy) % 2 == 0
+            if dx * dx + dy * dy > REACH**2 + 1 or by == (OTHER_HALF if white else HALF):
                 continue
             layer = values[(4 + dy) * side + 4 + dx, 0]
             share = np.exp(-(dx * dx + dy * dy) / (2 * (REACH / 2) ** 2))
@@ -177,4 +180,4 @@ def test_a_thing_is_lit_by_paths_that_began_on_its_surface():
             drawn = known + layer["rate"] * float(turn * layer["count"] - layer["frames"])
             total += share * layer["weight"] * np.maximum(drawn, 0.2 * known) / max(layer["count"], 1)
             weight += share * layer["weight"]
-    np.testing.assert_allclose(out.numpy()[0], total / weight, rtol=1e-5)
+    np.testing.assert_allclose(out.numpy()[by], total / weight, rtol=1e-5)

@@ -9,6 +9,7 @@ from test_steered import Run, textured_world
 
 from clsim.errors import InputError
 from clsim.render import RenderOptions
+from clsim.scene import load_world
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -27,6 +28,28 @@ def test_a_second_look_is_that_of_the_complement_of_the_seed(noise):
         assert not np.allclose(first, again, rtol=0.01)
 
 
+def test_where_paths_are_kept_two_looks_differ_as_two_seeds_do():
+    """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
+    world = load_world("cornell", resolution=(48, 36))
+    given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "in_turn": True}
+    looks, seeds, dark = [], [], 1e-3
+    for seed in range(3):
+        once, twice, other = (
+            Run(world, seed=seed + apart, look_again=every, **given) for every, apart in ((0, 0), (1, 0), (1, 100))
+        )
+        for index in range(0, 32, 8):
+            frames = [run.fill(index) for run in (once, twice, other)]
+            np.testing.assert_array_equal(frames[0].planes, frames[1].planes)
+            assert twice.spent == once.spent
+            _, seen, differs = (luminance(frame).reshape(-1) for frame in frames)
+            one, again = twice.tracer.seen_twice(twice.frame)
+            looks.append(np.log((one + dark) / (again + dark)))
+            seeds.append(np.log((seen + dark) / (differs + dark)))
+    grown = (np.diff(np.reshape(each, (3, 4, -1)), axis=1) for each in (looks, seeds))
+    spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in grown]
+    np.testing.assert_allclose(*spread, rtol=0.25)
+
+
 def test_first_hit_rays_without_kept_light_are_not_looked_at_again():
-    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache` or no `first_hit_rays`"):
+    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`, `in_turn` or no `first_hit_rays`"):
         RenderOptions(look_again=3, first_hit_rays=8)
