@@ -213,8 +213,8 @@ def open_live(
     judged = ideal and config.facts.knows_error
     # Pixels that share light found anew or a window with their neighbours would need these looked at again too.
     kept = stages.render.light_cache or stages.render.in_turn
-    alone = not config.facts.windowed and (kept or not stages.render.first_hit_rays)
-    if alone:
+    looks_twice = not config.facts.windowed and (kept or not stages.render.first_hit_rays)
+    if looks_twice:
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.without_use() else config.side

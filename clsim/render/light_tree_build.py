@@ -23,6 +23,8 @@ BOUNDS = np.dtype(
 """What becomes a node of a `LightGroup`: the box around the lights, and its other fields."""
 _SLACK = 1e-6
 """Cosines are rounded to 32 bits on the device, and bounds must hold there too."""
+_BRIGHTEST = 1e36
+"""A light is drawn as if it were no brighter, so that sums of such numbers are finite in 32 bits."""
 
 
 def around(low: _F64, high: _F64, intensity: _F64) -> _Rows:
@@ -108,7 +110,7 @@ def _groups(bounds: _Rows, order: _I64) -> _Rows:
     groups["radius_m"] = np.linalg.norm(half, axis=2) * (1 + _SLACK)
     groups["facing"], groups["reach"] = merged["facing"] - _SLACK, merged["reach"] - _SLACK
     groups["facing_sine"] = np.sqrt(np.maximum(1.0 - merged["facing"] ** 2, 0.0))
-    groups["intensity"], groups["both"] = merged["intensity"], merged["both"]
+    groups["intensity"], groups["both"] = np.minimum(merged["intensity"], _BRIGHTEST), merged["both"]
     return groups
 
 

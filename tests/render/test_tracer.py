@@ -237,6 +237,7 @@ def test_odd_worlds_give_finite_pictures(name):
         assert np.all(frame.plane("Samples") == 8)
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_sample_that_is_not_finite_is_dropped_and_missed_in_the_count(monkeypatch):
     """Of radiance that no scene may have: light that is allowed does not add up to so much."""
     monkeypatch.setattr(scene_data, "validate", lambda *_: None)
