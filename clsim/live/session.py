@@ -235,7 +235,7 @@ def open_live(
         board=board,
         governed=governed,
         share_cores=options.render_device == "cpu",
-        second_look=SecondLook(config) if alone else None,
+        second_look=SecondLook(config) if looks_twice else None,
         significance=Significance(config) if judged else None,
     )
     return Session(
