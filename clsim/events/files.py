@@ -143,7 +143,7 @@ def _open_folder(path: Path) -> EventSource | None:
     """Return the events of a recording with truth that is a folder, such as DSEC's; None for what is none."""
     from clsim.truth.recording import read_recording, recording_kind
 
-    if not path.is_dir() or recording_kind(str(path)) is None:
+    if not os.path.isdir(path) or recording_kind(str(path)) is None:
         return None
     found = read_recording(str(path))
     return EventSource(path, found.about.width, found.about.height, found.events())
