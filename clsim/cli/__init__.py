@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import Any
@@ -29,6 +30,12 @@ def main() -> None:
         # Whoever read our standard output has gone; Python must not try to flush it at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except OSError as error:
+        # Only this one comes of what the user wrote, wherever a path is looked at first.
+        if error.errno != errno.ENAMETOOLONG:
+            raise
+        print(f"clsim: {error.filename}: {error.strerror}", file=sys.stderr)
+        sys.exit(2)
     except Exception as error:
         if not isinstance(error, usage_error):
             raise

@@ -28,6 +28,9 @@ def files(tmp_path: Path) -> Path:
     [
         (["live", "two-boxs"], "no scene 'two-boxs': did you mean two-boxes?"),
         (["live", "{}/missing.toml"], "missing.toml: no such file"),
+        (["convert", "a" * 300 + ".txt", "{}/out.txt"], "File name too long"),
+        (["info", "a" * 300 + ".exr"], "File name too long"),
+        (["detect", "a" * 300, "--out", "{}/out.txt"], "File name too long"),
         (["live", "{}/unknown_key.toml"], "fov"),
         (["live", "{}/not.toml"], "not.toml"),
         (["live", "{}/nan.obj"], "nan.obj"),
