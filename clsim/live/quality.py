@@ -185,13 +185,19 @@ ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
     "accurate": {"probe_spp": 8, "probe_every": 1, "spp": 64},
 }
 """What they have instead where paths find all light that is kept, also straight from lamps."""
-APART: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 4, "window": 11}}
+APART: dict[Quality, dict[str, Any]] = {
+    "draft": {"probe_every": 4, "window": 11},
+    "balanced": {"probe_every": 4, "window": 11, "spp": 6},
+    "accurate": {"probe_every": 4, "window": 11},
+}
 """What else holds of them where things move and light straight from lamps is found apart.
 
 The rest changes slowly and has no sharp shadows: it is found seldom, and smoothed more.
 """
-APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8, "window": 11}}
-"""What holds of them then where things go slowly too."""
+APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}}
+"""What holds of them then instead where things go slowly too, …"""
+APART_LAMPS_MOVE: dict[Quality, dict[str, Any]] = {"balanced": {"spp": 4}}
+"""… and where lamps move: most of what changes there is light straight from them, which needs no paths."""
 SLOW_SHARE = 0.01
 """Share of the picture's width that things go in a frame, at most, where they go slowly."""
 DEFAULT: Quality = "balanced"

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import asdict, replace
-from typing import get_args
+from typing import Any, get_args
 
 import pytest
 from hypothesis import given
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
+from clsim.live.light import Light
 from clsim.live.options import LiveOptions, RecordingOptions
 from clsim.live.quality import CACHED, DEFAULT, PLAIN, QUALITIES, Quality
 from clsim.live.stages import plan_stages
@@ -119,6 +120,26 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
         {"pace": "real", "first_hit_rays": 0},
     ):
         assert not options(**values).governed
+
+
+@pytest.mark.parametrize(
+    ("light", "quality", "settings"),
+    [
+        (Light(), "draft", ("irradiance", 1, 8, 11)),
+        (Light(slow=False), "draft", ("irradiance", 1, 4, 11)),
+        (Light(), "balanced", ("irradiance", 6, 4, 11)),
+        (Light(lamps_move=True), "balanced", ("irradiance", 4, 4, 11)),
+        (Light(watched=True, lamps_move=True), "balanced", ("irradiance", 4, 4, 11)),
+        (Light(), "accurate", ("irradiance", 32, 4, 11)),
+        (Light(all_by_paths=True), "balanced", ("irradiance", 8, 2, 7)),
+        (Light(watched=True), "balanced", ("esim", 48, 6, None)),
+        (Light(stands_still=True), "balanced", ("esim", 4, 16, None)),
+    ],
+)
+def test_settings_follow_the_scenes_light(light: Light, quality: Quality, settings: tuple[Any, ...]) -> None:
+    point = options(quality=quality).settled(light).point
+    assert (point.method, point.spp, point.probe_every, point.window) == settings
+    assert options(quality=quality, spp=3).settled(light).point.spp == 3
 
 
 def test_the_sidecar_tells_the_settings_that_hold() -> None:
