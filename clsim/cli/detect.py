@@ -69,7 +69,7 @@ def detect(
     lux_per_unit: LUX_PER_UNIT = None,
     transfer: TRANSFER = None,
     times: TIMES = None,
-    time_unit: TIME_UNIT = "s",
+    time_unit: TIME_UNIT = None,
     like: LIKE = None,
     as_json: JSON = False,
     method: METHOD = None,
@@ -138,15 +138,16 @@ def _open(given: Mapping[str, Any]) -> Session:
         chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(given["threshold"])
     files = FileOptions(given["format"], given["text_time"], given["ros_events"], labels=bool(given["labels"]))
     eye = _given({name: given[name] for name in _FOR_THE_SENSOR})
-    pictures = {name: given[name] for name in _FOR_PICTURES}
+    pictures = _given({name: given[name] for name in _FOR_PICTURES})
+    if "time_unit" in pictures and "times" not in pictures:
+        raise InputError("`time_unit` is that of the file in `times`, which is not given")
     if is_footage(frames):
         footage = FootageOptions(
             frames, fps, **pictures, opencl=opencl, outputs=out, files=files, seen_by=RecordedSensor(**eye)
         )
         return open_footage_session(footage, _given(chosen))
-    for name in ("transfer", "times", "like"):
-        if pictures[name] is not None:
-            raise InputError(f"--{name} is for video and pictures; EXR frames hold linear light")
+    if pictures:
+        raise InputError(f"`{next(iter(pictures))}` is for video and pictures; EXR frames hold linear light")
     told = _told_by(frames)
     seen_by = _seen_by(frames, told, eye)
     config = detector_config(frames, told, chosen, seen_by)

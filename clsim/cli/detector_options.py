@@ -54,7 +54,7 @@ TIMES = Annotated[
     str | None,
     typer.Option(help="File with a time for each frame of video or pictures: text, or .npy. [the file's]"),
 ]
-TIME_UNIT = Annotated[TimeUnit, advanced(help="Unit of the times in --times.")]
+TIME_UNIT = Annotated[TimeUnit | None, advanced(help="Unit of the times in --times. [s]")]
 LIKE = Annotated[
     Convention | None,
     advanced(help="What another converter of video takes for brightness, for comparisons; without its noise."),

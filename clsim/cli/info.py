@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -23,7 +24,7 @@ _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled
 
 
 def info(
-    what: Annotated[str, typer.Argument(help="A bundled scene, a scene file, EXR frames, or an event file.")],
+    what: Annotated[str, typer.Argument(help="A bundled scene, a scene file, EXR frames, or an event file or folder.")],
     as_json: JSON = False,
 ) -> None:
     """Describe a scene and what of the renderer is compiled for it, recorded frames and their features, or events.
@@ -46,14 +47,17 @@ def info(
 
 
 def _facts(what: str) -> dict[str, Any]:
-    from clsim.events.files import ENDINGS, split_topic
+    from clsim.events.files import ENDINGS, format_of, split_topic
     from clsim.scene import bundled_scenes
+    from clsim.truth.recording import recording_kind
 
     name = str(split_topic(what)[0]).lower()
+    if os.path.isdir(what) and (kind := recording_kind(what)) is not None:
+        return {"events": _events(what, kind.name)}
     if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
         return {"frames": _frames(what)}
     if name.endswith(ENDINGS):
-        return {"events": _events(what)}
+        return {"events": _events(what, format_of(split_topic(what)[0]).name)}
     return _scene(what)
 
 
@@ -119,9 +123,9 @@ def _frames(what: str) -> dict[str, Any]:
     }
 
 
-def _events(what: str) -> dict[str, Any]:
-    """Return the figures of an event file, read in bounded memory."""
-    from clsim.events.files import format_of, open_source, split_topic
+def _events(what: str, form: str) -> dict[str, Any]:
+    """Return the figures of an event file or folder of that format, read in bounded memory."""
+    from clsim.events.files import open_source
 
     count = on = right = bottom = last_us = 0
     first_us: int | None = None
@@ -135,7 +139,7 @@ def _events(what: str) -> dict[str, Any]:
         resolution = None if source.width is None or source.height is None else [source.width, source.height]
     span_us = last_us - (first_us or 0)
     return {
-        "format": format_of(split_topic(what)[0]).name,
+        "format": form,
         "resolution": resolution,
         "events": count,
         "first_us": first_us,

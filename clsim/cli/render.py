@@ -156,6 +156,8 @@ def _rendering(given: Mapping[str, Any]) -> Rendering:
     settings = {name: value for name, value in given.items() if name not in ("out", "as_json", "times")}
     if times == "adaptive":
         return Rendering(live_options(settings | {"time": "adaptive"}))
+    if times is not None and given["time_tolerance"] is not None:
+        raise InputError("`time_tolerance` is for `times` adaptive")
     options = live_options(settings)
     evenly = next((name for name in ("fps", "duration", "frame_count") if given[name] is not None), None)
     if times is None:

@@ -88,6 +88,7 @@ def test_a_sensor_looks_at_a_video(clsim, clip, tmp_path):
         (("a.mp4",), "a.mp4: there is no such file"),
         (("a.mp4", "--fps", "30", "--times", "t.txt"), "give one of them"),
         (("frames", "--transfer", "srgb"), "--transfer is for video and pictures"),
+        (("a.mp4", "--time-unit", "ms"), "--time-unit is that of the file in --times, which is not given"),
         (("a.png", "--fps", "30"), "no picture at a.png"),
         (("a.mp4", "--transfer", "gamma"), "--transfer"),
     ],

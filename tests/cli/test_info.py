@@ -79,6 +79,16 @@ def test_event_files(clsim, tmp_path, ending):
         assert facts["resolution"] == [20, 10]
 
 
+def test_a_folder_of_events_with_truth(clsim, tmp_path):
+    options = ("--resolution", "32x24", "--frame-count", "4", "--truth", "depth")
+    assert (
+        clsim("live", "two-boxes", *options, "--out", tmp_path / "run.dsec", "--out", tmp_path / "run.csv").status == 0
+    )
+    facts, file = told(clsim, tmp_path / "run.dsec")["events"], told(clsim, tmp_path / "run.csv")["events"]
+    assert facts["format"] == "dsec" and facts["events"] == file["events"] > 0
+    assert facts["farthest_pixel"] == file["farthest_pixel"]
+
+
 def test_empty_event_file(clsim, tmp_path):
     open_sink(tmp_path / "e.aedat4", 20, 10).close()
     facts = told(clsim, tmp_path / "e.aedat4")["events"]

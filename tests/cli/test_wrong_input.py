@@ -107,6 +107,10 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--no-such-option"], "--no-such-option"),
         (["detect", "{}/frames", "--out", "{}/x.txt"], "no EXR file"),
         (["render", "still", "--out", "{}/readonly"], "readonly"),
+        (
+            ["render", "still", "--out", "{}/new", "--times", "{}/t.txt", "--time-tolerance", "1ms"],
+            "--time-tolerance is for --times adaptive",
+        ),
         (["score", "{}/a.aedat4", "{}/b.aedat4", "--resolution", "4x4", "--fps", "60"], "a.aedat4"),
         (["info", "nothing"], "no scene 'nothing'"),
     ],
