@@ -141,7 +141,6 @@ class Point:
 
 LIGHTS = (
     *(Light(still, by_paths) for still in (False, True) for by_paths in (False, True)),
-    Light(lamps_move=True),
     Light(watched=True),
     Light(watched=True, lamps_move=True),
 )

@@ -17,7 +17,6 @@ from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ALL_BY_PATHS,
     APART,
-    APART_LAMPS_MOVE,
     APART_SLOW,
     CACHED,
     DEFAULT,
@@ -239,8 +238,7 @@ class LiveOptions:
                 return in_turn._with_instead(LAMPS_MOVE[self.basis]) if self.spp is None else in_turn
         if self.basis in APART and not light.all_by_paths and (self.spp, self.probe_every) == (None, None):
             slow = APART_SLOW.get(self.basis, {}) if light.slow else {}
-            lamps = APART_LAMPS_MOVE.get(self.basis, {}) if light.lamps_move else {}
-            return replace(self, **APART[self.basis] | slow | lamps)
+            return replace(self, **APART[self.basis] | slow)
         return self
 
     def _with_instead(self, others: Mapping[str, Any]) -> LiveOptions:

@@ -194,10 +194,8 @@ APART: dict[Quality, dict[str, Any]] = {
 
 The rest changes slowly and has no sharp shadows: it is found seldom, and smoothed more.
 """
-APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}}
-"""What holds of them then instead where things go slowly too, …"""
-APART_LAMPS_MOVE: dict[Quality, dict[str, Any]] = {"balanced": {"spp": 4}}
-"""… and where lamps move: most of what changes there is light straight from them, which needs no paths."""
+APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}, "balanced": {"probe_every": 8}}
+"""What holds of them then instead where things go slowly too."""
 SLOW_SHARE = 0.01
 """Share of the picture's width that things go in a frame, at most, where they go slowly."""
 DEFAULT: Quality = "balanced"

@@ -181,7 +181,7 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
     drafts = [named_points(0, light)["draft"] for light in LIGHTS]
-    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8, 8, 8]
+    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8, 8]
     assert [draft.detector.window for draft in drafts[:2]] == [11, 7]
 
 

@@ -127,9 +127,9 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
     [
         (Light(), "draft", ("irradiance", 1, 8, 11)),
         (Light(slow=False), "draft", ("irradiance", 1, 4, 11)),
-        (Light(), "balanced", ("irradiance", 6, 4, 11)),
-        (Light(lamps_move=True), "balanced", ("irradiance", 4, 4, 11)),
-        (Light(watched=True, lamps_move=True), "balanced", ("irradiance", 4, 4, 11)),
+        (Light(), "balanced", ("irradiance", 6, 8, 11)),
+        (Light(slow=False), "balanced", ("irradiance", 6, 4, 11)),
+        (Light(watched=True, lamps_move=True), "balanced", ("irradiance", 6, 8, 11)),
         (Light(), "accurate", ("irradiance", 32, 4, 11)),
         (Light(all_by_paths=True), "balanced", ("irradiance", 8, 2, 7)),
         (Light(watched=True), "balanced", ("esim", 48, 6, None)),
