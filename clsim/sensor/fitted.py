@@ -54,7 +54,7 @@ def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, ba
         size: width and height [pixels].
         rows: see `fitted_rows`.
         told: what the numbers are from, such as the recordings' names.
-        base: the sensor that says what was not fitted.
+        base: the sensor that says what was not fitted. What was looked for and not seen is 0, whatever it says.
     """
     lines = ["# Fitted by `clsim sensor fit`.", f"name = {_quoted(name)}"]
     if base is not None:
@@ -63,15 +63,15 @@ def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, ba
     sources = {"optics.width": told, "optics.height": told}
     stage = ""
     for row, number, of in rows:
-        if number is None:
+        if number is None and base is None:
             continue
         group, key = row.split(".")
         if group != stage:
             lines += ["", f"[{group}]"]
             stage = group
-        value, error = number
+        value, told_error = (0.0, "none seen") if number is None else (number[0], f"± {number[1]:.2g}")
         lines.append(f"{key} = {value:.5g}")
-        sources[row] = f"± {error:.2g}; {of}; {told}"
+        sources[row] = f"{told_error}; {of}; {told}"
     lines += ["", "[sources]", *(f"{_quoted(key)} = {_quoted(source)}" for key, source in sources.items())]
     return "\n".join(lines) + "\n"
 

@@ -238,3 +238,17 @@ def test_fits_do_not_hang_on_a_front_end(still):
     # Of a float64 pixel the fit finds 252.0 under these 400 lines a period, 251.4 under a true sine, and 250.0 where
     # there is no dark current either. Of 100 lines it finds 260.8: chords of a sine lie inside it.
     assert found.rest_us[0] == pytest.approx(252, rel=0.01)
+
+
+def test_what_was_looked_for_and_not_seen_is_not_the_bases(tmp_path):
+    clean = SensorSettings(noise=Noise(0.5, 0.5, spread_decades=0.25))
+    rows = list(fitted_rows(fit_still(counted(still_scene(clean, 40.0, 8))), None))
+    assert {name for name, number, _ in rows if number is None} >= {"leak.hz", "defects.hot_share"}
+    file = tmp_path / "mine.toml"
+    file.write_text(sensor_file("mine", (WIDTH, HEIGHT), rows, "still.npz", "davis346"))
+    found, base = load_sensor(str(file)), load_sensor("davis346")
+    assert found.leak.hz == 0 < base.leak.hz and found.defects.hot_share == 0
+    assert found.threshold == base.threshold and found.refractory == base.refractory
+    assert found.sources["leak.hz"] == "none seen; still scene; still.npz"
+    file.write_text(sensor_file("mine", (WIDTH, HEIGHT), rows, "still.npz"))
+    assert "leak" not in file.read_text()
