@@ -35,7 +35,8 @@ _AGAIN = wp.constant(-3)
 """Number of the random numbers of a second look."""
 _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
-_LARGEST_GAIN = wp.constant(1.0)
+_LARGEST_GAIN = wp.constant(8.0)
+"""Change of log luminance that a frame may learn: what seemed black, as no path had found light, may be bright."""
 _THINGS = wp.constant(THINGS)
 _RAYS_IN_A_CROWD = wp.constant(4)
 """Times as many rays look at a pixel that shows all the things that are told apart."""

@@ -57,6 +57,35 @@ def test_learning_fires_no_event():
     np.testing.assert_allclose(last, first, atol=1e-5)
 
 
+def dim_room():
+    """A closed room with a hole of a decimetre in its roof, which few paths find."""
+    walls = [
+        hw.quad((-1, -1, -1), (2, 0, 0), (0, 0, 2)),
+        hw.quad((-1, -1, -1), (0, 2, 0), (2, 0, 0)),
+        hw.quad((-1, -1, 1), (2, 0, 0), (0, 2, 0)),
+        hw.quad((-1, -1, -1), (0, 0, 2), (0, 2, 0)),
+        hw.quad((1, -1, -1), (0, 2, 0), (0, 0, 2)),
+    ]
+    roof = [
+        hw.quad((-1, 1, -1), (2, 0, 0), (0, 0, 0.95)),
+        hw.quad((-1, 1, 0.05), (2, 0, 0), (0, 0, 0.95)),
+        hw.quad((-1, 1, -0.05), (0.95, 0, 0), (0, 0, 0.1)),
+        hw.quad((0.05, 1, -0.05), (0.95, 0, 0), (0, 0, 0.1)),
+    ]
+    view = hw.camera(hw.look_from((0, 0.8, 0.9), (0, -1, -0.3)), 24, 18)
+    return hw.world(*walls, *roof, environment=(30.0, 30.0, 30.0), view=view)
+
+
+def test_what_seemed_black_comes_to_light_without_events():
+    """Where no path had found light, the first that does tells of it, and of no change."""
+    run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
+    seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
+    assert (seen[0] < np.log(2e-4)).sum() > 10
+    jumps = np.abs(np.diff(seen, axis=0))
+    assert (jumps > 0.2).sum() < 10
+    assert jumps.max() < 0.5
+
+
 @pytest.mark.parametrize("light_hz", [None, 1e6])
 def test_a_second_look_is_by_other_numbers_in_the_same_light_and_changes_nothing(light_hz):
     """Also where each frame is shown in the light as it was known before."""
