@@ -29,6 +29,14 @@ def corner_at(i: int) -> wp.vec2:
 
 
 @wp.func
+def corner_beside(k: int) -> wp.vec2i:
+    """Return where, from a pixel's top left corner, a corner next to its own lies: two beyond each side, 0 … 7."""
+    along = k & 1
+    beyond = wp.where((k & 2) == 0, -1, 2)
+    return wp.vec2i(wp.where(k < 4, along, beyond), wp.where(k < 4, beyond, along))
+
+
+@wp.func
 def _over_distance(sample: Sample) -> wp.vec3:
     return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / sample.depth
 

@@ -1,5 +1,5 @@
-# Warp: a variable that changes must be born by a call.
-# ruff: noqa: UP018, RUF046
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, RUF046, SIM102
 """The straight edge that may cross a pixel: what its corners tell, and the search for where it lies, as Warp functions.
 
 Where corners see two things, the places at which the edge crosses the pixel's border are found by bisection, and the
@@ -11,9 +11,9 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.corners import corner_at
+from clsim.render.corners import corner_at, corner_beside
 from clsim.render.film import Sample
-from clsim.render.lamp_light import same_light
+from clsim.render.lamp_light import same_light, same_share
 from clsim.render.things import same_colour, same_surface
 
 _OFF_LINE_PX = wp.constant(0.05)
@@ -34,7 +34,8 @@ def _alike(a: Sample, b: Sample, by_colour: bool, pixel_angle: float) -> bool:
 class Edge:
     """What the corners tell, and how far the edge is placed.
 
-    ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside may tell that too.
+    ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside, and corners next to the
+    pixel's, may tell that too.
     ``alone`` is that all see one triangle, or none, ``whole`` that besides nothing is so small that it may hide before
     it.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
@@ -148,11 +149,36 @@ def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> b
     return away < -_OFF_LINE_PX
 
 
-def make_judge(flat: Any, scene_type: Any, settings_type: Any) -> Any:
+@wp.func
+def _is_lit_otherwise_around(
+    corners: wp.array(dtype=Sample), nearest: int, row: int, asker: int, pixel_angle: float
+) -> bool:
+    """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
+
+    Each corner asks for one place on a lamp alone. In a soft shadow all four may find theirs free, or none.
+    """
+    column = nearest % row
+    line = nearest // row
+    lit = corners[asker].lamp_lit
+    most = corners[asker].lamp_all
+    found = int(-1)
+    for k in range(8):
+        beside = corner_beside(k)
+        x = column + beside[0]
+        y = line + beside[1]
+        other = y * row + x
+        if x >= 0 and x < row and y >= 0 and other < corners.shape[0]:
+            if not same_share(corners[other].lamp_lit, corners[other].lamp_all, lit, most):
+                found = other
+    return found >= 0 and same_surface(corners[wp.max(found, 0)], corners[asker], pixel_angle)
+
+
+def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any) -> Any:
     """Return the Warp function ``judge_corners``, which gives the `Edge` that a pixel's corners tell of.
 
     Args:
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
+        wide_lamps: whether rays ask lamps that have a size, so that shadows are soft.
         scene_type, settings_type: structs of its first two arguments.
     """
 
@@ -211,6 +237,9 @@ def make_judge(flat: Any, scene_type: Any, settings_type: Any) -> Any:
         edge.plain = sound and edge.marks == 0
         edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
         edge.alone = one_triangle
+        if wp.static(wide_lamps):
+            if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
+                edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel_angle)
         edge.whole = one_triangle and smallest_m > _WIDE_PX * farthest * pixel_angle
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10

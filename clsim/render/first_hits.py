@@ -170,6 +170,7 @@ def make_look(
     flat: Any,
     mean_albedo: Any | None,
     light_things: Any | None,
+    wide_lamps: bool,
     scene_type: Any,
     view_type: Any,
     settings_type: Any,
@@ -192,10 +193,11 @@ def make_look(
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
         light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
+        wide_lamps: whether some of these lamps have a size.
         scene_type, view_type, settings_type: structs of the first three.
     """
     uniform2 = make_sampler(sobol)
-    judge_corners = make_judge(flat, scene_type, settings_type)
+    judge_corners = make_judge(flat, wide_lamps, scene_type, settings_type)
 
     @wp.func
     def paint(scene: scene_type, things: wp.array(dtype=Thing), corner: Sample, footprint: Footprint, texels: int):

@@ -25,6 +25,7 @@ import warp as wp
 
 from clsim.frames import rendered_planes
 from clsim.render import sampling
+from clsim.render.corners import corner_beside
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_layers import ALL_AROUND, HALF, OTHER_HALF, Layer, Lit, draw_out, light_on, put_on, take_off
@@ -87,11 +88,21 @@ def _wanted(grade: int, pixel: int, width: int, steering: Turns) -> int:
 
 @wp.func
 def _same_corners(seen_in: wp.array(dtype=int), pixel: int, width: int, generation: int) -> bool:
-    """Whether what a pixel's four corners saw is kept; ``seen_in`` is of corners."""
-    corner = pixel + pixel // width
-    below = corner + width + 1
-    above = seen_in[corner] == generation and seen_in[corner + 1] == generation
-    return above and seen_in[below] == generation and seen_in[below + 1] == generation
+    """Whether what a pixel's four corners saw is kept, and those next to them; ``seen_in`` is of corners."""
+    row = width + 1
+    column = pixel % width
+    line = pixel // width
+    same = bool(True)
+    for k in range(12):
+        place = wp.vec2i(k & 1, (k >> 1) & 1)
+        if k >= 4:
+            place = corner_beside(k - 4)
+        x = column + place[0]
+        y = line + place[1]
+        corner = y * row + x
+        if x >= 0 and x < row and y >= 0 and corner < seen_in.shape[0]:
+            same = same and seen_in[corner] == generation
+    return same
 
 
 @wp.func

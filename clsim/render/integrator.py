@@ -96,15 +96,18 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
-    lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
     mean_albedo = mean_albedo if features.textures else None
     about_light = features.coats, features.shadow_rays
-    look = make_look(features.sobol, features.sharp, *about_light, glimpse_at, flat, mean_albedo, lamps, *types)
+    lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
+    wide_lamps = features.lamp_light and (features.triangle_lights or features.sphere_lights)
+    look = make_look(
+        features.sobol, features.sharp, *about_light, glimpse_at, flat, mean_albedo, lamps, wide_lamps, *types
+    )
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.retraced import make_retraced
 
-        paths, first_hits, in_kept_light = make_retraced(look, gather, store, *types, kernel_options())
+        paths, first_hits, in_kept_light = make_retraced(look, gather, store, wide_lamps, *types, kernel_options())
         if features.light_cache:
             return in_kept_light
         return first_hits if features.first_hits else paths

@@ -20,6 +20,7 @@ class Settings:
     max_depth: int
     roulette_start: int
     width: int
+    height: int
     opens: float
     lasts: float
     spectral: wp.vec3

@@ -31,9 +31,15 @@ AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
 
 
 @wp.func
+def same_share(lit_a: float, all_a: float, lit_b: float, all_b: float) -> bool:
+    """Whether ``lit`` is the same share of ``all`` twice; so it is where either is 0, for then nothing was asked."""
+    return wp.abs(lit_a * all_b - lit_b * all_a) <= _SAME_SHARE * all_a * all_b
+
+
+@wp.func
 def same_light(a: Sample, b: Sample) -> bool:
     """Whether the same share of the lamps' light reached what two rays saw, as far as both tell."""
-    return wp.abs(a.lamp_lit * b.lamp_all - b.lamp_lit * a.lamp_all) <= _SAME_SHARE * a.lamp_all * b.lamp_all
+    return same_share(a.lamp_lit, a.lamp_all, b.lamp_lit, b.lamp_all)
 
 
 @wp.func

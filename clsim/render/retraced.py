@@ -11,17 +11,38 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.cached import Gathering, Lit, light_of, look_closer, seen_light
+from clsim.render.corners import corner_beside
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
+from clsim.render.lamp_light import same_light
 from clsim.render.light_cache import Cell
 from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.things import THINGS, Thing, store_things
+
+_ROW, _FIRST = wp.constant(4), wp.constant(5)
+"""Corners of a pixel lie in the middle of so many to a row, from that one on; around it are those next to them."""
+_LAST = wp.constant(12)
+"""Corners that are looked through before the pixel."""
+
+
+@wp.func
+def _are_lit_alike(corners: wp.array(dtype=Sample)) -> bool:
+    """Whether light of lamps was found at a pixel's own corners, as far as they asked, and the same share of it."""
+    asker = int(_FIRST)
+    alike = bool(True)
+    for i in range(1, 4):
+        other = _FIRST + (i & 1) + (i // 2) * _ROW
+        alike = alike and same_light(corners[other], corners[asker])
+        if corners[asker].lamp_all <= 0.0:
+            asker = other
+    return alike and corners[asker].lamp_all > 0.0
 
 
 def make_retraced(
     look: Any,
     gather: Any,
     store: Any,
+    wide_lamps: bool,
     scene_type: Any,
     view_type: Any,
     settings_type: Any,
@@ -35,6 +56,7 @@ def make_retraced(
     first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
     is that in which the last frame is seen (``cached.py``); ``passed``, float ``[instants]``, is the share of the time
     from the frame before to the last one that has passed, −1 where that is not asked, and the shadows are theirs.
+    ``wide_lamps`` is whether first-hit rays ask lamps that have a size.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -67,13 +89,27 @@ def make_retraced(
         corners: wp.array(dtype=Sample),
         things: wp.array(dtype=Thing),
     ) -> Seen:
-        """Look through the corners of a pixel, and then at it; or go on from what was seen of it before."""
+        """Look through the corners of a pixel, and then at it; or go on from what was seen of it before.
+
+        If these all see lamps in the same light, corners next to them tell whether it lies in a soft shadow.
+        """
         state = sampling.absorb(settings.stream, pixel)
         seen = Seen()
-        i = wp.where(looks.steps > 0 and not before.counted, 0, 4)
-        while i <= 4:
-            corner = pixel + pixel // settings.width + (i & 1) + (i // 2) * (settings.width + 1)
-            corner = wp.where(i < 4, corner, -1)
+        line = pixel // settings.width
+        column = pixel - line * settings.width
+        i = wp.where(looks.steps > 0 and not before.counted, 0, _LAST)
+        while i <= _LAST:
+            if i == 4 and not (wp.static(wide_lamps) and _are_lit_alike(corners)):
+                i = int(_LAST)
+            place = wp.vec2i(i & 1, i // 2)
+            if i >= 4:
+                place = corner_beside(i - 4)
+            x = column + place[0]
+            y = line + place[1]
+            if i < _LAST and (x < 0 or y < 0 or x > settings.width or y > settings.height):
+                corners[_FIRST + place[0] + place[1] * _ROW] = Sample()
+                i = i + 1
+                continue
             seen = look(
                 scene,
                 camera,
@@ -82,10 +118,10 @@ def make_retraced(
                 instant,
                 state,
                 looks,
-                corner,
+                wp.where(i < _LAST, x + y * (settings.width + 1), -1),
                 corners,
-                i & 3,
-                2,
+                wp.where(i < _LAST, _FIRST + place[0] + place[1] * _ROW, _FIRST),
+                _ROW,
                 before,
                 shadows,
                 things,
@@ -106,7 +142,7 @@ def make_retraced(
         out_planes: wp.array2d(dtype=float),
     ):
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        corners = wp.zeros(shape=4, dtype=Sample)
+        corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             seen = look_around(
@@ -137,7 +173,7 @@ def make_retraced(
         out_planes: wp.array2d(dtype=float),
     ):
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
-        corners = wp.zeros(shape=4, dtype=Sample)
+        corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             pixel = pixels[request]

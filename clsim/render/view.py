@@ -38,14 +38,14 @@ SOBOL_BATCHES = 4
 """Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
 
 
-def settings_of(options: RenderOptions, width: int, spectral: Spectral) -> Any:
-    """Return the kernel's settings for pictures of that width, of pixels that see such light."""
+def settings_of(options: RenderOptions, camera: Camera, spectral: Spectral) -> Any:
+    """Return the kernel's settings for pictures of a camera, of pixels that see such light."""
     settings: Any = Settings()
     settings.samples = options.spp
     settings.batches = SOBOL_BATCHES
     settings.max_depth = options.max_depth
     settings.roulette_start = options.roulette_start
-    settings.width = width
+    settings.width, settings.height = camera.width, camera.height
     settings.reach_m = math.inf
     settings.spectral = wp.vec3(*spectral_weights(spectral))
     return settings
@@ -118,7 +118,7 @@ class View:
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
         self._pose: Matrix = np.eye(4)
-        self._settings: Any = settings_of(options, camera.width, data.world.sensor.spectral)
+        self._settings: Any = settings_of(options, camera, data.world.sensor.spectral)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share

@@ -14,7 +14,7 @@ from test_tracer import LAMP, lit_world
 from clsim.render.compiler import kernel_options
 from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
 from clsim.render.scene_features import light_is_found_apart
-from clsim.scene import ImageTexture, Material, PunctualLight, Static
+from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
@@ -77,16 +77,37 @@ def test_a_triangle_sends_what_its_directions_sum_up_to(corners):
 
 def test_one_path_leaves_no_noise_of_lamps_where_nothing_stands_between():
     """Without the lamps' light, all is dark in a scene without sky and with one bounce."""
-    frame = Run(lit_world(), spp=1, max_depth=2, first_hit_rays=256, seed=3).fill(0)
-    other = Run(lit_world(), spp=1, max_depth=2, first_hit_rays=256, seed=4).fill(0)
-    plain = Run(lit_world(), spp=1024, max_depth=2, first_hit_rays=0).fill(0)
+    world = lit_world()
+    world = replace(world, camera=replace(world.camera, width=36, height=30))
+    frame = Run(world, spp=1, max_depth=2, first_hit_rays=256, seed=3).fill(0)
+    other = Run(world, spp=1, max_depth=2, first_hit_rays=256, seed=4).fill(0)
+    plain = Run(world, spp=1024, max_depth=2, first_hit_rays=0).fill(0)
     first, second, expected = (np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (frame, other, plain))
     lit = (frame.plane("Samples") < 8) & (np.minimum(np.minimum(first, second), expected) > 1e-3)
-    assert lit.sum() > 12
+    assert lit.sum() > 100
     # Corners ask lamps near their rims, so that no shadow begins unseen.
     assert (np.abs(np.log(first[lit] / second[lit])) < 1e-3).mean() > 0.95
     assert np.abs(np.log(first[lit] / expected[lit])).mean() < 0.03
     assert first.sum() == pytest.approx(expected.sum(), rel=0.01)
+
+
+def through_slats(width_m):
+    """A floor under a wide lamp that shines through slats, five a metre: all of it is in soft shadows."""
+    slats = [hw.box((x, 1, -2), (x + width_m, 1.02, 2)) for x in np.arange(-2, 2, 0.2)]
+    sun = SphereLight(0.5, (40.0, 40.0, 40.0), Static(hw.translation(0.3, 3.5, 0.2)))
+    floor = hw.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8))
+    view = hw.camera(hw.look_from((0, 0.9, 0.01), (0, 0, 0), up=(0, 0, -1)), 24, 24)
+    return hw.world(floor, *slats, sphere_lights=(sun,), view=view)
+
+
+@pytest.mark.parametrize(("light_cache", "width_m", "rays", "share"), [(False, 0.16, 32, 0.05), (True, 0.1, 8, 0.15)])
+def test_in_a_soft_shadow_few_pixels_are_lit_or_dark_by_chance(light_cache, width_m, rays, share):
+    """The places on a lamp for which a pixel's corners ask may all be free, or none; so corners next to them count."""
+    world = through_slats(width_m)
+    seen = Run(world, spp=1, max_depth=2, first_hit_rays=rays, light_cache=light_cache).fill(0)
+    plain = Run(world, spp=256, max_depth=2, first_hit_rays=0).fill(0)
+    seen, plain = (np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (seen, plain))
+    assert (np.abs(seen / plain - 1) > 0.5).mean() < share
 
 
 @pytest.mark.slow

@@ -261,6 +261,16 @@ def test_what_deforms_is_traced_in_the_shape_of_its_time():
     compare(scene, RenderOptions(spp=2, max_depth=3))
 
 
+def test_first_hits_of_a_request_see_soft_shadows_as_those_of_the_frame_do():
+    """Whether a pixel lies in one, corners next to its own tell."""
+    slats = [hw.box((x, 1, -2), (x + 0.1, 1.02, 2)) for x in np.arange(-2, 2, 0.2)]
+    start = hw.look_from((0, 0.9, 0.01), (0, 0, 0), up=(0, 0, -1))
+    camera = replace(hw.camera(start, 13, 11), motion=Swing(start, velocity=(0.3, 0.0, 0.1)))
+    sun = SphereLight(0.5, (40.0, 40.0, 40.0), Static(hw.translation(0.3, 3.5, 0.2)))
+    world = hw.world(hw.quad((-4, 0, 4), (8, 0, 0), (0, 0, -8)), *slats, sphere_lights=(sun,), view=camera, fps=FPS)
+    compare(world, RenderOptions(spp=1, sampler="sobol", first_hit_rays=8), left_out=("R", "G", "B", "Samples"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("light_hz", [None, 30.0])
 def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in(light_hz):
