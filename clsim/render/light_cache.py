@@ -256,17 +256,18 @@ def look_up(
                     else:
                         before += cell.light * (weight * cell.count)
                         count_before += weight * cell.count
-        if count > 0.0 and level >= finest:
+        # By the same rule in both, so that what was known before is what the last frame showed.
+        if count > 0.0 and level >= finest and left >= _ENOUGH:
             share = left * count / (count + wanted)
             if level == finest:
                 kept.finely = share
             kept.light += light * (share / count)
             left = left - share
-        if count_before > 0.0 and level >= finest_before:
+        if count_before > 0.0 and level >= finest_before and left_before >= _ENOUGH:
             share = left_before * count_before / (count_before + wanted)
             kept.before += before * (share / count_before)
             left_before = left_before - share
-        if left_before < _ENOUGH:
+        if left < _ENOUGH and left_before < _ENOUGH:
             break
         side_m = side_m * 2.0
     kept.known = 1.0 - left

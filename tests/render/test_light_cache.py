@@ -81,9 +81,7 @@ def test_what_seemed_black_comes_to_light_without_events():
     run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
     seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
     assert (seen[0] < np.log(2e-4)).sum() > 10
-    jumps = np.abs(np.diff(seen, axis=0))
-    assert (jumps > 0.2).sum() < 10
-    assert jumps.max() < 0.5
+    assert np.abs(np.diff(seen, axis=0)).max() < 1e-5
 
 
 @pytest.mark.parametrize("light_hz", [None, 1e6])
