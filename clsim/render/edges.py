@@ -161,16 +161,18 @@ def _is_lit_otherwise_around(
     line = nearest // row
     lit = corners[asker].lamp_lit
     most = corners[asker].lamp_all
-    found = int(-1)
-    for k in range(8):
+    found = bool(False)
+    # As a variable, so that the loop is compiled once and not eight times.
+    corners_beside = int(8)
+    for k in range(corners_beside):
         beside = corner_beside(k)
         x = column + beside[0]
         y = line + beside[1]
         other = y * row + x
         if x >= 0 and x < row and y >= 0 and other < corners.shape[0]:
             if not same_share(corners[other].lamp_lit, corners[other].lamp_all, lit, most):
-                found = other
-    return found >= 0 and same_surface(corners[wp.max(found, 0)], corners[asker], pixel_angle)
+                found = found or same_surface(corners[other], corners[asker], pixel_angle)
+    return found
 
 
 def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any) -> Any:
