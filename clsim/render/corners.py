@@ -29,11 +29,16 @@ def corner_at(i: int) -> wp.vec2:
 
 
 @wp.func
-def corner_beside(k: int) -> wp.vec2i:
-    """Return where, from a pixel's top left corner, a corner next to its own lies: two beyond each side, 0 … 7."""
+def corner_near(k: int) -> wp.vec2i:
+    """Return where a corner lies from a pixel's top left one: its own, 0 … 3, and two beyond each side, 4 … 11."""
     along = k & 1
     beyond = wp.where((k & 2) == 0, -1, 2)
-    return wp.vec2i(wp.where(k < 4, along, beyond), wp.where(k < 4, beyond, along))
+    place = wp.vec2i(along, (k >> 1) & 1)
+    if k >= 8:
+        place = wp.vec2i(beyond, along)
+    elif k >= 4:
+        place = wp.vec2i(along, beyond)
+    return place
 
 
 @wp.func

@@ -11,7 +11,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.corners import corner_at, corner_beside
+from clsim.render.corners import corner_at, corner_near
 from clsim.render.film import Sample
 from clsim.render.lamp_light import same_light, same_share
 from clsim.render.things import same_colour, same_surface
@@ -165,9 +165,9 @@ def _is_lit_otherwise_around(
     # As a variable, so that the loop is compiled once and not eight times.
     corners_beside = int(8)
     for k in range(corners_beside):
-        beside = corner_beside(k)
-        x = column + beside[0]
-        y = line + beside[1]
+        place = corner_near(4 + k)
+        x = column + place[0]
+        y = line + place[1]
         other = y * row + x
         if x >= 0 and x < row and y >= 0 and other < corners.shape[0]:
             if not same_share(corners[other].lamp_lit, corners[other].lamp_all, lit, most):

@@ -25,7 +25,7 @@ import warp as wp
 
 from clsim.frames import rendered_planes
 from clsim.render import sampling
-from clsim.render.corners import corner_beside
+from clsim.render.corners import corner_near
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_layers import ALL_AROUND, HALF, OTHER_HALF, Layer, Lit, draw_out, light_on, put_on, take_off
@@ -94,9 +94,7 @@ def _same_corners(seen_in: wp.array(dtype=int), pixel: int, width: int, generati
     line = pixel // width
     same = bool(True)
     for k in range(12):
-        place = wp.vec2i(k & 1, (k >> 1) & 1)
-        if k >= 4:
-            place = corner_beside(k - 4)
+        place = corner_near(k)
         x = column + place[0]
         y = line + place[1]
         corner = y * row + x

@@ -11,7 +11,7 @@ import warp as wp
 
 from clsim.render import sampling
 from clsim.render.cached import Gathering, Lit, light_of, look_closer, seen_light
-from clsim.render.corners import corner_beside
+from clsim.render.corners import corner_near
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.lamp_light import same_light
@@ -101,9 +101,7 @@ def make_retraced(
         while i <= _LAST:
             if i == 4 and not (wp.static(wide_lamps) and _are_lit_alike(corners)):
                 i = int(_LAST)
-            place = wp.vec2i(i & 1, i // 2)
-            if i >= 4:
-                place = corner_beside(i - 4)
+            place = corner_near(i)
             x = column + place[0]
             y = line + place[1]
             if i < _LAST and (x < 0 or y < 0 or x > settings.width or y > settings.height):
