@@ -22,7 +22,7 @@ from clsim.render.microfacet import (
     schlick,
     smith_g1,
 )
-from clsim.render.sampling import cosine_hemisphere, luminance
+from clsim.render.sampling import around, cosine_hemisphere, luminance
 
 _COAT_F0 = wp.constant(0.04)
 _COAT_SHARE = wp.constant(0.25)
@@ -186,8 +186,8 @@ def disney_sample(materials: Materials, b: Bsdf, wo: wp.vec3, choice: float, u: 
         a2 = _coat_alpha2(b)
         z2 = wp.clamp((1.0 - wp.pow(a2, 1.0 - u[1])) / (1.0 - a2), 0.0, 1.0)
         radius = wp.sqrt(1.0 - z2)
-        phi = 2.0 * wp.pi * u[0]
-        s.direction = reflected(wo, wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), wp.sqrt(z2)))
+        turned = around(u[0])
+        s.direction = reflected(wo, wp.vec3(radius * turned[0], radius * turned[1], wp.sqrt(z2)))
     else:
         drawn = sample_visible_normal(evened(wo, row.stretch), wp.max(b.alpha, SMOOTH), u)
         h = wp.normalize(evened(drawn, row.stretch))

@@ -14,6 +14,7 @@ and where to look in a cumulative distribution is guessed by a table, as good as
 import warp as wp
 
 from clsim.render.native import native_code
+from clsim.render.sampling import around
 
 STEPS = 1 << 24
 """Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
@@ -188,6 +189,6 @@ def sample_environment(image: EnvironmentImage, random: wp.vec2) -> wp.vec3:
     top = wp.max(row - 0.5, 0.0)
     bottom = wp.min(row + 0.5, float(height))
     v = (top + (bottom - top) * down[1]) / float(height)
-    sin_theta = wp.sin(wp.pi * v)
-    phi = 2.0 * wp.pi * u
-    return wp.normalize(image.to_world * wp.vec3(sin_theta * wp.sin(phi), wp.cos(wp.pi * v), -sin_theta * wp.cos(phi)))
+    polar = around(0.5 * v)
+    azimuth = around(u)
+    return wp.normalize(image.to_world * wp.vec3(polar[1] * azimuth[1], polar[0], -polar[1] * azimuth[0]))

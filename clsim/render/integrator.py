@@ -88,10 +88,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             (emitted, triangle_pdf, weight),
         )
 
-    # Twice: rays that only look go without all that paths need. Each is called from one place, where the compiler puts
-    # it whole; else the scene would be copied for each call.
-    shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(only_look=False))))
-    glimpse_at = make_shoot_at(features, wp.func(make_tracer(only_look=True), inline=True), inline=True)
+    # Twice: rays that only look go without all that paths need. Each is called from one place in a kernel.
+    shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(only_look=False), inline=True)))
+    glimpse_at = make_shoot_at(features, wp.func(make_tracer(only_look=True), inline=True))
 
     flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     types = Scene, CameraState, Settings

@@ -8,6 +8,8 @@ where it comes from, both away from the surface. Walter et al., Microfacet Model
 
 import warp as wp
 
+from clsim.render.sampling import around
+
 SMOOTH = wp.constant(1.0e-3)
 """A lobe with a smaller α is a perfect mirror (or perfectly smooth glass)."""
 
@@ -57,10 +59,10 @@ def beckmann_g1(w: wp.vec3, alpha: float) -> float:
 def sample_visible_normal(wo: wp.vec3, alpha: float, u: wp.vec2) -> wp.vec3:
     """Draw a microfacet normal with density D·G1(wo)·max(wo·h, 0) / wo.z (Dupuy and Benyoub, HPG 2023)."""
     stretched = wp.normalize(wp.vec3(alpha * wo[0], alpha * wo[1], wo[2]))
-    phi = 2.0 * wp.pi * u[0]
+    turned = around(u[0])
     z = (1.0 - u[1]) * (1.0 + stretched[2]) - stretched[2]
     radius = wp.sqrt(wp.max(1.0 - z * z, 0.0))
-    h = wp.vec3(radius * wp.cos(phi), radius * wp.sin(phi), z) + stretched
+    h = wp.vec3(radius * turned[0], radius * turned[1], z) + stretched
     return wp.normalize(wp.vec3(alpha * h[0], alpha * h[1], wp.max(h[2], 1.0e-7)))
 
 

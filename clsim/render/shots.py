@@ -15,15 +15,13 @@ from clsim.render.lamp_light import AT_NONE
 from clsim.render.sobol import make_sampler
 
 
-def make_shoot_at(features: Features, trace: Any, inline: bool | None = None) -> Any:
+def make_shoot_at(features: Features, trace: Any) -> Any:
     """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width)``.
 
     Args:
         features: what the kernel is built for.
         trace: follows a ray, or only looks: ``trace(scene, start, toward, time, settings, stream, to_lamps, width)``,
             which returns a `Sample`.
-        inline: whether it is put where it is called; None leaves that to the compiler. Kept apart, the scene would be
-            copied for each ray.
     """
     camera_ray = make_camera(features)
     uniform2 = make_sampler(features.sobol)
@@ -61,7 +59,8 @@ def make_shoot_at(features: Features, trace: Any, inline: bool | None = None) ->
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
         return sample
 
-    return wp.func(shoot_at, inline=inline)
+    # It is put where it is called, and ``trace`` too: kept apart, the scene would be copied for each ray.
+    return wp.func(shoot_at, inline=True)
 
 
 def make_shoot(sobol: bool, shoot_at: Any) -> Any:

@@ -23,10 +23,10 @@ def looks_ahead(features: Features) -> bool:
     """Whether the kernel's rays to lights go before textures are read.
 
     A light tree asks how the surface sends light on, which its textures tell, and so does light that lamps give apart
-    from paths. Beside the reads that an environment map takes, those of textures hardly count.
+    from paths.
     """
     asks = features.lamp_light or (features.light_tree and features.kinds != ("diffuse",))
-    return features.strategy != "scatter" and features.images and not (asks or features.environment_map)
+    return features.strategy != "scatter" and features.images and not asks
 
 
 def make_towards_light(

@@ -39,6 +39,12 @@ def draw_directions(
     out_triangle[i] = sampling.uniform_triangle(pairs[i])
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def turn(turns: wp.array(dtype=float), out: wp.array(dtype=wp.vec2)):
+    i = wp.tid()
+    out[i] = sampling.around(turns[i])
+
+
 @pytest.fixture(scope="module")
 def streams():
     """Words and pairs ``[seed, pixel, sample, dimension]``."""
@@ -100,3 +106,17 @@ def test_directions_follow_their_densities(streams, normal):
         assert abs((uniform**2).mean() - 1 / 3) < 4.5 * np.sqrt(4 / 45 / len(pairs))
     np.testing.assert_allclose(weights.sum(axis=1), 1, atol=1e-6)
     assert np.all(np.abs(weights.mean(axis=0) - 1 / 3) < 4.5 * np.sqrt(1 / 18 / len(pairs)))
+
+
+def test_cosine_and_sine_of_turns():
+    """Against float64, at all quarters and eighths and their neighbours too; small angles keep their relative error."""
+    eighths = np.arange(9, dtype=np.float32) / np.float32(8)
+    near = [np.nextafter(eighths, np.float32(side)) for side in (0, 1)]
+    small = np.float32(10.0) ** -np.arange(3, 30, dtype=np.float32)
+    turns = np.concatenate([eighths, *near, np.linspace(0, 1.5, 150_001, dtype=np.float32), small])
+    start_warp()
+    out = wp.zeros(len(turns), dtype=wp.vec2, device="cpu")
+    wp.launch(turn, len(turns), inputs=[wp.array(turns, dtype=float, device="cpu")], outputs=[out], device="cpu")
+    angles = 2 * np.pi * turns.astype(np.float64)
+    np.testing.assert_allclose(out.numpy(), np.stack([np.cos(angles), np.sin(angles)], axis=1), atol=1.5e-7, rtol=0)
+    np.testing.assert_allclose(out.numpy()[-len(small) :, 1], angles[-len(small) :], rtol=3e-5)

@@ -10,9 +10,8 @@ from clsim.render.scene_data import SceneData
 from clsim.scene import load_world
 
 
-@pytest.mark.parametrize(("asked", "hint"), [({}, None), ({"inline": True}, True)])
-def test_no_function_is_kept_apart(asked: dict[str, bool], hint: bool | None, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The compiler must be free to put paths into their kernel: called, each ray has a copy of the scene's structs."""
+def test_no_function_is_kept_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paths are put into their kernel: called, each ray would have a copy of the scene's structs."""
     world = load_world("two-boxes")
     features = RenderOptions().features(SceneData(world).features, world.camera)
     hints = []
@@ -22,5 +21,5 @@ def test_no_function_is_kept_apart(asked: dict[str, bool], hint: bool | None, mo
         return function
 
     monkeypatch.setattr(wp, "func", recorded)
-    shots.make_shoot_at(features, lambda: None, **asked)
-    assert hints[-1] is hint
+    shots.make_shoot_at(features, lambda: None)
+    assert hints[-1] is True

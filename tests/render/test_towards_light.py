@@ -8,10 +8,13 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.scene import ImageTexture, Material, PunctualLight, Static
+from clsim.scene import EnvironmentMap, ImageTexture, Material, PunctualLight, Static
 
 WHITE = ImageTexture(np.full((1, 1, 4), 255, np.uint8), nearest=True)
 """Times this, a colour is itself."""
+
+
+SKY = EnvironmentMap(np.random.default_rng(1).random((8, 16, 3), np.float32), np.eye(3))
 
 
 def moved(mesh, by):
@@ -19,7 +22,8 @@ def moved(mesh, by):
 
 
 @pytest.mark.slow
-def test_looking_ahead_changes_nothing():
+@pytest.mark.parametrize("sky", [None, SKY])
+def test_looking_ahead_changes_nothing(sky):
     """A plain texture makes rays to lights go first: past glass, mirrors, dark backs and lamps that shine one way."""
     kinds = (
         Material(color=(0.5, 0.6, 0.7)),
@@ -39,6 +43,7 @@ def test_looking_ahead_changes_nothing():
         hw.quad((-1, 3, -1), (2, 0, 0), (0, 0, 2), material=7),
         materials=kinds,
         view=hw.camera(hw.look_from((0.5, 2.0, 5), (0, 0.3, 0)), 32, 24),
+        environment_map=sky,
     )
     textured = replace(scene, textures=(WHITE,), materials=tuple(replace(kind, texture=0) for kind in kinds))
     plain, ahead = (hw.render(each, spp=4).planes for each in (scene, textured))
