@@ -11,11 +11,20 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.bvh16_build import FARTHEST, fit, grow
-from clsim.render.bvh16_list import BLOCK_FLOATS
+from clsim.errors import InputError
+from clsim.render.bvh16_build import FARTHEST, UNIT_FLOATS, fit, grow, reinsert, widen
+from clsim.render.bvh16_list import BLOCK_FLOATS, LIST_TRIANGLES
 from clsim.render.bvh16_traverse import CORNER_FLOATS, NODE_FLOATS
 from clsim.render.large_pages import spread
 
+_ROUNDS = 4
+"""How many times the largest nodes of the binary tree are taken out and put where they are best …"""
+_LARGEST = 50
+"""… which are one in so many. All of them would take fifty times as long, and rays gain no more."""
+_BEHIND = 32
+"""Floats behind the last leaf: one without extent, and room, for a leaf is read eight wide, however many it has."""
+_MOST_UNITS = 1 << 28
+"""What 32 bits of a child can tell."""
 _FAR_OFF = 4.0
 """A list farther from the origin than so many times its size has coordinates from its middle."""
 
@@ -41,61 +50,96 @@ class Bvh16:
         rays pass, for ``any_opaque_in_tree``; without it, none. Of ``rows`` ``[n]``, an array of Warp's, the one of a
         triangle that is hit is on its way from memory while the search goes on.
         """
-        triangles = len(indices) // 3
         self._indices = indices
-        # Untouched pages cost nothing: the arrays are made for the worst case and then cut.
-        scratch = spread(8 * triangles, np.float32)
-        nodes = spread(NODE_FLOATS * (triangles // 2 + 1), np.float32)
-        order = np.empty(triangles + 8, np.int32)
-        counts = np.zeros(3, np.int32)
-        arrays = [_wrap(a) for a in (scratch, nodes, order, counts)]
-        wp.launch(grow, dim=1, inputs=[vertices, indices, arrays[0]], outputs=arrays[1:], device="cpu")
-        node_count, triangle_count, self.levels = (int(n) for n in counts)
-        del scratch, arrays
-        self._nodes = spread(NODE_FLOATS * node_count, np.float32)
-        self._nodes[:] = nodes[: NODE_FLOATS * node_count]
-        del nodes
-        self._order = order[:triangle_count].copy()
-        del order
-        blocks = 0 if node_count else triangle_count // 8
-        if blocks:
-            self._corners = spread(BLOCK_FLOATS * blocks, np.float32)
-        else:
-            # Behind the last triangle there is one without extent, and a leaf is read eight wide, however many it has.
-            self._corners = spread(CORNER_FLOATS * (triangle_count + 1) + 8, np.float32)
-            self._corners[CORNER_FLOATS * triangle_count :] = 0.0
         self._extent = np.zeros(1, np.float32)
-        # Nodes, corners, extent, blocks, three floats: from where the coordinates of a list's edges count, what may let
-        # rays pass, rows and the bytes of one.
-        self._header = np.zeros(9, np.uint64)
-        self._header[[0, 1, 3]] = self._nodes.ctypes.data, self._corners.ctypes.data, blocks
+        self._order, nodes_of_two, parents = self._grow(vertices)
+        self._blocks, self._count, self.levels = len(self._order) // 8, 0, 0
+        if self._blocks:
+            self._memory = spread(BLOCK_FLOATS * self._blocks, np.float32)
+        else:
+            triangles = len(indices) // 3
+            _improve(nodes_of_two, parents)
+            self._count, self.levels, self._memory = _gather(nodes_of_two, triangles)
+            if not self._count:  # improved too far, which takes a mesh made for it
+                self._count, self.levels, self._memory = _gather(self._grow(vertices)[1], triangles)
+        del nodes_of_two, parents
+        # Memory, extent, blocks, three floats: from where the coordinates of a list's edges count, what may let rays
+        # pass, rows and the bytes of one.
+        self._header = np.zeros(8, np.uint64)
+        self._header[[0, 2]] = self._memory.ctypes.data, self._blocks
         if may_pass is not None and may_pass.any():
             self._may_pass = may_pass.copy()
-            self._header[6] = self._may_pass.ctypes.data
+            self._header[5] = self._may_pass.ctypes.data
         if rows is not None:
             self._rows = rows
-            self._header[7:9] = rows.ptr, rows.strides[0]
-        self._blocks = blocks
+            self._header[6:8] = rows.ptr, rows.strides[0]
         self.id = int(self._header.ctypes.data)
         self.refit(vertices)
+
+    def _grow(self, vertices: Any) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32], npt.NDArray[np.int32]]:
+        """Return the order of a list (without entries: a tree), and the nodes of a binary tree and their parents."""
+        triangles = len(self._indices) // 3
+        # Untouched pages cost nothing: the arrays are made for the worst case.
+        scratch = spread(8 * triangles, np.float32)
+        nodes_of_two = spread(8 * (2 * triangles + 1), np.float32)
+        parents = np.empty(2 * triangles + LIST_TRIANGLES, np.int32)
+        counts = np.zeros(2, np.int32)
+        outputs = [_wrap(a) for a in (nodes_of_two, parents, counts)]
+        wp.launch(grow, dim=1, inputs=[vertices, self._indices, _wrap(scratch)], outputs=outputs, device="cpu")
+        nodes, listed = (int(n) for n in counts)
+        return parents[: 0 if nodes else listed].copy(), nodes_of_two[: 8 * nodes], parents[:nodes]
 
     @property
     def nbytes(self) -> int:
         """Bytes of nodes, corners and triangle numbers."""
-        return sum(int(array.nbytes) for array in (self._nodes, self._corners, self._order))
+        return int(self._memory.nbytes + self._order.nbytes)
 
     def refit(self, vertices: Any) -> None:
         """Take new positions of the same vertices; the topology stays, so that large deformations make rays slow."""
         middle = _middle(vertices.numpy()[self._indices.numpy()]) if self._blocks else np.zeros(3, np.float32)
-        self._header[4:6].view(np.float32)[:3] = middle
+        self._header[3:5].view(np.float32)[:3] = middle
         wp.launch(
             fit,
             dim=1,
-            inputs=[vertices, self._indices, _wrap(self._order), len(self._nodes) // NODE_FLOATS, wp.vec3(*middle)],
-            outputs=[_wrap(a) for a in (self._nodes, self._corners, self._extent)],
+            inputs=[vertices, self._indices, _wrap(self._order), self._count, wp.vec3(*middle)],
+            outputs=[_wrap(self._memory), _wrap(self._extent)],
             device="cpu",
         )
-        self._header[2:3].view(np.float32)[0] = self._extent[0]
+        self._header[1:2].view(np.float32)[0] = self._extent[0]
+
+
+def _improve(nodes_of_two: npt.NDArray[np.float32], parents: npt.NDArray[np.int32]) -> None:
+    """Put the largest nodes of a binary tree where they are best."""
+    boxes = nodes_of_two.reshape(-1, 8)
+    for _ in range(_ROUNDS):
+        x, y, z = (boxes[:, 4 + k] - boxes[:, k] for k in range(3))
+        areas = x * y + y * z + z * x
+        most = -(-len(areas) // _LARGEST)
+        large = np.flatnonzero(areas >= np.partition(areas, -most)[-most])
+        which = large[np.argsort(-areas[large], kind="stable")].astype(np.int32)
+        outputs = [_wrap(nodes_of_two), _wrap(parents)]
+        wp.launch(reinsert, dim=1, inputs=[_wrap(which)], outputs=outputs, device="cpu")
+
+
+def _gather(nodes_of_two: npt.NDArray[np.float32], triangles: int) -> tuple[int, int, npt.NDArray[np.float32]]:
+    """Return how many wide nodes a binary tree becomes, their levels, and their memory, which lacks boxes and corners.
+
+    There are no nodes where the binary tree is too tall.
+    """
+    nodes = spread(NODE_FLOATS * (triangles // 2 + 1), np.float32)
+    leaves = spread((CORNER_FLOATS + UNIT_FLOATS) * triangles, np.float32)
+    scratch = np.empty(3 * (len(nodes_of_two) // 8), np.int32)
+    counts = np.zeros(3, np.int32)
+    inputs = [_wrap(nodes_of_two), len(nodes_of_two) // 8, _wrap(scratch)]
+    wp.launch(widen, dim=1, inputs=inputs, outputs=[_wrap(a) for a in (nodes, leaves, counts)], device="cpu")
+    count, units, levels = (int(n) for n in counts)
+    memory = spread(NODE_FLOATS * count + UNIT_FLOATS * units + _BEHIND, np.float32)
+    if len(memory) // UNIT_FLOATS >= _MOST_UNITS:
+        raise InputError(f"a mesh of {triangles:,} triangles is too large: its tree must take less than 8 GiB; part it")
+    memory[: NODE_FLOATS * count] = nodes[: NODE_FLOATS * count]
+    memory[NODE_FLOATS * count : -_BEHIND] = leaves[: UNIT_FLOATS * units]
+    memory[-_BEHIND:] = 0.0
+    return count, levels, memory
 
 
 def _middle(corners: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -67,7 +67,7 @@ def make_shoot(sobol: bool, shoot_at: Any) -> Any:
     """Return the Warp function ``shoot(scene, camera, settings, pixel, instant, stream)``, from a random place."""
     uniform2 = make_sampler(sobol)
 
-    @wp.func
+    @wp.func(inline=True)
     def shoot(
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:

@@ -1,21 +1,13 @@
-// Finds the topology of a tree. counts: nodes, triangles, deepest level.
+// Divides triangles in two, and these again, down to single ones. counts: nodes (0: a list), triangles of a list.
+#include "build_vectors.h"
 #include "build_triangles.h"
-struct Box { v4 lower, upper; };
+#include "build_binary.h"
 struct Range { Box box, centres; int first, count; };
 struct Bin { Box box; int count; };
 struct Task { Range range; int node, depth; };
 const int bins = 16;
-const Box nothing = {v4(inf), v4(-inf)};
-const auto unite = [&](Box a, Box b) __attribute__((always_inline)) {
-    return Box{lesser(a.lower, b.lower), greater(a.upper, b.upper)};
-};
-const auto area = [](Box a) __attribute__((always_inline)) {
-    const v4 d = a.upper - a.lower;
-    return d.x * d.y + d.y * d.z + d.z * d.x;
-};
 const auto blocks = [](int count) __attribute__((always_inline)) { return (float)((count + 7) / 8); };
 Box* boxes = (Box*)scratch.data;
-const auto id = [](Box& a) __attribute__((always_inline)) -> int& { return ((int*)&a)[7]; };
 // The box of a triangle holds its number in the place of the fourth coordinate.
 const auto bare = [](Box a) __attribute__((always_inline)) { a.upper.w = 0.0f; return a; };
 const auto enlarge = [&](Range& range, Box a) __attribute__((always_inline)) {
@@ -31,20 +23,20 @@ for (int triangle = 0; triangle < indices.shape[0] / 3; ++triangle) {
     if (!usable(a, a) || !usable(b, b) || !usable(c, c)) continue;
     Box& slot = boxes[all.count++];
     slot = box;
-    id(slot) = triangle;
+    number(slot) = triangle;
     enlarge(all, box);
 }
 
 if (all.count && all.count <= LIST_TRIANGLES) {
     // The last block is filled with the last triangle.
     const int filled = (all.count + 7) / 8 * 8;
-    for (int i = 0; i < filled; ++i) order.data[i] = id(boxes[i < all.count ? i : all.count - 1]);
-    counts.data[0] = counts.data[2] = 0;
+    for (int i = 0; i < filled; ++i) parents.data[i] = number(boxes[i < all.count ? i : all.count - 1]);
+    counts.data[0] = 0;
     counts.data[1] = filled;
     return;
 }
 
-// Divides a range in two where a plane of bins is best, else in the middle of the order; returns the gain.
+// Divides a range in two where a plane of bins is best, else in the middle of the order.
 struct Plan { int axis, plane; float cost; };
 const auto plan = [&](const Range& range) {
     Plan best = {-1, 0, inf};
@@ -120,69 +112,34 @@ const auto part = [&](const Range& range, Plan at, Range& left, Range& right) {
     right.count = range.count - left.count;
 };
 
-int node_count = 1, deepest = 0;
-Task tasks[(CHILDREN - 1) * MAX_DEPTH + 1];
+Box* tree = (Box*)nodes_of_two.data;
+int* up = parents.data;
+int node_count = 1;
+Task tasks[TALLEST_GROWN + 2];
 int waiting = 0;
 tasks[waiting++] = Task{all, 0, 0};
+up[0] = -1;
 while (waiting) {
     const Task task = tasks[--waiting];
-    deepest = task.depth > deepest ? task.depth : deepest;
-    // So many triangles that equal parts a level will just do: from here on nothing else is allowed.
-    long long room = LEAF_TRIANGLES;
-    for (int d = task.depth + 1; d < MAX_DEPTH && room < (1ll << 40); ++d) room *= CHILDREN;
-    const bool balance = task.range.count > room;
-    Range children[CHILDREN];
-    int count = task.range.count ? 1 : 0;
-    children[0] = task.range;
-    while (count && count < CHILDREN) {
-        int worst = -1;
-        float most = -1.0f;
-        for (int i = 0; i < count; ++i) {
-            const float size = balance ? (float)children[i].count : area(children[i].box);
-            if (children[i].count > LEAF_TRIANGLES && size > most) {
-                most = size;
-                worst = i;
-            }
-        }
-        if (worst < 0) break;
-        const Range range = children[worst];
-        const Plan best = balance ? Plan{-1, 0, inf} : plan(range);
-        if (best.axis < 0) halve(range, children[worst], children[count]);
-        else part(range, best, children[worst], children[count]);
-        ++count;
+    const Range& range = task.range;
+    Box& node = tree[task.node];
+    node = range.box;
+    first_child(node) = 0;
+    if (range.count < 2) {
+        number(node) = range.count ? number(boxes[range.first]) : -1;
+        continue;
     }
-    // Leaves are parted further as long as there is room and it pays.
-    bool tried[CHILDREN] = {};
-    while (count && count < CHILDREN) {
-        int worst = -1;
-        float most = 0.0f;
-        for (int i = 0; i < count; ++i) {
-            if (!tried[i] && children[i].count > 1 && children[i].count <= LEAF_TRIANGLES
-                    && area(children[i].box) > most) {
-                most = area(children[i].box);
-                worst = i;
-            }
-        }
-        if (worst < 0) break;
-        tried[worst] = true;
-        const Range range = children[worst];
-        const Plan best = plan(range);
-        if (best.axis < 0 || best.cost >= area(range.box)) continue;
-        part(range, best, children[worst], children[count]);
-        tried[worst] = tried[count] = false;
-        ++count;
-    }
-    int* refs = (int*)(nodes.data + NODE_FLOATS * (long long)task.node + 6 * CHILDREN);
-    for (int i = 0; i < CHILDREN; ++i) {
-        if (i >= count) refs[i] = ~(8 * all.count);
-        else if (children[i].count <= LEAF_TRIANGLES) refs[i] = ~(8 * children[i].first + children[i].count - 1);
-        else {
-            refs[i] = NODE_FLOATS / 8 * node_count;
-            tasks[waiting++] = Task{children[i], node_count++, task.depth + 1};
-        }
+    // So many triangles that equal parts will just do: from here on nothing else is allowed.
+    const int levels = TALLEST_GROWN - task.depth;
+    const bool balance = levels < 31 && range.count > (1 << levels) / 2;
+    const Plan best = balance || range.count == 2 ? Plan{-1, 0, inf} : plan(range);
+    Range halves[2];
+    if (best.axis < 0) halve(range, halves[0], halves[1]);
+    else part(range, best, halves[0], halves[1]);
+    first_child(node) = node_count;
+    for (int i = 0; i < 2; ++i) {
+        up[node_count] = task.node;
+        tasks[waiting++] = Task{halves[i], node_count++, task.depth + 1};
     }
 }
-for (int i = 0; i < all.count; ++i) order.data[i] = id(boxes[i]);
 counts.data[0] = node_count;
-counts.data[1] = all.count;
-counts.data[2] = deepest + 1;

@@ -1,9 +1,4 @@
-// What both steps of building share: triangles and their boxes.
-typedef float v4 __attribute__((ext_vector_type(4)));
-typedef int i4 __attribute__((ext_vector_type(4)));
-const float inf = __builtin_inff();
-const auto lesser = [](v4 a, v4 b) __attribute__((always_inline)) { return a < b ? a : b; };
-const auto greater = [](v4 a, v4 b) __attribute__((always_inline)) { return a > b ? a : b; };
+// The triangles that a tree is built over.
 const auto corner = [&](int triangle, int i) __attribute__((always_inline)) {
     const float* p = &vertices.data[indices.data[3 * (long long)triangle + i]][0];
     return v4{p[0], p[1], p[2], 0.0f};

@@ -5,7 +5,7 @@ const float moment[3] = {start[1] * direction[2] - start[2] * direction[1],
     start[2] * direction[0] - start[0] * direction[2], start[0] * direction[1] - start[1] * direction[0]};
 const auto list = [&](int block, v8 end, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
     const auto row = [&](int i) __attribute__((always_inline)) {
-        return *(const v8*)(corners + BLOCK_FLOATS * block + 8 * i);
+        return *(const v8*)(memory + BLOCK_FLOATS * block + 8 * i);
     };
     const auto plus = [](v8 sum, float a, v8 b) __attribute__((always_inline)) {
         return __builtin_elementwise_fma(v8(a), b, sum);

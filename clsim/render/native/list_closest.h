@@ -24,7 +24,7 @@ if (blocks) {
     hit[0] = -1;
     if (nearest < far) {
         const int lane = __builtin_ctz(mask(order == lanes8(least))) & 7;
-        const int* row = (const int*)(corners + BLOCK_FLOATS * places[lane] + lane);
+        const int* row = (const int*)(memory + BLOCK_FLOATS * places[lane] + lane);
         hit[0] = row[8 * 9] - FIRST_NUMBER;
         hit[1] = least;
         hit[2] = __builtin_bit_cast(int, us[lane]);

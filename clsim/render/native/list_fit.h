@@ -3,7 +3,7 @@ const v4 from = {middle[0], middle[1], middle[2], 0.0f};
 for (int i = 0; count == 0 && i < order.shape[0]; ++i) {
     v4 p[3];
     const bool whole = load(order.data[i], p);
-    float* out = corners.data + BLOCK_FLOATS * (i / 8) + i % 8;
+    float* out = memory.data + BLOCK_FLOATS * (i / 8) + i % 8;
     for (int row = 0; row < ROWS; ++row) out[8 * row] = 0.0f;
     ((int*)out)[8 * 9] = FIRST_NUMBER + order.data[i];
     if (!whole) continue;

@@ -2,7 +2,7 @@
 // 2 says that there were no others.
 #include "tree_memory.h"
 int found = 0;
-const unsigned char* may_pass = (const unsigned char*)tree[6];
+const unsigned char* may_pass = (const unsigned char*)tree[5];
 const auto stops = [&](unsigned met, const int* numbers) __attribute__((always_inline)) {
     if (!MAY_PASS || !may_pass) return met != 0;
     for (; met; met &= met - 1) {
@@ -13,19 +13,20 @@ const auto stops = [&](unsigned met, const int* numbers) __attribute__((always_i
 };
 #include "list_any.h"
 #include "tree_search.h"
-int stack[STACK];
-int top = 0, child = 0;
+unsigned stack[STACK];
+int top = 0;
+unsigned child = 0;
 for (;;) {
-    if (child >= 0) {
-        const float* node = nodes + 8 * (long long)child;
-        const int* children = (const int*)(node + 6 * CHILDREN);
+    const int count = leaf_size(child);
+    const float* there = place(child);
+    if (!count) {
+        const unsigned* children = (const unsigned*)(there + 6 * CHILDREN);
         v16 enter;
-        for (unsigned met = boxes(node, enter); met; met &= met - 1) stack[top++] = children[__builtin_ctz(met)];
+        for (unsigned met = boxes(there, enter); met; met &= met - 1) stack[top++] = children[__builtin_ctz(met)];
     } else {
         v8 t, u, v;
-        const int first = ~child >> 3, count = (~child & 7) + 1;
-        const unsigned met = leaf(first, count, t, u, v);
-        if (stops(met, (const int*)(corners + CORNER_FLOATS * (long long)first) + 9 * count)) return 1;
+        const unsigned met = leaf(there, count, t, u, v);
+        if (stops(met, (const int*)there + 9 * count)) return 1;
     }
     if (top == 0) return found;
     child = stack[--top];

@@ -4,18 +4,20 @@
 #include "tree_search.h"
 // An entry is where the ray enters, as bits, which sort as the numbers do from 0 on, and below them the child.
 unsigned long long stack[STACK];
-int top = 0, child = 0, nearest_count = 0;
+int top = 0, nearest_count = 0;
+unsigned child = 0;
 const float* nearest = nullptr;
 float nearest_u = 0.0f, nearest_v = 0.0f;
 for (;;) {
-    if (child >= 0) {
-        const float* node = nodes + 8 * (long long)child;
-        const unsigned* children = (const unsigned*)(node + 6 * CHILDREN);
+    const int count = leaf_size(child);
+    const float* there = place(child);
+    if (!count) {
+        const unsigned* children = (const unsigned*)(there + 6 * CHILDREN);
         alignas(v16) unsigned enter[CHILDREN];
-        unsigned met = boxes(node, *(v16*)enter);
+        unsigned met = boxes(there, *(v16*)enter);
         if (met) {
             const auto entry = [&](int i) __attribute__((always_inline)) {
-                fetch((int)children[i]);
+                fetch(children[i]);
                 return (unsigned long long)enter[i] << 32 | children[i];
             };
             unsigned long long first = entry(__builtin_ctz(met));
@@ -30,18 +32,17 @@ for (;;) {
                 for (; at > base && stack[at - 1] < later; --at) stack[at] = stack[at - 1];
                 stack[at] = later;
             }
-            child = (int)first;
+            child = (unsigned)first;
             continue;
         }
     } else {
-        const int first = ~child >> 3, count = (~child & 7) + 1;
         alignas(32) float t[8], u[8], v[8];
-        unsigned met = leaf(first, count, *(v8*)t, *(v8*)u, *(v8*)v);
+        unsigned met = leaf(there, count, *(v8*)t, *(v8*)u, *(v8*)v);
         for (; met; met &= met - 1) {
             const int i = __builtin_ctz(met);
             if (t[i] < far) {
                 far = t[i];
-                nearest = corners + CORNER_FLOATS * (long long)first + i;
+                nearest = there + i;
                 nearest_count = count;
                 nearest_u = u[i];
                 nearest_v = v[i];
@@ -83,5 +84,5 @@ for (;;) {
         }
         --top;
     } while ((unsigned)(stack[top] >> 32) > far_bits);
-    child = (int)stack[top];
+    child = (unsigned)stack[top];
 }

@@ -1,6 +1,6 @@
-// What both searches, and those of lists, share. A child that is not negative is a node, in units of 32 bytes; of a
-// negative one the complement is a leaf: eight times the first triangle, plus the number of triangles less one. A missing
-// child is the leaf behind the last, without extent: a ray of NaN may go there, and must find memory.
+// What both searches, and those of lists, share. A child is where its memory begins, in units of 32 bytes, times 16, plus
+// how many triangles it has if it is a leaf, else 0. A missing child is the leaf behind the last, without extent: a ray of
+// NaN may go there, and must find memory.
 // Casts are C's, because Warp defines int(x) and float(x) as macros.
 typedef float v8 __attribute__((ext_vector_type(8)));
 typedef float unaligned8 __attribute__((ext_vector_type(8), aligned(4)));
@@ -12,13 +12,12 @@ typedef int lanes16 __attribute__((ext_vector_type(CHILDREN)));
 typedef bool bits16 __attribute__((ext_vector_type(CHILDREN)));
 
 const unsigned long long* tree = (const unsigned long long*)handle;
-const float* nodes = (const float*)tree[0];
-const float* corners = (const float*)tree[1];
-const float extent = *(const float*)&tree[2];
-const int blocks = (int)tree[3];
-const float* middle = (const float*)&tree[4];
-const char* rows = (const char*)tree[7];
-const long long row_bytes = (long long)tree[8];
+const float* memory = (const float*)tree[0];
+const float extent = *(const float*)&tree[1];
+const int blocks = (int)tree[2];
+const float* middle = (const float*)&tree[3];
+const char* rows = (const char*)tree[6];
+const long long row_bytes = (long long)tree[7];
 
 const auto lesser = [](auto a, auto b) __attribute__((always_inline)) { return a < b ? a : b; };
 const auto greater = [](auto a, auto b) __attribute__((always_inline)) { return a > b ? a : b; };

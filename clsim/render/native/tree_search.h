@@ -36,8 +36,13 @@ const auto boxes = [&](const float* node, v16& enter) __attribute__((always_inli
     const lanes16 met = enter <= lesser(lesser(x1, y1), lesser(z1, v16(far)));
     return (unsigned)__builtin_bit_cast(unsigned short, __builtin_convertvector(met, bits16));
 };
-const auto fetch = [&](int child) __attribute__((always_inline)) {
-    const float* p = child >= 0 ? nodes + 8 * (long long)child : corners + CORNER_FLOATS * (long long)(~child >> 3);
+// The triangles of a leaf; 0 for a node.
+const auto leaf_size = [](unsigned child) __attribute__((always_inline)) { return (int)(child & 15u); };
+const auto place = [&](unsigned child) __attribute__((always_inline)) {
+    return (const float*)((const char*)memory + 2 * (unsigned long long)(child & ~15u));
+};
+const auto fetch = [&](unsigned child) __attribute__((always_inline)) {
+    const float* p = place(child);
     // As long as a node; a leaf is shorter.
     for (int line = 0; line < NODE_FLOATS / 16; ++line) __builtin_prefetch(p + 16 * line);
 };
@@ -58,8 +63,7 @@ const auto behind = [&](const float* triangle, int count) __attribute__((always_
     return way * along < t_min * along * along;
 };
 // Triangles of a leaf that the ray meets between t_min and far, where, and the weights of vertices 0 and 1.
-const auto leaf = [&](int first, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
-    const float* block = corners + CORNER_FLOATS * (long long)first;
+const auto leaf = [&](const float* block, int count, v8& t, v8& u, v8& v) __attribute__((always_inline)) {
     const int corner = 3 * count;
     const auto row = [&](int i, int k) __attribute__((always_inline)) {
         return v8(*(const unaligned8*)(block + k * count + i * corner)) - v8(origin[k]);
