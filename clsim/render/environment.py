@@ -134,13 +134,19 @@ def _within(parts: _Parts, left: float) -> wp.vec2:
     for k in range(SIDE):
         whole += parts[k]
     place = left * float(whole)
-    drawn = wp.vec2(0.0, 0.5)
+    # Without branches: one division, of what was found last.
+    drawn = int(0)
+    first = int(0)
+    part = int(0)
     before = int(0)
     for k in range(SIDE):
-        if parts[k] > 0 and place >= float(before):
-            drawn = wp.vec2(float(k), wp.min((place - float(before)) / float(parts[k]), 1.0))
+        found = parts[k] > 0 and place >= float(before)
+        drawn = wp.where(found, k, drawn)
+        first = wp.where(found, before, first)
+        part = wp.where(found, parts[k], part)
         before += parts[k]
-    return drawn
+    inside = wp.where(part > 0, wp.min((place - float(first)) / float(wp.max(part, 1)), 1.0), 0.5)
+    return wp.vec2(float(drawn), inside)
 
 
 @wp.func_native(native_code("prefetch.h"))
@@ -191,4 +197,5 @@ def sample_environment(image: EnvironmentImage, random: wp.vec2) -> wp.vec3:
     v = (top + (bottom - top) * down[1]) / float(height)
     polar = around(0.5 * v)
     azimuth = around(u)
-    return wp.normalize(image.to_world * wp.vec3(polar[1] * azimuth[1], polar[0], -polar[1] * azimuth[0]))
+    # Its length is 1 to 1e-6 already.
+    return image.to_world * wp.vec3(polar[1] * azimuth[1], polar[0], -polar[1] * azimuth[0])
