@@ -196,10 +196,9 @@ NOTES = """
   it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
 - `veach_mi` differs by ten pixels on the edges of its smallest lamp, of a radius of .03 and a radiance of 900. Without
   those brighter than 5, that is without one pixel in 200, the ratio is 1.0006.
-- In some rooms rendering takes longer than Mitsuba's. By `python -m tools.peers.throughput FILE`, in which both take
-  turns (32 paths, the median of three pictures, others used the machine): as long in `living-room`, 1.23 times in
-  `staircase`, for pictures whose noise is .334 and .311 of the mean, Mitsuba's .318 and .333. In `spaceship` it is
-  2.2 times. Some of the table's times are from before.
+- Rendering takes as long as Mitsuba's in `living-room` and `staircase`: .93 and .97 of its time, by
+  `python -m tools.peers.throughput FILE`, in which both take turns (32 paths, an AMD EPYC). Noise is .334 and .311 of
+  the mean, Mitsuba's .318 and .333. In `spaceship` it was 2.2 times as long. The table's times are older, and longer.
 - `bsdf_normalmap_with`: Mitsuba 3 darkens what a normal map bends away from the surface (Estevez et al., "A
   Microfacet-Based Shadowing Function", 2019). With its `use_shadowing_function` off it is nearer by .0025, and what
   is left, .001 to .003, the same test ball has with other materials too.
