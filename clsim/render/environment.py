@@ -14,7 +14,7 @@ and where to look in a cumulative distribution is guessed by a table, as good as
 import warp as wp
 
 from clsim.render.native import native_code
-from clsim.render.sampling import around
+from clsim.render.sampling import angle_of, around
 
 STEPS = 1 << 24
 """Cumulative tables hold multiples of 1 / STEPS, as random numbers do, so that probabilities are exact."""
@@ -116,10 +116,9 @@ def environment_towards(image: EnvironmentImage, direction: wp.vec3) -> Environm
     """Return what comes from a unit direction."""
     local = wp.transpose(image.to_world) * direction
     sin_theta = wp.sqrt(local[0] * local[0] + local[2] * local[2])
-    u = wp.atan2(local[0], -local[2]) / (2.0 * wp.pi)
-    if u < 0.0:
-        u = u + 1.0
-    v = wp.atan2(sin_theta, local[1]) / wp.pi
+    u = angle_of(wp.abs(local[0]), -local[2]) / (2.0 * wp.pi)
+    u = wp.where(local[0] < 0.0, 1.0 - u, u)
+    v = angle_of(sin_theta, local[1]) / wp.pi
     height = image.radiance.shape[0]
     width = image.radiance.shape[1]
     column = (wp.int32(wp.floor(u * float(width) - 0.5)) + width) % width

@@ -21,6 +21,7 @@ from clsim.render.film import Sample
 from clsim.render.geometry import Geometry, make_sphere_at
 from clsim.render.lights import Lights, sphere_cone
 from clsim.render.lights_punctual import make_punctual
+from clsim.render.sampling import angle_of
 from clsim.render.things import Thing
 
 _SMALL = wp.constant(1.0e-4)
@@ -85,7 +86,7 @@ def _edge(a: wp.vec3, b: wp.vec3, normal: wp.vec3) -> float:
     sine = wp.length(across)
     found = float(0.0)
     if sine > 0.0:
-        found = wp.atan2(sine, wp.dot(a, b)) * wp.dot(across, normal) / sine
+        found = angle_of(sine, wp.dot(a, b)) * wp.dot(across, normal) / sine
     return found
 
 

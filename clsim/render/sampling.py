@@ -135,6 +135,25 @@ def around(u: float) -> wp.vec2:
 
 
 @wp.func
+def angle_of(sine: float, cosine: float) -> float:
+    """Return the angle, 0 to π, whose sine and cosine have the ratio of these two, good to 3e-7; ``sine`` is at least 0.
+
+    The polynomial is that of Cephes' ``atanf`` (Moshier 1989).
+    """
+    across = wp.abs(cosine)
+    low = wp.min(sine, across)
+    high = wp.max(sine, across)
+    # Beyond an eighth of π from the nearest axis, by the angle to the diagonal.
+    diagonal = low > 0.41421356 * high
+    x = wp.where(diagonal, low - high, low) / wp.max(wp.where(diagonal, low + high, high), 1.0e-38)
+    x2 = x * x
+    found = x + x * x2 * (-0.333329491539 + x2 * (0.199777106478 + x2 * (-0.138776856032 + x2 * 0.0805374449538)))
+    found = found + wp.where(diagonal, 0.25 * wp.pi, 0.0)
+    found = wp.where(sine > across, 0.5 * wp.pi - found, found)
+    return wp.where(cosine < 0.0, wp.pi - found, found)
+
+
+@wp.func
 def cosine_hemisphere(n: wp.vec3, u: wp.vec2) -> wp.vec3:
     """Return a unit direction about ``n`` with density cos θ / π per steradian (Malley's method)."""
     radius = wp.sqrt(u[0])

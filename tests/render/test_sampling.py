@@ -45,6 +45,12 @@ def turn(turns: wp.array(dtype=float), out: wp.array(dtype=wp.vec2)):
     out[i] = sampling.around(turns[i])
 
 
+@wp.kernel(module="unique", enable_backward=False)
+def turn_back(sides: wp.array(dtype=wp.vec2), out: wp.array(dtype=float)):
+    i = wp.tid()
+    out[i] = sampling.angle_of(sides[i][1], sides[i][0])
+
+
 @pytest.fixture(scope="module")
 def streams():
     """Words and pairs ``[seed, pixel, sample, dimension]``."""
@@ -120,3 +126,19 @@ def test_cosine_and_sine_of_turns():
     angles = 2 * np.pi * turns.astype(np.float64)
     np.testing.assert_allclose(out.numpy(), np.stack([np.cos(angles), np.sin(angles)], axis=1), atol=1.5e-7, rtol=0)
     np.testing.assert_allclose(out.numpy()[-len(small) :, 1], angles[-len(small) :], rtol=3e-5)
+
+
+def test_angles_of_sines_and_cosines():
+    """Against float64, on axes and diagonals and next to them, at any length; small angles keep their relative error."""
+    angles = np.concatenate([np.linspace(0, np.pi, 100_001), np.arange(9) * np.pi / 8 * (1 - 1e-7)])
+    lengths = np.resize([1.0, 1e-12, 3e7], len(angles))
+    sides = (np.stack([np.cos(angles), np.abs(np.sin(angles))], axis=1) * lengths[:, None]).astype(np.float32)
+    small = np.float32(10.0) ** -np.arange(1, 30, dtype=np.float32)
+    sides = np.concatenate([sides, np.stack([np.ones_like(small), small], axis=1), [(0, 0), (1, 0), (-1, 0), (0, 1)]])
+    start_warp()
+    out = wp.zeros(len(sides), dtype=float, device="cpu")
+    wp.launch(turn_back, len(sides), inputs=[wp.array(sides, dtype=wp.vec2, device="cpu")], outputs=[out], device="cpu")
+    expected = np.arctan2(sides[:, 1].astype(np.float64), sides[:, 0].astype(np.float64))
+    np.testing.assert_allclose(out.numpy(), expected, atol=3e-7, rtol=0)
+    tiny = slice(-len(small) - 4, -4)
+    np.testing.assert_allclose(out.numpy()[tiny], expected[tiny], rtol=3e-7)
