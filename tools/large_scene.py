@@ -91,6 +91,7 @@ def measure(scene: Path) -> dict[str, float]:
 def main(triangles: str, folder: str) -> None:
     """Write the scene, measure."""
     place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
     write_field(place / "field.ply", int(triangles))
     (place / "field.toml").write_text(SCENE)
     print(json.dumps({"file_bytes": (place / "field.ply").stat().st_size, **measure(place / "field.toml")}, indent=1))

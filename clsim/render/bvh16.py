@@ -59,10 +59,11 @@ class Bvh16:
         else:
             triangles = len(indices) // 3
             _improve(nodes_of_two, parents)
-            self._count, self.levels, self._memory = _gather(nodes_of_two, triangles)
-            if not self._count:  # improved too far, which takes a mesh made for it
-                self._count, self.levels, self._memory = _gather(self._grow(vertices)[1], triangles)
-        del nodes_of_two, parents
+            self.levels, nodes, leaves = _widen(nodes_of_two, triangles)
+            if not self.levels:  # improved too far, which takes a mesh made for it
+                self.levels, nodes, leaves = _widen(self._grow(vertices)[1], triangles)
+            del nodes_of_two, parents
+            self._count, self._memory = len(nodes) // NODE_FLOATS, _join(nodes, leaves)
         # Memory, extent, blocks, three floats: from where the coordinates of a list's edges count, what may let rays
         # pass, rows and the bytes of one.
         self._header = np.zeros(8, np.uint64)
@@ -121,10 +122,12 @@ def _improve(nodes_of_two: npt.NDArray[np.float32], parents: npt.NDArray[np.int3
         wp.launch(reinsert, dim=1, inputs=[_wrap(which)], outputs=outputs, device="cpu")
 
 
-def _gather(nodes_of_two: npt.NDArray[np.float32], triangles: int) -> tuple[int, int, npt.NDArray[np.float32]]:
-    """Return how many wide nodes a binary tree becomes, their levels, and their memory, which lacks boxes and corners.
+def _widen(
+    nodes_of_two: npt.NDArray[np.float32], triangles: int
+) -> tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+    """Return the levels of the wide tree that a binary one becomes, its nodes without boxes, leaves without corners.
 
-    There are no nodes where the binary tree is too tall.
+    There are no levels where the binary tree is too tall.
     """
     nodes = spread(NODE_FLOATS * (triangles // 2 + 1), np.float32)
     leaves = spread((CORNER_FLOATS + UNIT_FLOATS) * triangles, np.float32)
@@ -133,13 +136,18 @@ def _gather(nodes_of_two: npt.NDArray[np.float32], triangles: int) -> tuple[int,
     inputs = [_wrap(nodes_of_two), len(nodes_of_two) // 8, _wrap(scratch)]
     wp.launch(widen, dim=1, inputs=inputs, outputs=[_wrap(a) for a in (nodes, leaves, counts)], device="cpu")
     count, units, levels = (int(n) for n in counts)
-    memory = spread(NODE_FLOATS * count + UNIT_FLOATS * units + _BEHIND, np.float32)
-    if len(memory) // UNIT_FLOATS >= _MOST_UNITS:
+    if NODE_FLOATS // UNIT_FLOATS * count + units + _BEHIND >= _MOST_UNITS:
         raise InputError(f"a mesh of {triangles:,} triangles is too large: its tree must take less than 8 GiB; part it")
-    memory[: NODE_FLOATS * count] = nodes[: NODE_FLOATS * count]
-    memory[NODE_FLOATS * count : -_BEHIND] = leaves[: UNIT_FLOATS * units]
+    return levels if count else 0, nodes[: NODE_FLOATS * count], leaves[: UNIT_FLOATS * units]
+
+
+def _join(nodes: npt.NDArray[np.float32], leaves: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Return the memory of a tree, in which leaves come behind the nodes."""
+    memory = spread(len(nodes) + len(leaves) + _BEHIND, np.float32)
+    memory[: len(nodes)] = nodes
+    memory[len(nodes) : -_BEHIND] = leaves
     memory[-_BEHIND:] = 0.0
-    return count, levels, memory
+    return memory
 
 
 def _middle(corners: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -136,7 +136,7 @@ def around(u: float) -> wp.vec2:
 
 @wp.func
 def angle_of(sine: float, cosine: float) -> float:
-    """Return the angle, 0 to π, whose sine and cosine have the ratio of these two, good to 3e-7; ``sine`` is at least 0.
+    """Return the angle, 0 to π, of whose sine and cosine the ratio is told, to 3e-7; ``sine`` is at least 0.
 
     The polynomial is that of Cephes' ``atanf`` (Moshier 1989).
     """

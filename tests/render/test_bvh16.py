@@ -315,7 +315,7 @@ def test_depth_is_bounded_whatever_the_mesh():
 
 
 def slivers(things, n=30):
-    """Vertices of things of n small triangles each, and of as many long thin ones as things, which planes sort badly."""
+    """Vertices of things of n small triangles each, and of as many long thin ones, which planes sort badly."""
     rng = np.random.default_rng(3)
     centres = rng.uniform(-1, 1, (things, 1, 1, 3))
     small = centres + rng.normal(scale=0.03, size=(things, n, 3, 3))
@@ -378,8 +378,8 @@ def chain(count):
 
 @pytest.mark.parametrize(("taller", "levels"), [(-1, MAX_DEPTH), (0, MAX_DEPTH), (1, 0)])
 def test_a_tall_tree_becomes_one_of_few_levels_or_none(taller, levels):
-    count, told, _ = bvh16._gather(chain(TALLEST + 1 + taller), TALLEST + 1 + taller)
-    assert (count > 0) == (levels > 0)
+    told, nodes, _ = bvh16._widen(chain(TALLEST + 1 + taller), TALLEST + 1 + taller)
+    assert (len(nodes) > 0) == (told > 0) == (levels > 0)
     assert told <= levels
 
 

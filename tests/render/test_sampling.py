@@ -129,7 +129,7 @@ def test_cosine_and_sine_of_turns():
 
 
 def test_angles_of_sines_and_cosines():
-    """Against float64, on axes and diagonals and next to them, at any length; small angles keep their relative error."""
+    """Against float64, on axes, diagonals and next to them, at any length; small angles keep their relative error."""
     angles = np.concatenate([np.linspace(0, np.pi, 100_001), np.arange(9) * np.pi / 8 * (1 - 1e-7)])
     lengths = np.resize([1.0, 1e-12, 3e7], len(angles))
     sides = (np.stack([np.cos(angles), np.abs(np.sin(angles))], axis=1) * lengths[:, None]).astype(np.float32)
