@@ -76,8 +76,8 @@ while (waiting) {
     }
     unsigned* refs = (unsigned*)(nodes.data + NODE_FLOATS * (long long)task.node + 6 * CHILDREN);
     for (int i = 0; i < CHILDREN; ++i) {
-        const int size = i < count ? under[children[i]] : 1;
-        if (i >= count) refs[i] = MISSING;
+        const int size = i < count ? under[children[i]] : 0;
+        if (!size) refs[i] = MISSING;
         else if (size > LEAF_TRIANGLES) {
             refs[i] = (unsigned)(NODE_FLOATS / UNIT_FLOATS * node_count) << 4;
             tasks[waiting++] = Task{children[i], node_count++, task.depth + 1};
