@@ -254,9 +254,9 @@ A value such as `$spp` for which a file has no default is given after its name, 
 ## Large scenes
 
 Objects that stand still are one mesh, copies and all; those that move share the triangles of their file. A height field
-of 10 million triangles takes 2.1 GB at its peak, 212 bytes a triangle. Until its first event it takes 25 processor
-seconds, 6 of them for reading. Then it has .79 million paths a processor second, of at most 8 edges (8 paths a pixel,
-96×72). One million triangles take .53 GB and 3 s, and have 1.19 million paths a second. `python -m tools.large_scene
+of 10 million triangles takes 2.7 GB at its peak, 268 bytes a triangle. Until its first event it takes 18 processor
+seconds, 3 of them for reading. Then it has .96 million paths a processor second, of at most 8 edges (8 paths a pixel,
+96×72). One million triangles take .61 GB and 2.6 s, and have 1.3 million paths a second. `python -m tools.large_scene
 10000000 FOLDER` measures this.
 
 ## Materials of other programs
