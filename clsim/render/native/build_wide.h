@@ -95,7 +95,11 @@ while (waiting) {
                     stack[top++] = first;
                 } else if (number(at) >= 0) *numbers++ = FIRST_NUMBER + number(at);
             }
-            placed += (CORNER_FLOATS * size + UNIT_FLOATS - 1) / UNIT_FLOATS;
+            const int units = (CORNER_FLOATS * size + UNIT_FLOATS - 1) / UNIT_FLOATS;
+            // A leaf is read wider than it is: what lies behind it is the same in each build.
+            float* leaf = leaves.data + UNIT_FLOATS * placed;
+            for (int i = CORNER_FLOATS * size; i < UNIT_FLOATS * units; ++i) leaf[i] = 0.0f;
+            placed += units;
         }
     }
 }
