@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +14,10 @@ from clsim.scene.motion import Keyframes, Quaternion, Static, compose, euler_qua
 from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
 
 F64 = npt.NDArray[np.float64]
+I64 = npt.NDArray[np.int64]
 
 MAX_TRIANGLES = 300_000
-"""Larger scenes are not looked into: it would take more than 3 s."""
+"""Larger scenes are not looked into: it would take more than a second."""
 ENCLOSED = 0.9
 """Share of the directions in which a wall's front must be seen for a place to be in a room."""
 BARE = 0.5
@@ -26,6 +28,8 @@ _RAYS = 48
 _PARALLEL, _SQUARE, _SAME_PLANE = 0.999, 0.05, 0.01
 """Cosines between planes that are parallel, at least, and at right angles, at most; how far apart, in diagonals of the
 box, the same plane may seem."""
+_SLACK = 1e-5
+"""Of boxes in single precision, for rounding, in diagonals of all."""
 _HEIGHTS = (0.4, 0.6)
 _PLACES = (0.3, 0.5, 0.7)
 """Where to stand, in shares of the box around everything."""
@@ -53,14 +57,10 @@ def stand_inside(
         return None
     faces = _Faces(np.concatenate([_corners(meshes[instance.mesh], instance) for instance in instances]))
     low = np.asarray(center) - size / 2
-    best, roomiest = None, 0.0
-    for up in _HEIGHTS:
-        for right in _PLACES:
-            for ahead in _PLACES:
-                place = low + size * (right, up, ahead)
-                if room_m := faces.room_m(place, roomiest):
-                    best, roomiest = place, room_m
-    if best is None:
+    places = [low + size * (right, up, ahead) for up in _HEIGHTS for right in _PLACES for ahead in _PLACES]
+    rooms_m = faces.rooms_m(places)
+    roomiest, best = max(rooms_m), places[int(np.argmax(rooms_m))]
+    if roomiest == 0.0:
         return None
     above = best + np.array([0.0, _LAMP_UP * roomiest, 0.0])
     lamp = SphereLight(_LAMP * roomiest, _LAMP_RADIANCE, Static(compose(above, np.eye(3))), "lamp")
@@ -73,43 +73,77 @@ def _corners(mesh: Mesh, instance: Instance) -> F64:
     return np.asarray(points[mesh.triangles])
 
 
+@dataclass
+class _Seen:
+    """What rays from a place have seen: fronts of faces, how far away, how often nothing of the kind, and what is bare."""
+
+    fronts: list[int] = field(default_factory=list)
+    fronts_m: list[float] = field(default_factory=list)
+    misses: int = 0
+    bare: int = 0
+    nearest_m: float = math.inf
+
+
 class _Faces:
     """Triangles, and how far one sees among them."""
 
     def __init__(self, corners: F64) -> None:
         """Take the corners ``[n, 3, 3]``."""
-        self._start = corners[:, 0]
-        self._edges = corners[:, 1] - self._start, corners[:, 2] - self._start
+        self._corners = corners
+        self._edges = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         self._normals = np.cross(*self._edges)
-        self._size = np.ptp(corners.reshape(-1, 3), axis=0)
+        points = corners.reshape(-1, 3)
+        self._size, self._middle = np.ptp(points, axis=0), points.mean(axis=0)
+        self._rough = [np.ascontiguousarray((corners[:, k] - self._middle).T, np.float32) for k in range(3)]
 
-    def room_m(self, place: F64, least_m: float) -> float:
-        """Return the distance of the nearest face around a place; 0 where it is in no room, or ``least_m`` or less.
+    def rooms_m(self, places: Sequence[F64]) -> list[float]:
+        """Return for each place the distance of the nearest face around it; 0 where it is in no room.
 
-        Möller and Trumbore, JGT 1997, with the products of three written so that each ray takes three of two.
+        Rays go from all places in the same directions. Along each, the faces are boxes in the plane across it, and few
+        of them hold a place.
         """
-        away = self._start - place
-        across, along = np.cross(away, self._edges[1]), np.cross(self._edges[0], away)
-        heights = np.einsum("ij,ij->i", self._edges[1], along)
-        nearest_m, seen_m, seen, bare = math.inf, [], [], 0
-        for k, ray in enumerate(_directions(_RAYS)):
-            facing = self._normals @ ray
-            with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-                u, v, t = -(across @ ray) / facing, -(along @ ray) / facing, -heights / facing
-                hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0))
-            if len(hits):
-                first, last = hits[np.argmin(t[hits])], hits[np.argmax(t[hits])]
-                nearest_m = min(nearest_m, float(t[first]))
-                if facing[first] < 0:
-                    seen_m.append(t[first])
-                    seen.append(first)
-                    bare += bool(facing[last] < 0)
-            if k + 1 - len(seen) > (1 - ENCLOSED) * _RAYS or nearest_m <= least_m:
-                return 0.0
-        single = bare >= BARE * _RAYS
-        return nearest_m if single or self._is_flat_and_spacious(np.array(seen), np.array(seen_m), away) else 0.0
+        seen = [_Seen() for _ in places]
+        slack = np.float32(_SLACK * np.linalg.norm(self._size))
+        for ray in _directions(_RAYS):
+            across = np.linalg.svd(ray[None])[2][1:]
+            a, b, c = (across.astype(np.float32) @ each for each in self._rough)
+            low, high = np.minimum(np.minimum(a, b), c) - slack, np.maximum(np.maximum(a, b), c) + slack
+            for place, sight in zip(places, seen, strict=True):
+                if sight.misses <= (1 - ENCLOSED) * _RAYS:
+                    right, up = (across @ (place - self._middle)).astype(np.float32)
+                    beside = np.flatnonzero((low[0] <= right) & (high[0] >= right))
+                    tried = beside[(low[1, beside] <= up) & (high[1, beside] >= up)]
+                    self._look(place, ray, tried, sight)
+        return [self._room_m(place, sight) for place, sight in zip(places, seen, strict=True)]
 
-    def _is_flat_and_spacious(self, seen: npt.NDArray[np.int64], seen_m: F64, away: F64) -> bool:
+    def _look(self, place: F64, ray: F64, tried: I64, sight: _Seen) -> None:
+        """Add what a ray sees of the faces that are tried (Möller and Trumbore, JGT 1997)."""
+        away = self._corners[tried, 0] - place
+        facing = self._normals[tried] @ ray
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            u = -(np.cross(away, self._edges[1][tried]) @ ray) / facing
+            v = -(np.cross(self._edges[0][tried], away) @ ray) / facing
+            t = np.einsum("ij,ij->i", self._normals[tried], away) / facing
+            hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0))
+        sight.misses += 1
+        if len(hits):
+            first, last = hits[np.argmin(t[hits])], hits[np.argmax(t[hits])]
+            sight.nearest_m = min(sight.nearest_m, float(t[first]))
+            if facing[first] < 0:
+                sight.misses -= 1
+                sight.fronts.append(int(tried[first]))
+                sight.fronts_m.append(float(t[first]))
+                sight.bare += bool(facing[last] < 0)
+
+    def _room_m(self, place: F64, sight: _Seen) -> float:
+        if sight.misses > (1 - ENCLOSED) * _RAYS:
+            return 0.0
+        single = sight.bare >= BARE * _RAYS
+        fronts, away = np.array(sight.fronts), self._corners[:, 0] - place
+        flat = single or self._is_flat_and_spacious(fronts, np.array(sight.fronts_m), away)
+        return sight.nearest_m if flat else 0.0
+
+    def _is_flat_and_spacious(self, seen: I64, seen_m: F64, away: F64) -> bool:
         """Return whether what is seen is mostly a box's six planes, and fills much of the box around everything."""
         space = 4 / 3 * math.pi * float((seen_m**3).sum()) / _RAYS
         normals = self._normals[seen] / np.linalg.norm(self._normals[seen], axis=1, keepdims=True)
