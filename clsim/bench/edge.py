@@ -157,7 +157,8 @@ def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "fi
     else:
         point = named_points(seed, Light.of(world, fps))[quality]
         config = point.detector.config(world.sensor)
-        run = run_point(world, point.rendering.options(fps, scene.frames), config, choose_device(), lambda: None)
+        options = point.options(fps, scene.frames, world.sensor)
+        run = run_point(world, options, config, choose_device(), lambda: None)
         found, cpu_s = run.events, run.cpu_s
     truth = edge.events(camera.width, camera.height, (scene.frames - 1) / fps, world.sensor.threshold_on)
     window_us = round(1e6 * max(1 / fps, 1 / edge.speed_px_s))

@@ -175,9 +175,13 @@ class Sweep:
             )
         return found
 
+    def render_options(self, point: Point) -> RenderOptions:
+        """Return how a point's frames are rendered."""
+        return point.options(self.fps, self.frames, self.world.sensor)
+
     def start(self, point: Point) -> None:
         """Load the kernels that a point needs, unless they are: it is no part of its cost."""
-        options, config = point.rendering.options(self.fps, self.frames), point.detector.config(self.world.sensor)
+        options, config = self.render_options(point), point.detector.config(self.world.sensor)
         rendering, detecting = self.start_keys(point)
         if rendering not in self.starts or detecting not in self.starts:
             self.tell("loading kernels")
@@ -188,13 +192,13 @@ class Sweep:
 
     def start_keys(self, point: Point) -> tuple[Any, Any]:
         """Return what the kernels of rendering, and those of detection, depend on."""
-        features = point.rendering.options(self.fps, self.frames).features_of(self.world)
+        features = self.render_options(point).features_of(self.world)
         return features, (point.detector, features.first_hits)
 
     def measure(self, point: Point, reference: Reference) -> None:
         """Render and detect, score the events and store the figures."""
         self.start(point)
-        options, config = point.rendering.options(self.fps, self.frames), point.detector.config(self.world.sensor)
+        options, config = self.render_options(point), point.detector.config(self.world.sensor)
         on_frame = partial(self.tell, point.label, point.rendering.spp + _DETECTION_PATHS)
         done = run_point(self.world, options, config, self.device, on_frame)
         starting = [self.loading, *(self.starts[key] for key in self.start_keys(point))]

@@ -134,6 +134,11 @@ class Point:
         """A short name, such as ``8 spp common, radiance K13``."""
         return f"{self.rendering.label}, {self.detector.label}"
 
+    def options(self, fps: float, frames: int, sensor: Sensor) -> RenderOptions:
+        """Return the renderer's options for so many frames, which an ideal sensor sees."""
+        options = self.rendering.options(fps, frames)
+        return replace(options, fires_at=self.detector.config(sensor).fires_at) if options.light_cache else options
+
     def as_dict(self) -> dict[str, Any]:
         """Return all values by name, as they stand in the results."""
         return asdict(self.rendering) | asdict(self.detector)

@@ -125,6 +125,12 @@ class DetectorConfig:
     """Planes to regress on besides pixel x and y; None takes what the frames have."""
     precision: Precision = "float32"
 
+    @property
+    def fires_at(self) -> tuple[float, float] | None:
+        """Contrast thresholds of ON and OFF events, if a pixel fires at each that its own log brightness crosses."""
+        crosses = self.method == "esim" and self.response == "ln" and self.event_rule != "frame"
+        return (self.threshold_on, self.threshold_off) if crosses else None
+
     def __post_init__(self) -> None:
         """Refuse values outside their range; see InputError for how messages name fields."""
         read_fields(self)

@@ -179,6 +179,8 @@ def plan_stages(
             f"`sampling` cached needs a scene in which nothing but the camera moves and no light changes, but in "
             f"{world.name} more does; use adaptive"
         )
+    detector = _detector_config(options, world)
+    ideal = options.sensor is None or options.sensor.is_ideal
     render = RenderOptions(
         spp=point.spp,
         probe_spp=point.probe_spp if point.sampling != "uniform" else None,
@@ -187,6 +189,7 @@ def plan_stages(
         light_cache=point.sampling == "cached",
         in_turn=point.sampling == "in-turn",
         light_hz=None if options.time == "fixed" else BASE_FPS,
+        fires_at=detector.fires_at if ideal and point.sampling == "cached" and options.time == "fixed" else None,
         fps=fps,
         seed=options.seed,
         noise=point.noise,
@@ -199,7 +202,6 @@ def plan_stages(
         device=options.render_device,
     )
     check_device(options.render_device)
-    detector = _detector_config(options, world)
     planes = rendered_planes(first_hit_rays=point.first_hit_rays > 0, truth=render.truth).names
     size = world.camera.width, world.camera.height
     specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)

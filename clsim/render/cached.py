@@ -21,6 +21,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire, level_of, look_closer
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.light_cache import Asked, Cell, Kept, look_up
@@ -37,14 +38,9 @@ _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(8.0)
 """Change of log luminance that a frame may learn: what seemed black, as no path had found light, may be bright."""
-_THINGS = wp.constant(THINGS)
-_RAYS_IN_A_CROWD = wp.constant(4)
-"""Times as many rays look at a pixel that shows all the things that are told apart."""
 _CLOSE = wp.constant(0.5)
 """Widths of a pixel within which first hits of one surface have the same light."""
 _SAME_NORMAL = wp.constant(0.98)
-_SHARE_ERROR = wp.constant(0.02)
-"""Part of a pixel's brightness by which counted shares may be wrong; beyond, more rays count them."""
 
 
 @wp.struct
@@ -52,7 +48,7 @@ class Gathering:
     """How a frame is made.
 
     Attributes:
-        looks: first-hit rays of a pixel.
+        looks: first-hit rays of a pixel; none where nobody will see the frame, and all trace their paths.
         probe: paths of a pixel whose light is known.
         every: a pixel whose light is known traces them in each so many-th frame, in turn with its neighbours.
         turn: number of the frame.
@@ -63,6 +59,7 @@ class Gathering:
         lamps: whether light straight from lamps is found apart, but for what is glossy.
         tells_shadows: whether it is told which rays reach the lamps.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
+        event: what pixels fire at, unless this is no frame that is seen, or is shown as it was known ``earlier``.
     """
 
     looks: Looks
@@ -76,6 +73,7 @@ class Gathering:
     lamps: bool
     tells_shadows: bool
     cell_angle: float
+    event: NextEvent
 
 
 @wp.struct
@@ -170,33 +168,6 @@ def light_of(
 
 
 @wp.func
-def _rays_wanted(lit: Lit, seen: Seen, looks: Looks) -> int:
-    """Return with how many rays the shares of things are known well enough, by how different these are in brightness.
-
-    The error of points that are spread evenly falls nearly as their number to the power of 3/4.
-    """
-    spread = wp.sqrt(wp.max(lit.squares - lit.brightness * lit.brightness, 0.0))
-    needed = wp.pow(spread / (_SHARE_ERROR * wp.max(lit.brightness, _DARKEST)), 4.0 / 3.0)
-    wanted = int(looks.most)
-    if seen.counted:
-        if seen.things == _THINGS:
-            # There may be more things than are told apart, and nobody knows how different they are.
-            needed = wp.max(needed, float(_RAYS_IN_A_CROWD * looks.most))
-        while wanted < looks.at_contrast and float(wanted) < needed:
-            wanted = wanted * 2
-    return wanted
-
-
-@wp.func
-def look_closer(lit: Lit, seen: Seen, gathering: Gathering, looks: Looks) -> Looks:
-    """Return the looks with as many rays as the first look at a pixel asks for."""
-    closer = looks
-    if looks.most == gathering.looks.most:
-        closer.most = _rays_wanted(lit, seen, looks)
-    return closer
-
-
-@wp.func
 def _finished(lit: Lit, own: wp.vec3, own_before: wp.vec3, weights: wp.vec3) -> Lit:
     """Return the sums with a pixel's own light where no cell knows any."""
     s = lit
@@ -253,6 +224,9 @@ def make_cached(
     ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
     ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
 
+    ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame; it is kept too,
+    where ``steering.event`` tells at what they do.
+
     ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
     for only where the light is shown as it was ``earlier``.
 
@@ -276,6 +250,7 @@ def make_cached(
         own: wp.array(dtype=wp.vec3),
         traced: wp.array(dtype=int),
         learnt: wp.array(dtype=float),
+        fired: wp.array(dtype=float),
         own_before: wp.array(dtype=wp.vec3),
         learnt_before: wp.array(dtype=float),
         again: int,
@@ -324,7 +299,14 @@ def make_cached(
                 if corner_pass:
                     break
                 lit = light_of(cells, things, seen.things, steering, settings.spectral)
-                looks = look_closer(lit, seen, steering, looks)
+                error = float(SHARE_ERROR)
+                told = steering.event.on > 0.0
+                if told and seen.counted:
+                    so_far = _finished(lit, own[pixel], own[pixel], settings.spectral)
+                    gained = wp.where(again > 0, 0.0, _gain(so_far, settings.spectral))
+                    level = level_of(_shown(so_far, False, learnt[pixel] + gained), steering.event, settings.spectral)
+                    error = error_allowed(level, fired[pixel], steering.event)
+                looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, error, told)
             if corner_pass:
                 continue
             if steering.tells_shadows and again == 0:
@@ -341,7 +323,7 @@ def make_cached(
             if lit.known >= steering.known and lit.finely >= steering.finely * lit.from_lamps:
                 turn = pixel % settings.width + pixel // settings.width + steering.turn
                 wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
-            if lit.covered == 0.0:
+            if lit.covered == 0.0 and steering.looks.most > 0:
                 wanted = 0
             before = own[pixel]
             radiance = wp.vec3(0.0, 0.0, 0.0)
@@ -378,6 +360,9 @@ def make_cached(
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]
             shown = _shown(lit, steering.earlier, learnt_so_far)
+            if steering.event.on > 0.0:
+                level = level_of(shown, steering.event, settings.spectral)
+                fired[pixel] = fire(level, fired[pixel], steering.event)
             store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
             out_spent[0, pixel] = seen.rays
 

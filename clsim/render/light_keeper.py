@@ -10,24 +10,27 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cached import Gathering
+from clsim.render.closer_look import NextEvent
 from clsim.render.effort import Effort, Sight, looks_of
+from clsim.render.first_hits import Looks
 from clsim.render.launch import record
 from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_updates
 from clsim.render.shadow_rays import Shadow
+from clsim.scene import Sensor
 
 KNOWN = 0.04
 """Where less is known of the light, a pixel traces all its paths."""
-_FINELY = 1.0 / 17.0
-"""The same of the finest cells, where light straight from lamps is kept: 16 paths, so that what comes into view is soon
-known too."""
+_FINELY = 16.0
+"""The same of the finest cells, where light straight from lamps is kept: so many paths, so that what comes into view is
+soon known too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_IF_SMOOTH = 2
 """See `Asked`: few paths will do there."""
-_WANTED_IF_SMOOTH = 1024.0
-"""See there too."""
-_WANTED, _WANTED_AT = 256.0, 0.0091
-"""The same where lamps' light is kept, for pixels as wide as the latter [rad]. Wider ones have wider cells, …"""
+_WANTED = 1024.0
+"""Paths with which a level of cells counts as much as all coarser ones, …"""
+_WANTED_AT = 0.0091
+"""… but where lamps' light is kept fewer for pixels that are wider than this [rad]. These have wider cells, …"""
 _WANTED_FALLS = 1.4
 """… whose blur does more harm: the fine ones are trusted sooner, by this power of the width."""
 _ENOUGH_FOR_FINE = 4
@@ -41,12 +44,11 @@ _NEVER = 2.0
 """More than can be known."""
 _PASSES_OF_FIRST = 2
 """Times that the first frame is rendered: nothing was known when it was rendered first …"""
-_MOST_PASSES_OF_FIRST = 4
-"""… and the most, …"""
-_PATHS_AT_FIRST = 64
-"""… until a pixel has so many paths, where all light is kept: what is learnt first helps all frames that follow."""
-_RAYS_BEFORE = 8
-"""First-hit rays while the first frame is rendered, but for the last time: nobody will see it."""
+_KNOWN_AT_FIRST = 0.28
+"""… and, where all light is kept, until the paths of a pixel alone know it to this part: what is learnt first helps all
+frames that follow. …"""
+_MOST_AT_FIRST = 160
+"""… Paths of a pixel, at most, until then."""
 
 
 def nothing_shown(device: Any) -> dict[str, Any]:
@@ -58,6 +60,14 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     return empty
 
 
+def next_event(fires_at: tuple[float, float] | None, sensor: Sensor) -> Any:
+    """Return a `NextEvent` of pixels with these contrast thresholds, None where nobody knows them."""
+    event: Any = NextEvent()
+    event.on, event.off = fires_at or (0.0, 0.0)
+    event.scale, event.floor = sensor.scale, sensor.floor
+    return event
+
+
 def _finest_of(effort: Effort) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
     return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
@@ -67,15 +77,20 @@ def _wanted_of(sight: Sight, finest: int) -> float:
     """Return with how many paths a level of cells counts as much as all coarser ones, where lamps' light is kept."""
     if sight.lamps and finest > 0:
         # Few paths are traced where light is smooth, and what else there is must not have fewer.
-        return _WANTED_IF_SMOOTH
-    return min(float(_WANTED * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS), _WANTED_IF_SMOOTH)
+        return _WANTED
+    return float(_WANTED * min(_WANTED_AT / sight.pixel_angle, 1.0) ** _WANTED_FALLS)
 
 
-def _passes_of_first(effort: Effort, lamps: bool) -> int:
-    """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
-    if lamps or effort.spp < _ENOUGH_FOR_FINE:
-        return _PASSES_OF_FIRST
-    return min(max(_PATHS_AT_FIRST // effort.spp, _PASSES_OF_FIRST), _MOST_PASSES_OF_FIRST)
+def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:
+    """Return how noisy light is: the mean over pixels of the variance of what their paths found, over its mean squared.
+
+    Args:
+        lights: what they found ``[paths, pixels, 3]``.
+        begin: whether they hit anything ``[paths, pixels]``.
+    """
+    lit = begin.all(axis=0) & lights.any(axis=(0, 2))
+    found = lights[:, lit].mean(axis=2)
+    return float(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2)) if lit.any() else 0.0
 
 
 class LightKeeper:
@@ -96,6 +111,7 @@ class LightKeeper:
         effort: Effort,
         sight: Sight,
         pace_hz: float | None,
+        event: Any,
         look_again: int,
         device: Any,
     ) -> None:
@@ -107,6 +123,7 @@ class LightKeeper:
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
             sight: what first-hit rays see.
             pace_hz: see `RenderOptions.light_hz`.
+            event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
             look_again: see there too.
             device: Warp's device.
         """
@@ -123,13 +140,15 @@ class LightKeeper:
         self._update = 0
         self._found_more = False
         self._finest = _finest_of(effort)
-        self._passes = _passes_of_first(effort, sight.lamps)
+        self._passes = _PASSES_OF_FIRST
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
         )
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
+        self._event, self._rays = event, effort.first_hit_rays
+        self._fired: Any = wp.full(pixels if event.on > 0 else 1, math.nan, dtype=wp.float32, device=device)
         self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
         self._own_before, self._learnt_before = self._own, self._learnt
         if pace_hz is not None:
@@ -150,6 +169,7 @@ class LightKeeper:
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
+            "fired": self._fired,
             "own_before": self._own_before,
             "learnt_before": self._learnt_before,
             "again": 0,
@@ -178,17 +198,22 @@ class LightKeeper:
             if self._pace_hz is not None:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
+        if effort.first_hit_rays != self._rays:
+            # Pixels are seen otherwise, and detectors take such a frame for a first one.
+            self._rays = effort.first_hit_rays
+            self._fired.fill_(math.nan)
         self._gathering: Any = Gathering()
-        rays = effort.first_hit_rays
-        if _PASSES_OF_FIRST < self._passes > self._frames + 1:
-            rays = min(rays, _RAYS_BEFORE)
-        self._gathering.looks = looks_of(rays, self._sight, kept=True)
+        last = self._frames + 1 >= self._passes
+        # Nobody sees the first frame before it is rendered for the last time: it is not looked at, but for paths.
+        self._gathering.looks = looks_of(effort.first_hit_rays, self._sight, kept=True) if last else Looks()
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
+        if last:
+            self._gathering.event = self._event
         self._gathering.known = KNOWN
-        self._gathering.finely = _FINELY if self._finest == 0 else 0.0
+        self._gathering.finely = _FINELY / (_FINELY + asked.wanted) if self._finest == 0 else 0.0
         self._gathering.lamps = self._sight.lamps
-        if self._frames < self._passes and self._passes > _PASSES_OF_FIRST:
+        if self._frames < self._passes and self._finds_all:
             self._gathering.finely = _NEVER
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
@@ -246,13 +271,28 @@ class LightKeeper:
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
+        if self._frames == 1:
+            self._passes = self._passes_of_first()
         return self._frames < self._passes
+
+    @property
+    def _finds_all(self) -> bool:
+        """Whether paths find all light that is kept, and so many of them that fine cells are asked."""
+        return self._finest == 0 and not self._sight.lamps
+
+    def _passes_of_first(self) -> int:
+        """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
+        if not self._finds_all:
+            return _PASSES_OF_FIRST
+        lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
+        wanted = _relative_variance(lights, positions[..., 3] > 0) / _KNOWN_AT_FIRST**2
+        return max(math.ceil(min(wanted, _MOST_AT_FIRST) / len(lights)), _PASSES_OF_FIRST)
 
     def _asked(self) -> Any:
         """Return which cells are asked for the light as it is known; for no update is there a gain."""
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
-        asked.wanted, asked.wanted_if_smooth = _wanted_of(self._sight, self._finest), _WANTED_IF_SMOOTH
+        asked.wanted, asked.wanted_if_smooth = _wanted_of(self._sight, self._finest), _WANTED
         return asked
 
     def _is_time(self, time_us: int) -> bool:

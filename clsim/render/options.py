@@ -93,6 +93,11 @@ class RenderOptions:
 
     A frame and what is traced in the step that it ends are seen in the light as it was known before.
     """
+    fires_at: tuple[float, float] | None = None
+    """Contrast thresholds of ON and OFF events, if ideal pixels see the frames; None where nobody knows when they fire.
+
+    Where light is kept on surfaces, more first-hit rays look at pixels that are about to fire, and fewer elsewhere.
+    """
     look_again: int = 0
     """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
 
@@ -150,6 +155,8 @@ class RenderOptions:
                 raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
             if steers and self.noise != "common":
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
+        if self.fires_at is not None and (not self.light_cache or self.light_hz is not None or min(self.fires_at) <= 0):
+            raise InputError(f"`fires_at` {self.fires_at} needs positive thresholds, `light_cache` and no `light_hz`")
         if self.in_turn and self.light_cache:
             raise InputError("`in_turn` and `light_cache` are two ways to keep light; give one of them")
         if self.look_again < 0:

@@ -10,7 +10,8 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.cached import Gathering, Lit, light_of, look_closer, seen_light
+from clsim.render.cached import Gathering, Lit, light_of, seen_light
+from clsim.render.closer_look import SHARE_ERROR, look_closer
 from clsim.render.corners import corner_near
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
@@ -190,7 +191,7 @@ def make_retraced(
                     scene, camera, settings, pixel, instants[request], looks, seen, shadows, corners, things
                 )
                 lit = light_of(cells, things, seen.things, steering, settings.spectral)
-                looks = look_closer(lit, seen, steering, looks)
+                looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, SHARE_ERROR, False)
             shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
             store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
 

@@ -132,9 +132,12 @@ class View:
             self._sharp = features.sharp
             sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
             if options.light_cache:
-                from clsim.render.light_keeper import LightKeeper
+                from clsim.render.light_keeper import LightKeeper, next_event
 
-                self._steerer = LightKeeper(*size, effort, sight, options.light_hz, options.look_again, self._device)
+                event = next_event(options.fires_at, data.world.sensor)
+                self._steerer = LightKeeper(
+                    *size, effort, sight, options.light_hz, event, options.look_again, self._device
+                )
             elif options.in_turn:
                 from clsim.render.turn_keeper import TurnKeeper
 

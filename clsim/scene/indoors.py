@@ -75,7 +75,7 @@ def _corners(mesh: Mesh, instance: Instance) -> F64:
 
 @dataclass
 class _Seen:
-    """What rays from a place have seen: fronts of faces, how far away, how often nothing of the kind, and what is bare."""
+    """What rays from a place have seen: fronts of faces, how far away, how often none, and how many were bare."""
 
     fronts: list[int] = field(default_factory=list)
     fronts_m: list[float] = field(default_factory=list)

@@ -175,8 +175,9 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
             point = named_points(0, light)[name]
-            bench = point.rendering.options(live.fps, 2)
-            for field in ("spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "sampler", "noise"):
+            bench = point.options(live.fps, 2, world.sensor)
+            told = "spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "fires_at", "sampler", "noise"
+            for field in told:
                 assert getattr(bench, field) == getattr(live.render, field), (name, field)
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]

@@ -20,11 +20,12 @@ from clsim.render import (
     light_keeper,
     light_stands_still,
 )
-from clsim.scene import ImageTexture, Material
+from clsim.scene import ImageTexture, Material, Sensor
 from clsim.scene.drift import drifting
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
+UNTOLD = light_keeper.next_event(None, Sensor())
 CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
 
 
@@ -76,8 +77,9 @@ def dim_room():
     return hw.world(*walls, *roof, environment=(30.0, 30.0, 30.0), view=view)
 
 
-def test_what_seemed_black_comes_to_light_without_events():
+def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
     """Where no path had found light, the first that does tells of it, and of no change."""
+    monkeypatch.setattr(light_keeper, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
     run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
     seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
     assert (seen[0] < np.log(2e-4)).sum() > 10
@@ -195,7 +197,7 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         def effort(self, value):
             self._now = value
 
-    keeper = Hurried(4, 3, Effort(2, 1, 8), effort.Sight(0.01, sharp=True), None, 0, "cpu")
+    keeper = Hurried(4, 3, Effort(2, 1, 8), effort.Sight(0.01, sharp=True), None, UNTOLD, 0, "cpu")
     for index in range(3):
         changed, paths = keeper.prepare(index, 1_000 * index)
         assert changed["out_lights"].shape == (paths, 12)
@@ -274,11 +276,11 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
 def test_fine_cells_are_trusted_the_sooner_the_wider_a_pixel_is_but_not_where_light_is_smooth():
     def asked(pixel_angle):
         sight = effort.Sight(pixel_angle, sharp=True)
-        keeper = light_keeper.LightKeeper(4, 3, Effort(4, 1, 48), sight, None, 0, "cpu")
+        keeper = light_keeper.LightKeeper(4, 3, Effort(4, 1, 48), sight, None, UNTOLD, 0, "cpu")
         return keeper.prepare(0, 0)[0]["steering"].asked
 
-    assert asked(0.0091).wanted == pytest.approx(256.0)
-    assert asked(0.0364).wanted == pytest.approx(256.0 / 4.0**1.4)
+    assert asked(0.0091).wanted == pytest.approx(1024.0)
+    assert asked(0.0364).wanted == pytest.approx(1024.0 / 4.0**1.4)
     assert asked(0.0364).wanted_if_smooth == asked(0.0001).wanted == 1024.0
 
 
