@@ -21,8 +21,6 @@ _DARKEST = wp.constant(1.0e-4)
 _THINGS = wp.constant(THINGS)
 _RAYS_IN_A_CROWD = wp.constant(4)
 """Times as many rays look at a pixel that shows all the things that are told apart."""
-_RAYS_AT_AN_EVENT = wp.constant(8)
-"""Times as many rays look, near an event, at each pixel whose shares are counted: small things are easily missed."""
 
 
 @wp.struct
@@ -89,13 +87,14 @@ def look_closer(
     if looks.most == first.most and seen.counted:
         spread = wp.sqrt(wp.max(squares - bright * bright, 0.0))
         needed = wp.pow(spread / (error * wp.max(bright, _DARKEST)), 4.0 / 3.0)
-        crowd = int(0)
+        least = int(0)
         if seen.things == _THINGS:
             # There may be more things than are told apart, and nobody knows how different they are.
-            crowd = _RAYS_IN_A_CROWD
+            least = _RAYS_IN_A_CROWD * first.most
         if told:
-            crowd = _RAYS_AT_AN_EVENT
-        needed = wp.max(needed, float(crowd * first.most) * wp.pow(SHARE_ERROR / error, 4.0 / 3.0))
+            # Small things are easily missed.
+            least = first.at_event
+        needed = wp.max(needed, float(least) * wp.pow(SHARE_ERROR / error, 4.0 / 3.0))
         while closer.most < looks.at_contrast and float(closer.most) < needed:
             closer.most = closer.most * 2
     return closer

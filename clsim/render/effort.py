@@ -11,7 +11,7 @@ import warp as wp
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
 from clsim.render.first_hits import Looks
-from clsim.render.steered import GRADES, Steering
+from clsim.render.steered import CLOSER, GRADES, Steering
 
 NEAR = 0.1
 """Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
@@ -36,7 +36,11 @@ _AT_CONTRAST = 16
 """Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
 _ENOUGH_FOR_CONTRAST = 16
 """… if there are so many of these rays …"""
-_MOST_AT_CONTRAST = 1024
+_ENOUGH_TO_LOOK_CLOSER = 12
+"""First-hit rays from which on more look where an event is near: …"""
+_AT_EVENT, _AT_EVENT_KEPT = 6, 8
+"""… so many times as many, or where light is kept, …"""
+_MOST_COUNT = 1024
 """… and the most then."""
 _ENOUGH_TO_ASK = 16
 """First-hit rays from which on each corner asks the lamps, where other light is kept."""
@@ -107,7 +111,9 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     looks.most, looks.pixel_angle = first_hit_rays, sight.pixel_angle
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
-        looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_AT_CONTRAST)
+        looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
+    if first_hit_rays >= _ENOUGH_TO_LOOK_CLOSER:
+        looks.at_event = min((_AT_EVENT_KEPT if kept else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
     looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
     in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
     looks.in_shadow = in_shadow if kept else min(in_shadow, _MOST_IN_SHADOW * first_hit_rays)
@@ -182,6 +188,7 @@ class Steerer(MapReader):
         super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
         self._before = effort
+        self._closer, self._moves = np.zeros((2, height, width), dtype=np.bool_)
         self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._correction: Any = wp.zeros((GRADES, pixels), dtype=wp.vec3, device=device)
@@ -209,20 +216,25 @@ class Steerer(MapReader):
         steering.looks = looks_of(effort.first_hit_rays, self._sight)
         steering.every, steering.turn = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
+        # Where all get the same there is nothing to ask, and maybe nobody who answers.
+        board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
         if index <= self._index or self._anew:
             # Nothing that was kept tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
+            self._closer.fill(board is not None)
             self._correction.zero_()
             self._known.zero_()
         else:
-            # Where all get the same there is nothing to ask, and maybe nobody who answers.
-            board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
             interest = None if board is None else board.find(self._number)
             if interest is None:
                 self._grades.fill(0)
             else:
                 self._grade(interest, effort.top)
+                # What stands still stays as it is, to the last bit.
+                np.not_equal(interest.change, 0, out=self._moves)
+                np.greater(self._grades, 0, out=self._closer, where=self._moves)
+        np.bitwise_or(self._grades, CLOSER, out=self._grades, where=self._closer)
         wp.copy(self._device_grades, wp.array(self._grades.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
         before = self._before
         if (before.probe_spp, before.spp) != (effort.probe_spp, effort.spp):

@@ -56,6 +56,7 @@ class Looks:
         texels: places on a flat surface at which its texture is looked up.
         pixel_angle: width of a pixel seen from the camera [rad].
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
+        at_event: largest number near an event, where shares are counted.
         few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
     """
 
@@ -67,6 +68,7 @@ class Looks:
     texels: int
     pixel_angle: float
     at_contrast: int
+    at_event: int
     few_ask: bool
 
 

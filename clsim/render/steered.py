@@ -3,9 +3,10 @@
 """The kernel that spends samples where they are worth their cost.
 
 A pixel of a frame gets three sorts of samples. *First-hit rays* see what is there, and nothing more: they cost a
-fraction of a path and end early where all look alike. *Probe* paths are traced in every pixel, or in every n-th in
-turn. Where a decision needs more, paths go on to twice, four times … the probe, at most to the full number; the probe's
-are the first of them. How often the probe is doubled is the pixel's *grade*.
+fraction of a path and end early where all look alike. Where something changes and an event is near, several times as
+many count the shares of what a pixel shows. *Probe* paths are traced in every pixel, or in every n-th in turn. Where a
+decision needs more, paths go on to twice, four times … the probe, at most to the full number; the probe's are the first
+of them. How often the probe is doubled is the pixel's *grade*.
 
 The picture is put together as light seen directly + albedo × irradiance: the first two from the first-hit rays, so that
 neither textures nor edges are noisy, the irradiance as a ratio of what the paths reflect and their own albedo. To what
@@ -28,6 +29,9 @@ from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
 GRADES = 6
 """Numbers of paths among which a pixel has its choice: the probe, doubled again and again, and the full number."""
+CLOSER = 0x80
+"""Bit of a pixel's grade that tells of more first-hit rays."""
+_CLOSER = wp.constant(CLOSER)
 _LEAST = wp.constant(0.2)
 """A difference kept from an earlier frame takes away at most all but this share of the probe's irradiance."""
 
@@ -124,10 +128,11 @@ def make_steered(
     """Return the kernel; a thread is ``pixels`` pixels, or corners of pixels in the pass that fills ``corners``.
 
     ``grades`` is uint8 ``[H·W]``: 0 where the probe will do and may wait for its turn, else 1 more than how often it is
-    doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. Kept from frame to frame:
-    ``irradiance``, vec3 ``[H·W]``, of the last frame; ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from
-    that of each grade's paths when these were last traced; ``known``, int32 ``[H·W]``: for how many grades, from the
-    lowest, there is a correction. ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays and paths.
+    doubled; beyond ``steering.top`` doublings, all ``settings.samples`` paths are wanted. `CLOSER` is added where more
+    first-hit rays are to count shares. Kept from frame to frame: ``irradiance``, vec3 ``[H·W]``, of the last frame;
+    ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from that of each grade's paths when these were last
+    traced; ``known``, int32 ``[H·W]``: for how many grades, from the lowest, there is a correction. ``out_spent`` int32
+    ``[2, H·W]`` counts first-hit rays and paths.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -155,17 +160,27 @@ def make_steered(
             corner = wp.where(corner_pass, pixel, -1)
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
-            seen = look(
-                scene, camera, settings, pixel, 0, state, steering.looks, corner, corners, nearest, row, Seen(),
-                Shadows(), things,
-            )  # fmt: skip
+            looks = steering.looks
+            seen = Seen()
+            done = int(0)
+            while looks.most > done:
+                done = looks.most
+                seen = look(
+                    scene, camera, settings, pixel, 0, state, looks, corner, corners, nearest, row, seen, Shadows(),
+                    things,
+                )  # fmt: skip
+                if corner_pass:
+                    break
+                if seen.counted and (int(grades[pixel]) & _CLOSER) > 0:
+                    looks.most = wp.max(looks.most, looks.at_event)
             if corner_pass:
                 continue
-            grade = wp.clamp(int(grades[pixel]) - 1, 0, steering.top)
+            graded = int(grades[pixel]) & (_CLOSER - 1)
+            grade = wp.clamp(graded - 1, 0, steering.top)
             wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
             # Diagonals, so that each who waits has neighbours on all sides who do not.
             turn = pixel % settings.width + pixel // settings.width + steering.turn
-            if grades[pixel] == wp.uint8(0) and steering.before == 0 and turn % steering.every != 0:
+            if graded == 0 and steering.before == 0 and turn % steering.every != 0:
                 wanted = int(0)
             base = _corrected(grade, known[pixel], steering.before)
             kept = correction[wp.max(base, 0), pixel]

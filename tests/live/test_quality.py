@@ -53,7 +53,7 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
 def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
     assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
     assert options(quality="balanced", probe_every=3).point == replace(QUALITIES["balanced"], probe_every=3)
-    assert "1 to 8 spp, pixels probed each 2 frames, 16" in QUALITIES["balanced"].text()
+    assert "1 to 8 spp, pixels probed each 2 frames, 12" in QUALITIES["balanced"].text()
     assert "probed" not in QUALITIES["accurate"].text()
     turns = QUALITIES["draft"].probe_every
     assert options(quality="draft", spp=2).point.probe_every == turns

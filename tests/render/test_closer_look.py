@@ -11,9 +11,10 @@ import warp as wp
 from hypothesis import given
 from hypothesis import strategies as st
 from test_light_cache import luminance, panning
-from test_steered import Run
+from test_steered import Run, interest
 
 from clsim.errors import InputError
+from clsim.frames import SAMPLES, InterestBoard, rendered_planes
 from clsim.render import RenderOptions
 from clsim.render.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire
 from clsim.scene import Material
@@ -118,3 +119,28 @@ def test_thresholds_are_for_light_that_is_kept_in_frames_alone():
             InputError, match=r"`fires_at` .* needs positive thresholds, `light_cache` and no `light_hz`"
         ):
             RenderOptions(**{"first_hit_rays": 16, "light_cache": True, "fires_at": (0.2, 0.2)} | wrong)
+
+
+def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_and_still_pixels_stay():
+    world = fence()
+    still = replace(world, camera=replace(world.camera, motion=hw.camera(world.camera.motion.pose(0.0)).motion))
+    columns = np.tile(np.arange(24), (18, 1))
+    near, beside, moving = columns % 8 == 0, np.isin(columns % 8, (7, 0, 1)), columns < 12
+
+    def samples(rays):
+        board = InterestBoard()
+        each = Run(still, board, spp=2, probe_spp=1, first_hit_rays=rays)
+        shown = []
+        for index in range(4):
+            shown.append(each.fill(index).planes)
+            map_ = interest(index, near)
+            board.publish(replace(map_, change=np.where(moving, 1e-4, 0.0).astype(np.float32)))
+        return np.stack(shown)[:, rendered_planes(first_hit_rays=True).first(SAMPLES[0])], np.stack(shown)[:, :3]
+
+    counts, shown = samples(16)
+    many = counts[0] > 60
+    assert many.mean() > 0.3, "shares are counted there"
+    np.testing.assert_array_equal(counts[1] > 60, many, "there is no map yet")
+    np.testing.assert_array_equal(counts[3][many] > 60, (beside | ~moving)[many])
+    np.testing.assert_allclose(shown[3][:, ~moving], shown[0][:, ~moving], rtol=1e-4)
+    assert samples(8)[0].max() < 60, "few rays look everywhere where few are wanted"
