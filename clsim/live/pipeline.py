@@ -363,6 +363,8 @@ class Pipeline:
     def _detect(self, detector: Detector, frame: Frame) -> EventBatch:
         if self._continuity.breaks(frame.index):
             detector.reset()
+            if self._significance is not None:
+                self._significance.begin_anew()
         events = detector.step(frame)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, detector).interest())

@@ -32,7 +32,7 @@ I64 = npt.NDArray[np.int64]
 
 
 @dataclass
-class _Look:
+class Look:
     """Ideal pixels, and what they fired since it was last asked.
 
     Attributes:
@@ -79,7 +79,7 @@ class SecondLook:
         if config.response != "ln":
             raise InputError(f"a second look needs `response` ln, got {config.response}")
         self._config = config
-        self._looks: list[_Look] = []
+        self._looks: list[Look] = []
         self._events = self._alone = 0
         self._since_us = self._time_us = 0
 
@@ -91,7 +91,7 @@ class SecondLook:
             self.begin_anew()
         if not self._looks:
             known = np.where(np.isfinite(level), level, np.nan)
-            self._looks = [_Look(each, each.copy(), []) for each in known]
+            self._looks = [Look(each, each.copy(), []) for each in known]
             self._since_us = time_us
         else:
             for look, each in zip(self._looks, level, strict=True):

@@ -210,7 +210,6 @@ def open_live(
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
-    judged = ideal and config.facts.knows_error
     # Pixels that share light found anew or a window with their neighbours would need these looked at again too.
     kept = stages.render.light_cache or stages.render.in_turn
     looks_twice = not config.facts.windowed and (kept or not stages.render.first_hit_rays)
@@ -236,7 +235,7 @@ def open_live(
         governed=governed,
         share_cores=options.render_device == "cpu",
         second_look=SecondLook(config) if looks_twice else None,
-        significance=Significance(config) if judged else None,
+        significance=Significance(config, ideal) if config.facts.knows_error else None,
     )
     return Session(
         world.name,

@@ -183,11 +183,17 @@ class Steerer(MapReader):
         sight: Sight,
         board: InterestBoard | None,
         device: Any,
+        *,
+        looks_closer: bool = True,
     ) -> None:
-        """Allocate what is kept from frame to frame."""
+        """Allocate what is kept from frame to frame.
+
+        Where it never ``looks_closer``, a pixel is seen by as many rays in each frame, and between frames.
+        """
         super().__init__(width, height, effort, sight, board, device)
         pixels = width * height
         self._before = effort
+        self._looks_closer = looks_closer
         self._closer, self._moves = np.zeros((2, height, width), dtype=np.bool_)
         self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
@@ -222,7 +228,7 @@ class Steerer(MapReader):
             # Nothing that was kept tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
-            self._closer.fill(board is not None)
+            self._closer.fill(self._looks_closer and board is not None)
             self._correction.zero_()
             self._known.zero_()
         else:
@@ -231,9 +237,10 @@ class Steerer(MapReader):
                 self._grades.fill(0)
             else:
                 self._grade(interest, effort.top)
-                # What stands still stays as it is, to the last bit.
-                np.not_equal(interest.change, 0, out=self._moves)
-                np.greater(self._grades, 0, out=self._closer, where=self._moves)
+                if self._looks_closer:
+                    # What stands still stays as it is, to the last bit.
+                    np.not_equal(interest.change, 0, out=self._moves)
+                    np.greater(self._grades, 0, out=self._closer, where=self._moves)
         np.bitwise_or(self._grades, CLOSER, out=self._grades, where=self._closer)
         wp.copy(self._device_grades, wp.array(self._grades.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
         before = self._before

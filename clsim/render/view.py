@@ -144,7 +144,8 @@ class View:
                 guards = data.watch() if features.keeps_looks else None
                 self._steerer = TurnKeeper(*size, effort, sight, board, guards, options.look_again, self._device)
             else:
-                self._steerer = Steerer(*size, effort, sight, board, self._device)
+                at_frames = options.light_hz is None
+                self._steerer = Steerer(*size, effort, sight, board, self._device, looks_closer=at_frames)
         # A second look writes where a first one does, at the same place of planes of its own.
         pixels = camera.width * camera.height if options.look_again and self._steerer is None else 0
         self._again: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)

@@ -53,3 +53,40 @@ def test_a_few_frames_are_judged_and_where_nobody_knows_none():
     assert detector.asked == 1
     assert share_of(Knows(None), events_at(0, on=True)) is None
     assert share_of(Knows(0.1), events_at(on=True)) is None
+
+
+class Sees:
+    """A detector of 62 pixels, of which the first and the last are among those that ideal pixels look at."""
+
+    def __init__(self, first_error, last_error):
+        self.errors = np.full((2, 31), np.nan, np.float32)
+        self.errors[0, 0], self.errors[1, 30] = first_error, last_error
+        self.levels = np.zeros((2, 31), np.float32)
+
+    def error(self):
+        return self.errors
+
+    def level(self):
+        return self.levels
+
+
+def test_with_a_real_sensor_the_events_of_ideal_pixels_are_judged():
+    """One rises by three ON thresholds, the other falls by one OFF threshold; what the sensor fires does not count."""
+    detector = Sees(ON / 1.0, OFF / 2.0)
+    judged = Significance(DetectorConfig("irradiance", threshold_on=ON, threshold_off=OFF), ideal=False)
+    detector.levels[0, 0] = np.nan
+    for first, last in ((np.nan, 0.0), (1.0, 0.0), (1.0 + 3.1 * ON, 0.0), (1.0 + 3.1 * ON, -1.1 * OFF)):
+        detector.levels[0, 0], detector.levels[1, 30] = first, last
+        judged.watch(detector, events_at(3, 4, 5, on=True))
+    chances = [math.erfc(z / math.sqrt(2)) for z in (1.0, 1.0, 1.0, 2.0)]
+    assert judged.noise_share == pytest.approx(np.mean(chances), abs=1e-3)
+
+
+def test_after_a_new_beginning_ideal_pixels_take_the_next_frame_for_a_first_one():
+    detector = Sees(0.1, 0.1)
+    judged = Significance(DetectorConfig("irradiance", threshold_on=ON, threshold_off=OFF), ideal=False)
+    judged.watch(detector, events_at(on=True))
+    judged.begin_anew()
+    detector.levels += 1.0
+    judged.watch(detector, events_at(on=True))
+    assert judged.noise_share is None

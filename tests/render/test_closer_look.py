@@ -127,9 +127,9 @@ def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_
     columns = np.tile(np.arange(24), (18, 1))
     near, beside, moving = columns % 8 == 0, np.isin(columns % 8, (7, 0, 1)), columns < 12
 
-    def samples(rays):
+    def samples(rays, **options):
         board = InterestBoard()
-        each = Run(still, board, spp=2, probe_spp=1, first_hit_rays=rays)
+        each = Run(still, board, spp=2, probe_spp=1, first_hit_rays=rays, **options)
         shown = []
         for index in range(4):
             shown.append(each.fill(index).planes)
@@ -144,3 +144,4 @@ def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_
     np.testing.assert_array_equal(counts[3][many] > 60, (beside | ~moving)[many])
     np.testing.assert_allclose(shown[3][:, ~moving], shown[0][:, ~moving], rtol=1e-4)
     assert samples(8)[0].max() < 60, "few rays look everywhere where few are wanted"
+    assert samples(16, light_hz=120.0)[0].max() < 60, "and where pixels are seen between frames too"
