@@ -137,7 +137,9 @@ PROBE_EVERY = Annotated[
 ]
 FIRST_HIT_RAYS = Annotated[
     int | None,
-    advanced(help="Most rays per pixel that look for the first hit alone: clean features. [the quality's]"),
+    advanced(
+        help="Rays per pixel that look for the first hit alone, more near an event: clean features. [the quality's]"
+    ),
 ]
 NOISE = Annotated[
     Noise | None,

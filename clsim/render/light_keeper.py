@@ -90,7 +90,7 @@ def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bo
     """
     lit = begin.all(axis=0) & lights.any(axis=(0, 2))
     found = lights[:, lit].mean(axis=2)
-    return float(np.mean(found.var(axis=0, ddof=1) / found.mean(axis=0) ** 2)) if lit.any() else 0.0
+    return float((found / found.mean(axis=0)).var(axis=0, ddof=1).mean()) if lit.any() else 0.0
 
 
 class LightKeeper:

@@ -63,6 +63,7 @@ class RenderOptions:
     first_hit_rays: int = 0
     """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
 
+    From 12 on, several times as many count what a pixel shows where it is about to fire, if anybody tells.
     Where a few lamps shine on diffuse surfaces, they find light straight from them too, without noise where nothing
     stands between. At least eight times the root of their number, or twice as many, then look into a pixel that is lit
     in part.

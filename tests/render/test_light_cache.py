@@ -77,6 +77,28 @@ def dim_room():
     return hw.world(*walls, *roof, environment=(30.0, 30.0, 30.0), view=view)
 
 
+def test_how_noisy_light_is_is_the_mean_of_relative_variances():
+    """Pixels: paths found 1 and 3, twice 5, nothing, and one missed. Of the first the mean is 2, the variance 2."""
+    lights = np.array([[1, 5, 0, 7], [3, 5, 0, 9]], np.float32)[..., None] * np.ones(3, np.float32)
+    begin = np.array([[True, True, True, False], [True] * 4])
+    assert light_keeper._relative_variance(lights, begin) == pytest.approx((2 / 2**2 + 0) / 2)
+    assert light_keeper._relative_variance(1e-30 * lights, begin) == pytest.approx(0.25)
+    assert light_keeper._relative_variance(lights, ~begin) == 0.0
+
+
+def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
+    """An even sky needs two passes of the first frame. In a dim room one of four paths finds light, in most pixels."""
+    floor = hw.quad((-9, 0, 9), (18, 0, 0), (0, 0, -18))
+    view = hw.camera(hw.look_from((0, 3, 3), (0, 0, 0)), 12, 10)
+    outside = hw.world(floor, view=view, environment=(1.0, 1.0, 1.0))
+    found = []
+    for world in (outside, dim_room()):
+        run = Run(world, **CACHED)
+        run.fill(0)
+        found.append(run.tracer.paths / (world.camera.width * world.camera.height))
+    assert found[0] == 2 * 4 and 40 < found[1] <= 4 / 0.28**2 + 4
+
+
 def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
     """Where no path had found light, the first that does tells of it, and of no change."""
     monkeypatch.setattr(light_keeper, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
