@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from clsim.cli import parse
+from clsim.cli.figure import new_figure
 from clsim.cli.options import FPS, JSON, RESOLUTION, SCENE_HELP
 from clsim.errors import InputError
 
@@ -64,6 +65,8 @@ def tradeoff(
     for file in (csv_file, plot, markdown):
         if file is not None and not file.absolute().parent.is_dir():
             raise InputError(f"cannot write {file}: there is no folder {file.absolute().parent}")
+    if plot is not None:
+        new_figure("the trade", 1, 1)  # told before all is measured, and not after
     results = with_progress(options, Sweep)
     _write(csv_file, lambda: csv_text(results))
     _write(markdown, lambda: markdown_text(results))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -53,6 +54,16 @@ def test_a_folder_that_is_not_there_is_told_before_anything_is_measured(
     assert not (tmp_path / "c").exists()
     outcome = clsim("bench", "tradeoff", "two-boxes", "--seeds", "1,x")
     assert outcome.status == 2 and "--seeds must be whole numbers" in outcome.stderr
+
+
+def test_that_nothing_can_be_drawn_is_told_before_anything_is_measured(
+    tmp_path: Path, clsim: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    command = "bench", "tradeoff", "two-boxes", "--cache", tmp_path / "c", "--plot", tmp_path / "a.png"
+    outcome = clsim(*command)
+    assert outcome.status == 2 and "needs matplotlib" in outcome.stderr
+    assert not (tmp_path / "c").exists()
 
 
 def test_what_the_scene_asks_for_in_vain_is_told(capsys: pytest.CaptureFixture[str]) -> None:
