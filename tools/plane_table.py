@@ -15,6 +15,10 @@ INTRODUCTION = """# The planes of a frame
 A frame is a stack of planes, one number for each pixel and plane. `clsim render SCENE --out DIR` writes each frame as
 an EXR file with a channel for every plane; `clsim detect` reads them back. Row 0 is the top of the image.
 
+Named qualities spend rays and paths where an event is near, by the thresholds of the run. Elsewhere frames are less
+exact. To detect events of several thresholds in one set of frames, render with the smallest of them (`--threshold`), or
+with `--quality exact`, which spends the same everywhere.
+
 """
 
 CONVENTIONS = """

@@ -50,7 +50,7 @@ def test_paths_go_where_events_are_near() -> None:
     """Without a map in reach, all frames but the first would be probed alone; with all maps marked, none would."""
     summary = summary_of("moving-light", quality="balanced", frame_count=12, fps=60.0)
     pixels = SIZE[0] * SIZE[1]
-    assert summary["effort"] == {"probe_spp": 1, "spp": 6, "first_hit_rays": 16, "every": 8}
+    assert summary["effort"] == {"probe_spp": 1, "spp": 6, "first_hit_rays": 12, "every": 8}
     later = summary["paths"] - 6 * pixels
     assert 4 * 11 / 8 * pixels < later < 0.8 * 6 * 11 * pixels
     assert 12 * pixels < summary["first_hit_rays"] <= 12 * 16 * pixels

@@ -91,12 +91,12 @@ def events(levels, threshold):
 def test_fewer_rays_look_where_no_event_is_near_and_the_same_events_fire():
     """The truth is told by many rays in each pixel; without thresholds, contrast alone decides how many there are."""
     threshold = 0.16
-    truth = events(run(24, first_hit_rays=1024)[0], threshold)
+    truth = events(run(18, first_hit_rays=256)[0], threshold)
     found, spent = {}, {}
     for name, fires_at in (("untold", None), ("told", (threshold, threshold)), ("never", (50.0, 50.0))):
-        levels, spent[name] = run(24, fires_at=fires_at)
+        levels, spent[name] = run(18, fires_at=fires_at)
         found[name] = np.abs(events(levels, threshold) - truth).sum()
-    assert np.abs(truth).sum() > 100
+    assert np.abs(truth).sum() > 60
     assert spent["never"] < 0.5 * spent["told"] < 0.4 * spent["untold"]
     assert found["told"] < found["untold"] < 0.7 * found["never"]
 
