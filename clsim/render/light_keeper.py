@@ -32,7 +32,9 @@ _WANTED = 1024.0
 _WANTED_AT = 0.0091
 """… but where lamps' light is kept fewer for pixels that are wider than this [rad]. These have wider cells, …"""
 _WANTED_FALLS = 1.4
-"""… whose blur does more harm: the fine ones are trusted sooner, by this power of the width."""
+"""… whose blur does more harm: the fine ones are trusted sooner, by this power of the width. …"""
+_WANTED_BESIDE_LAMPS = 256.0
+"""… It is this many at that width where lamps are found apart: few paths are traced, and gloss shows lamps' shadows."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
 _CELLS_PER_PIXEL = 1
@@ -78,7 +80,8 @@ def _wanted_of(sight: Sight, finest: int) -> float:
     if sight.lamps and finest > 0:
         # Few paths are traced where light is smooth, and what else there is must not have fewer.
         return _WANTED
-    return float(_WANTED * min(_WANTED_AT / sight.pixel_angle, 1.0) ** _WANTED_FALLS)
+    wanted = _WANTED_BESIDE_LAMPS if sight.lamps else _WANTED
+    return float(min(wanted * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS, _WANTED))
 
 
 def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:

@@ -181,7 +181,7 @@ def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     assert pixels < adaptive["paths"] < pixels * 6 and 0 < adaptive["first_hit_rays_traced"] <= pixels * 16
     assert {row["label"] for row in results["settings"]} == {
         "4 spp common, radiance K13", "4 spp common sobol, radiance K13",
-        "1 to 6 spp each 8 frames common sobol + 16 first hits, irradiance K11 rule linear-light",
+        "1 to 6 spp each 8 frames common sobol + 12 first hits, irradiance K11 rule linear-light",
     }  # fmt: skip
 
 
