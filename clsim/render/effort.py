@@ -238,7 +238,7 @@ class Steerer(MapReader):
             else:
                 self._grade(interest, effort.top)
                 if self._looks_closer:
-                    # What stands still stays as it is, to the last bit.
+                    # What stands still goes on being seen by the same rays.
                     np.not_equal(interest.change, 0, out=self._moves)
                     np.greater(self._grades, 0, out=self._closer, where=self._moves)
         np.bitwise_or(self._grades, CLOSER, out=self._grades, where=self._closer)
