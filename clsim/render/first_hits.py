@@ -302,7 +302,7 @@ def make_look(
         seen.counted = number > 1 and not edge.straight
         return seen
 
-    @wp.func
+    @wp.func(inline=True)
     def look(
         scene: scene_type,
         camera: view_type,
