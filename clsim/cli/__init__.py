@@ -8,7 +8,7 @@ import os
 import sys
 from typing import Any
 
-_OBJECTS = 100_000
+_OBJECTS = 300_000
 """Objects that are made before Python looks for some that are of no use any more; it does so after 700 by itself."""
 
 

@@ -42,13 +42,20 @@ class Bvh16:
     """
 
     def __init__(
-        self, vertices: Any, indices: Any, may_pass: npt.NDArray[np.bool_] | None = None, rows: Any = None
+        self,
+        vertices: Any,
+        indices: Any,
+        may_pass: npt.NDArray[np.bool_] | None = None,
+        rows: Any = None,
+        *,
+        lasts: bool = True,
     ) -> None:
         """Build the tree of triangles ``indices`` (int32, [3n]) over ``vertices`` (vec3), both on the CPU.
 
         The arrays are read, and ``indices`` is kept for ``refit``. ``may_pass`` ``[n]`` says which triangles may let
         rays pass, for ``any_opaque_in_tree``; without it, none. Of ``rows`` ``[n]``, an array of Warp's, the one of a
-        triangle that is hit is on its way from memory while the search goes on.
+        triangle that is hit is on its way from memory while the search goes on. One that does not last is built faster,
+        and searched more slowly.
         """
         self._indices = indices
         self._extent = np.zeros(1, np.float32)
@@ -58,7 +65,8 @@ class Bvh16:
             self._memory = spread(BLOCK_FLOATS * self._blocks, np.float32)
         else:
             triangles = len(indices) // 3
-            _improve(nodes_of_two, parents)
+            if lasts:
+                _improve(nodes_of_two, parents)
             self.levels, nodes, leaves = _widen(nodes_of_two, triangles)
             if not self.levels:  # improved too far, which takes a mesh made for it
                 self.levels, nodes, leaves = _widen(self._grow(vertices)[1], triangles)

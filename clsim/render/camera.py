@@ -270,6 +270,9 @@ class CameraData:
         self._view.rotations = wp.zeros(keys, dtype=wp.quat, device=device)
         self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
         self._view.smallest_m = wp.zeros(1, dtype=float, device=device)
+        # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
+        self._pixel_angle = pixel_angle(camera)
+        self._wider = max(1.0, widest_pixel(camera) / (2.0 * self._pixel_angle))
         self._smallest_m = smallest_m
         self._stood = ByTime(self._standing)
 
@@ -320,10 +323,7 @@ class CameraData:
         """Return the width below which nothing lies as seen from each of some poses ``[K, 4, 4]`` [m]."""
         if self._smallest_m is None:
             return np.zeros(len(poses), np.float32)
-        # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
-        average, widest = pixel_angle(self._camera), widest_pixel(self._camera)
-        wider = max(1.0, widest / (2.0 * average))
-        return (self._smallest_m(poses[:, :3, 3], wider * average) / wider).astype(np.float32)
+        return (self._smallest_m(poses[:, :3, 3], self._wider * self._pixel_angle) / self._wider).astype(np.float32)
 
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""

@@ -51,6 +51,8 @@ class Smallest:
 
     def seen_from(self, places: F64, pixel_angle: float) -> F64:
         """Return the width below which nothing lies as seen from each place ``[K, 3]``; a pixel is so wide [rad]."""
+        if not len(self.sheets):
+            return np.full(len(places), self.width_m)
         batches = range(0, len(places), max(1, _MOST_AT_ONCE // max(1, len(self.sheets))))
         step = batches.step
         wide = [self._all_wide(places[first : first + step], pixel_angle) for first in batches]

@@ -25,7 +25,7 @@ from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.shadow_rays import Shadows
 from clsim.render.sobol import reverse_bits
-from clsim.render.things import THINGS, Thing, lit_albedo, store_things
+from clsim.render.things import THINGS, Thing, covered_by, lit_albedo, store_things
 
 GRADES = 6
 """Numbers of paths among which a pixel has its choice: the probe, doubled again and again, and the full number."""
@@ -180,7 +180,10 @@ def make_steered(
             wanted = wp.max(_paths_of(grade, steering, settings.samples), steering.before)
             # Diagonals, so that each who waits has neighbours on all sides who do not.
             turn = pixel % settings.width + pixel // settings.width + steering.turn
-            if graded == 0 and steering.before == 0 and turn % steering.every != 0:
+            waits = graded == 0 and steering.before == 0 and turn % steering.every != 0
+            # What paths find is of surfaces: where none is seen they are not wanted, and where one is seen first, they
+            # are, as nothing is known there.
+            if covered_by(things, seen.things) == 0.0 or (waits and known[pixel] > 0):
                 wanted = int(0)
             base = _corrected(grade, known[pixel], steering.before)
             kept = correction[wp.max(base, 0), pixel]
@@ -218,7 +221,9 @@ def make_steered(
                     correction[i, pixel] = e - correction[i, pixel]
                 if steering.before == 0:
                     traced = wp.max(traced, known[pixel])
-                known[pixel] = traced
+                # Paths may all have missed the surface that first-hit rays saw.
+                if sums.albedo[0] > 0.0:
+                    known[pixel] = traced
                 irradiance[pixel] = e
             shown = _lit(things, seen.things, e)
             store_things(things, seen.things, seen.rays + paths, shown, settings.spectral, pixel, out_planes)

@@ -177,6 +177,16 @@ def go_on_with_things(things: wp.array(dtype=Thing), number: int):
 
 
 @wp.func
+def covered_by(things: wp.array(dtype=Thing), number: int) -> float:
+    """Return the share of the pixel where a surface is seen."""
+    covered = float(0.0)
+    for k in range(number):
+        if things[k].first.hit:
+            covered += things[k].share
+    return covered
+
+
+@wp.func
 def store_things(
     things: wp.array(dtype=Thing),
     number: int,
@@ -187,7 +197,7 @@ def store_things(
     out_planes: wp.array2d(dtype=float),
 ):
     """Store all planes; those of surfaces are means over the part of the pixel where one is hit."""
-    covered = float(0.0)
+    covered = covered_by(things, number)
     depth = float(0.0)
     albedo = wp.vec3()
     normal = wp.vec3()
@@ -196,7 +206,6 @@ def store_things(
         share = things[k].share
         emission += things[k].emission * share
         if things[k].first.hit:
-            covered += share
             albedo += things[k].albedo * share
             normal += things[k].normal * share
             depth += things[k].depth * share

@@ -5,8 +5,8 @@ glTF 2.0, sections 3.5, 3.7.3 and 3.11, and its appendix C for the interpolation
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -48,7 +48,7 @@ class Channel:
     interpolation: Literal["LINEAR", "STEP", "CUBICSPLINE"]
 
     def at(self, time_s: float) -> F64:
-        """Return the value ``[n]`` at a time; the first and the last are held."""
+        """Return the value ``[n]`` at a time, or those ``[m, n]`` of m nodes; the first and the last are held."""
         cubic = self.interpolation == "CUBICSPLINE"
         keys = self.values[:, 1] if cubic else self.values
         j = int(np.searchsorted(self.times_s, time_s, side="right"))
@@ -103,6 +103,11 @@ class NodeTree:
         self._trs = trs
         n = len(parents)
         self._animated = np.array(sorted({c.node for c in self._channels}), np.int64)
+        # Files mostly have the same times for all joints.
+        self._alike = [
+            (np.searchsorted(self._animated, [c.node for c in alike]), _stacked(alike))
+            for alike in _by_times(self._channels)
+        ]
         self._parents = np.asarray(parents, np.int64)
         depth = _depths(self._parents)
         local = _compose_all(*trs)
@@ -162,8 +167,8 @@ class NodeTree:
             return cached
         translations, rotations, scales = (part[self._animated].copy() for part in self._trs)
         rows = {"translation": translations, "rotation": rotations, "scale": scales}
-        for channel in self._channels:
-            rows[channel.path][np.searchsorted(self._animated, channel.node)] = channel.at(time_s)
+        for which, channels in self._alike:
+            rows[channels.path][which] = channels.at(time_s)
         local = self._local.copy()
         local[self._animated] = _compose_all(translations, rotations, scales)
         world: Matrix = self._rest.copy()
@@ -258,6 +263,19 @@ class MeshDeformation:
             upright = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
             normals = np.ascontiguousarray(upright, np.float32)
         return np.ascontiguousarray(vertices, np.float32), normals
+
+
+def _by_times(channels: Sequence[Channel]) -> Iterable[list[Channel]]:
+    """Return channels of one property that are joined in one way, and have keyframes at the same times, together."""
+    found: dict[tuple[str, str, bytes], list[Channel]] = {}
+    for channel in channels:
+        found.setdefault((channel.path, channel.interpolation, channel.times_s.tobytes()), []).append(channel)
+    return found.values()
+
+
+def _stacked(channels: Sequence[Channel]) -> Channel:
+    """Return one channel for the values of several of `_by_times`, ``[k, m, n]`` or ``[k, 3, m, n]``."""
+    return replace(channels[0], values=np.stack([channel.values for channel in channels], axis=-2))
 
 
 def _cofactors(linear: npt.NDArray[Any]) -> npt.NDArray[Any]:

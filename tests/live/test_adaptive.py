@@ -64,7 +64,8 @@ def test_pixels_take_turns_in_a_live_run() -> None:
     )
     pixels = SIZE[0] * SIZE[1]
     assert summary["effort"] == {"probe_spp": 1, "spp": 1, "first_hit_rays": 4, "every": 3}
-    assert summary["paths"] == pixels * (1 + 9 // 3), "all of the first frame, then each pixel in each third"
+    # All of the first frame, then each pixel in each third; and at rims, the few whose path missed what rays saw.
+    assert 0 <= summary["paths"] - pixels * (1 + 9 // 3) < 0.02 * 9 * pixels
 
 
 def test_maps_are_found_over_the_seam_of_a_loop() -> None:

@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 import pytest
-from test_steered import Run, log_brightness, textured_world
+from test_steered import Run, log_brightness, textured_world, walled_world
 from test_tracer import lit_world, moving_world
 
 from clsim.errors import Error
@@ -38,7 +38,7 @@ def at(interest, y, x, *, distance=0.0, change=0.0, error=0.0):
 def paths_after(interest, spp=16, probe_spp=1, every=1):
     """The paths of each pixel in the frame that goes by that map: all samples but its one first-hit ray."""
     board = InterestBoard()
-    run = Run(lit_world(), board, spp=spp, probe_spp=probe_spp, probe_every=every, first_hit_rays=1)
+    run = Run(walled_world(), board, spp=spp, probe_spp=probe_spp, probe_every=every, first_hit_rays=1)
     for k in range(2):
         run.fill(k)
         board.publish(interest if k == 0 else quiet(k))
