@@ -14,8 +14,10 @@ _OBJECTS = 300_000
 
 def main() -> None:
     """Run the command line; wrong input ends it with one sentence and status 2."""
-    # Modules and kernels stay for good. To look through them again and again while they are made takes a tenth of a start.
+    # Modules and kernels stay for good. Looking through them while they are made takes a tenth of a start.
     gc.set_threshold(_OBJECTS)
+    # Matrices are small here. NumPy's threads for large ones would wait for them, and not idly.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     import typer
 
     from clsim.cli.app import app

@@ -95,7 +95,7 @@ QUALITIES: dict[Quality, Point] = {
         window=7,
         sampling="adaptive",
         probe_spp=4,
-        spp=32,
+        spp=64,
         first_hit_rays=64,
         sampler="sobol",
         event_rule="linear-light",
@@ -188,7 +188,7 @@ ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
 APART: dict[Quality, dict[str, Any]] = {
     "draft": {"probe_every": 4, "window": 11},
     "balanced": {"probe_every": 4, "window": 11, "spp": 6},
-    "accurate": {"probe_every": 4, "window": 11},
+    "accurate": {"probe_every": 4, "window": 11, "spp": 32},
 }
 """What else holds of them where things move and light straight from lamps is found apart.
 

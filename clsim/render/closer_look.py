@@ -1,8 +1,8 @@
 # Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""With how many more rays a pixel is looked at after a first look, where light is kept on surfaces.
+"""With how many more rays a pixel is looked at after a first look.
 
-Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
+Where light is kept on surfaces: shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
 where it may decide about an event. So where contrast thresholds are known, a pixel remembers at what brightness it
 fired last. The nearer its next event, the more rays count shares. Farther away, brightness may be wrong by as much as
 is left to go.
@@ -67,12 +67,21 @@ def fire(level: float, fired: float, event: NextEvent) -> float:
 
 
 @wp.func
+def rays_needed(bright: float, squares: float, error: float) -> float:
+    """Return how many rays find a pixel's brightness within that part of it.
+
+    ``bright`` is the mean brightness of what the pixel shows, ``squares`` the mean of its square. The error of points
+    that are spread evenly falls nearly as their number to the power of 3/4.
+    """
+    spread = wp.sqrt(wp.max(squares - bright * bright, 0.0))
+    return wp.pow(spread / (error * wp.max(bright, _DARKEST)), 4.0 / 3.0)
+
+
+@wp.func
 def look_closer(
     bright: float, squares: float, seen: Seen, first: Looks, looks: Looks, error: float, told: bool
 ) -> Looks:
     """Return the looks with as many rays as the first look at a pixel asks for.
-
-    The error of points that are spread evenly falls nearly as their number to the power of 3/4.
 
     Args:
         bright: mean brightness of what it shows.
@@ -85,8 +94,7 @@ def look_closer(
     """
     closer = looks
     if looks.most == first.most and seen.counted:
-        spread = wp.sqrt(wp.max(squares - bright * bright, 0.0))
-        needed = wp.pow(spread / (error * wp.max(bright, _DARKEST)), 4.0 / 3.0)
+        needed = rays_needed(bright, squares, error)
         least = int(0)
         if seen.things == _THINGS:
             # There may be more things than are told apart, and nobody knows how different they are.

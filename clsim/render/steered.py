@@ -21,8 +21,10 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
+from clsim.render.closer_look import SHARE_ERROR, rays_needed
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
+from clsim.render.sampling import brightness
 from clsim.render.shadow_rays import Shadows
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, covered_by, lit_albedo, store_things
@@ -32,6 +34,10 @@ GRADES = 6
 CLOSER = 0x80
 """Bit of a pixel's grade that tells of more first-hit rays."""
 _CLOSER = wp.constant(CLOSER)
+_USUAL = wp.constant(12.0)
+"""First-hit rays with which shares may be wrong by `SHARE_ERROR` near an event; by less, where there are more."""
+_ALIKE = wp.constant(2)
+"""Times the first-hit rays that look near an event at the least."""
 _LEAST = wp.constant(0.2)
 """A difference kept from an earlier frame takes away at most all but this share of the probe's irradiance."""
 
@@ -108,6 +114,28 @@ def _corrected(grade: int, known: int, before: int) -> int:
 
 
 @wp.func
+def _rays_at_event(things: wp.array(dtype=Thing), number: int, weights: wp.vec3, looks: Looks) -> int:
+    """Return how many rays look near an event, by how different the things are that a first look saw.
+
+    It hangs on what they are alone, and not on their light: in a still picture it stays the same. Some more look where
+    all are alike: small things are easily missed. Before a background, as bright as may be, all look.
+    """
+    bright = float(0.0)
+    squares = float(0.0)
+    missed = float(0.0)
+    for k in range(number):
+        one = brightness(things[k].emission + things[k].albedo, weights)
+        bright += one * things[k].share
+        squares += one * one * things[k].share
+        if not things[k].first.hit:
+            missed = 1.0
+    error = SHARE_ERROR * _USUAL / float(looks.most)
+    needed = wp.min(rays_needed(bright, squares, error), float(looks.at_event))
+    needed = wp.max(needed, missed * float(looks.at_event))
+    return wp.max(int(needed), wp.min(_ALIKE * looks.most, wp.max(looks.at_event, looks.most)))
+
+
+@wp.func
 def _lit(things: wp.array(dtype=Thing), number: int, e: wp.vec3) -> wp.vec3:
     """Return the radiance of what is seen, in light of that irradiance over π."""
     radiance = wp.vec3()
@@ -171,8 +199,8 @@ def make_steered(
                 )  # fmt: skip
                 if corner_pass:
                     break
-                if seen.counted and (int(grades[pixel]) & _CLOSER) > 0:
-                    looks.most = wp.max(looks.most, looks.at_event)
+                if seen.counted and (int(grades[pixel]) & _CLOSER) > 0 and done == steering.looks.most:
+                    looks.most = _rays_at_event(things, seen.things, settings.spectral, looks)
             if corner_pass:
                 continue
             graded = int(grades[pixel]) & (_CLOSER - 1)
