@@ -37,7 +37,7 @@ class Edge:
     ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside, and corners next to the
     pixel's, may tell that too.
     ``alone`` is that all see one triangle, or none, ``whole`` that besides nothing is so small that it may hide before
-    it.
+    it, or that all pass by the boxes in which things are.
     ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
     seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
     and the row ``second`` of the corners has the other. ``varied`` is that a ray inside saw another colour on one side
@@ -200,6 +200,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.by_colour = True
         first = corners[nearest]
         sound = is_sound(first)
+        boxed = bool(first.boxed)
         colours = int(0)
         third = bool(False)
         one_material = bool(True)
@@ -211,6 +212,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
             other = nearest + int(place[0]) + int(place[1]) * row
             sample = corners[other]
             sound = sound and is_sound(sample)
+            boxed = boxed or sample.boxed
             one_material = one_material and sample.material == first.material
             one_triangle = one_triangle and sample.triangle == first.triangle and sample.hit == first.hit
             farthest = wp.max(farthest, sample.depth)
@@ -242,7 +244,9 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         if wp.static(wide_lamps):
             if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
                 edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel_angle)
+        # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.
         edge.whole = one_triangle and smallest_m > _WIDE_PX * farthest * pixel_angle
+        edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel_angle)
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
         return edge

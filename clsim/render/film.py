@@ -26,7 +26,7 @@ class Sample:
 
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``guarded`` is whether a way led through where something
-    moves (`guards.py`).
+    moves (`guards.py`). ``boxed`` is whether the first ray went into the box around an instance, or met a lamp.
     """
 
     radiance: wp.vec3
@@ -46,6 +46,7 @@ class Sample:
     lamp_all: float
     lamp_lit: float
     guarded: bool
+    boxed: bool
 
 
 @wp.struct

@@ -85,10 +85,12 @@ class Hit:
     """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
 
     Vertices, unit normal and the largest coordinate of the vertices, ``reach_m``, are those of the triangle in its
-    mesh's space: the search has them at hand.
+    mesh's space: the search has them at hand. ``boxed`` is whether the ray went into the box around an instance; where
+    all that stands still is one mesh, that is not known, and true.
     """
 
     t: float
+    boxed: bool
     instance: int
     triangle: int
     sphere: int

@@ -135,6 +135,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
             candidates = wp.bvh_query_ray(geometry.instance_tree, origin, direction)
             instance = int(0)
             while wp.bvh_query_next(candidates, instance, hit.t):
+                hit.boxed = True
                 to_object = to_object_at(geometry, instance, time)
                 mesh = mesh_at(geometry, instance, time)
                 local_origin = transform_point(to_object, origin)
@@ -151,6 +152,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                     hit.vertex2 = found.vertex2
                     hit.normal = found.normal
         else:
+            hit.boxed = True
             found = closest_in_mesh(geometry, 0, origin, direction, hit.t)
             if found.triangle >= 0:
                 hit.t = found.t

@@ -12,7 +12,8 @@ class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
 
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
-    what pixels see of R, G and B. Nothing is farther away than ``reach_m``, if that is finite.
+    what pixels see of R, G and B. Nothing is farther away than ``reach_m``, if that is finite, and no sphere is less
+    wide than ``least_sphere_rad`` [rad], seen from the camera.
     """
 
     samples: int
@@ -25,6 +26,7 @@ class Settings:
     lasts: float
     spectral: wp.vec3
     reach_m: float
+    least_sphere_rad: float
     stream: wp.uint64
 
 

@@ -101,6 +101,8 @@ def make_trace(
             if wp.static(only_look and features.keeps_looks):
                 far = wp.where(hit.triangle >= 0 or hit.sphere >= 0, hit.t, _FAR)
                 sample.guarded = sample.guarded or meets_guard(scene.geometry, origin, direction, far)
+            if wp.static(only_look):
+                sample.boxed = sample.boxed or hit.boxed or hit.sphere >= 0
             if wp.static(features.absorption):
                 if hit.triangle >= 0 or hit.sphere >= 0:
                     left = dimmed(absorption, hit.t)

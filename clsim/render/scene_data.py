@@ -34,6 +34,10 @@ from clsim.scene.validate import validate
 from clsim.scene.world import Vec3
 
 
+_MOST_SPHERES = 16
+"""Lamps that are spheres from which on nobody asks in each frame how wide they are seen."""
+
+
 class SceneData:
     """What rays may meet: trees, instances, lights and materials on a device, moved by data and not built anew.
 
@@ -182,6 +186,15 @@ class SceneData:
         middle, radius = self.origin_m + self._geometry.middle_m, self._geometry.radius_m
         balls = [(light.motion.pose(0.0)[:3, 3], light.radius_m) for light in self.world.sphere_lights]
         return float(max(np.linalg.norm(place - at) + size for at, size in [(middle, radius), *balls]))
+
+    def least_sphere_rad(self, place: npt.NDArray[np.float64], time_s: float) -> float:
+        """Return how wide each sphere at least is from a place in the world [rad]; 0 where there are many."""
+        lights = self.world.sphere_lights
+        if len(lights) > _MOST_SPHERES:
+            return 0.0
+        ways = [np.linalg.norm(place - self._pose(light.motion, time_s)[:3, 3]) for light in lights]
+        wide = [2.0 * light.radius_m / max(float(way), 1e-30) for light, way in zip(lights, ways, strict=True)]
+        return min(wide, default=math.inf)
 
     def smallest_m(self, places: npt.NDArray[np.float64], pixel_angle: float) -> npt.NDArray[np.float64]:
         """Return the width below which nothing lies as seen from each place ``[K, 3]``; 0 where that is unknown."""
