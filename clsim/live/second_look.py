@@ -1,7 +1,7 @@
 """How much of a run is noise: some pixels are looked at twice, and what one look fires and the other does not is noise.
 
-Both looks are rendered alike, with random numbers of their own, in the same light. So this counts the noise of first
-hits, which is most of it where light is kept on surfaces, and not that of the light itself.
+Both looks are rendered alike, with first-hit rays of their own. Where light is kept they share its paths: there one
+look is made somewhat brighter and the other darker, by how far the light might be off.
 """
 
 from __future__ import annotations

@@ -34,6 +34,10 @@ _OWN = wp.constant(1 << 16)
 """Number of a pixel's first path: beyond those of all first-hit rays."""
 _AGAIN = wp.constant(-3)
 """Number of the random numbers of a second look."""
+_OFF = wp.constant(0.5**0.5)
+"""Standard errors of the light by which two looks are wrong, one up and one down: so they differ as two runs do."""
+_LEAST = wp.constant(0.1)
+"""Part of what it shows that a pixel shows at least, however wrong its light may be."""
 _DARKEST = wp.constant(1.0e-4)
 """Luminance below which there is nothing to learn: as a detector's floor."""
 _LARGEST_GAIN = wp.constant(8.0)
@@ -83,6 +87,7 @@ class Lit:
     ``covered`` is the share of the pixel where a surface is seen, ``before`` the luminance of ``earlier``.
     ``brightness`` and ``squares`` are means over the pixel of the luminance of things and of its square.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
+    ``off`` and ``off_before`` are by how much the luminance of the light might be wrong, now and before, as in `Kept`.
     ``from_lamps`` is the share of the pixel where light straight from lamps is kept, and ``finely`` the part of it that
     the finest cells know.
     """
@@ -95,6 +100,8 @@ class Lit:
     unlit: wp.vec3
     unlit_before: wp.vec3
     known: float
+    off: float
+    off_before: float
     from_lamps: float
     finely: float
     brightness: float
@@ -153,14 +160,19 @@ def light_of(
                 radiance += wp.cw_mul(whole, kept.light)
                 if kept.known > 0.0:
                     s.light += reflected
+                    if gathering.asked.tells_error:
+                        s.off += brightness(reflected, weights) * kept.off
                 else:
                     s.unlit += albedo
                 if kept.known_before:
                     earlier = wp.cw_mul(albedo, kept.before)
                     s.earlier += earlier
                     s.before += brightness(earlier, weights)
+                    if gathering.asked.tells_error:
+                        s.off_before += brightness(earlier, weights) * kept.off_before
                 else:
                     s.unlit_before += albedo
+                    s.off_before += brightness(reflected, weights) * kept.off
         luminance = brightness(radiance, weights)
         s.brightness += luminance * things[k].share
         s.squares += luminance * luminance * things[k].share
@@ -199,6 +211,20 @@ def _shown(lit: Lit, earlier: bool, learnt: float) -> wp.vec3:
 
 
 @wp.func
+def _wrong(lit: Lit, errors: float, earlier: bool, weights: wp.vec3) -> tuple[float, float]:
+    """Return by how much log luminance is wrong where the light is off by so many standard errors, and its last change.
+
+    That change is learnt, as `_gain` is: what a pixel shows would not change by it.
+    """
+    shining = brightness(lit.emission, weights)
+    now = wp.max(shining + brightness(lit.light, weights), _DARKEST)
+    before = wp.max(shining + lit.before, _DARKEST)
+    off = wp.log(wp.max(1.0 + errors * lit.off / now, _LEAST))
+    off_before = wp.log(wp.max(1.0 + errors * lit.off_before / before, _LEAST))
+    return wp.where(earlier, off_before, off), off - off_before
+
+
+@wp.func
 def seen_light(
     lit: Lit, gathering: Gathering, own: wp.vec3, own_before: wp.vec3, learnt: float, weights: wp.vec3
 ) -> wp.vec3:
@@ -227,13 +253,16 @@ def make_cached(
     ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame; it is kept too,
     where ``steering.event`` tells at what they do.
 
+    ``learnt_twice``, float ``[2, H·W / n]``, is ``learnt`` of two looks at every n-th pixel, beside that.
+
     ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
     for only where the light is shown as it was ``earlier``.
 
     ``out_shadows`` ``[H·W]`` tells of pixels in soft shadows which rays reach the lamps, where that is asked for.
 
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
-    It writes to ``out_again`` alone: float ``[H·W / n]``, the luminance of what they show.
+    It writes to ``out_twice`` alone: float ``[2, H·W / n]``, the luminance of what the frame shows, and of what they
+    see, one somewhat brighter and one darker, by how far the light might be off.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -253,9 +282,10 @@ def make_cached(
         fired: wp.array(dtype=float),
         own_before: wp.array(dtype=wp.vec3),
         learnt_before: wp.array(dtype=float),
+        learnt_twice: wp.array2d(dtype=float),
         again: int,
         out_planes: wp.array2d(dtype=float),
-        out_again: wp.array(dtype=float),
+        out_twice: wp.array2d(dtype=float),
         out_positions: wp.array2d(dtype=wp.vec4),
         out_normals: wp.array2d(dtype=wp.vec4),
         out_lights: wp.array2d(dtype=wp.vec3),
@@ -264,6 +294,8 @@ def make_cached(
     ):
         # Room is made, and arguments are copied, once for all pixels of a thread.
         things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        gathering = steering
+        gathering.asked.tells_error = again > 0
         first = first_pixel + wp.tid() * pixels
         for number in range(first, first + pixels):
             pixel = number * wp.max(again, 1)
@@ -298,7 +330,7 @@ def make_cached(
                 )
                 if corner_pass:
                     break
-                lit = light_of(cells, things, seen.things, steering, settings.spectral)
+                lit = light_of(cells, things, seen.things, gathering, settings.spectral)
                 error = float(SHARE_ERROR)
                 told = steering.event.on > 0.0
                 if told and seen.counted:
@@ -316,8 +348,14 @@ def make_cached(
                 learnt_then = learnt[pixel]
                 if steering.earlier:
                     learnt_then = learnt_before[pixel]
-                seen_again = _shown(lit, steering.earlier, learnt_then)
-                out_again[number] = brightness(seen_again, settings.spectral)
+                shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
+                sees = _shown(lit, steering.earlier, learnt_then)
+                for one in range(2):
+                    off, gained = _wrong(lit, wp.where(one == 0, _OFF, -_OFF), steering.earlier, settings.spectral)
+                    seen_by = brightness(wp.where(one == 0, shows, sees), settings.spectral)
+                    learnt_twice[one, number] = learnt_twice[one, number] + gained
+                    then = wp.where(steering.earlier, gained, 0.0)
+                    out_twice[one, number] = seen_by * wp.exp(off - learnt_twice[one, number] + then)
                 continue
             wanted = int(settings.samples)
             if lit.known >= steering.known and lit.finely >= steering.finely * lit.from_lamps:

@@ -2,10 +2,10 @@
 # ruff: noqa: UP018, RUF046
 """With how many more rays a pixel is looked at after a first look.
 
-Where light is kept on surfaces: shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
-where it may decide about an event. So where contrast thresholds are known, a pixel remembers at what brightness it
-fired last. The nearer its next event, the more rays count shares. Farther away, brightness may be wrong by as much as
-is left to go.
+Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
+where it may decide about an event. Where light is kept on surfaces, and contrast thresholds are known, a pixel
+remembers at what brightness it fired last. The nearer its next event, the more rays count shares. Farther away,
+brightness may be wrong by as much as is left to go.
 """
 
 import warp as wp

@@ -11,15 +11,13 @@ Fricke and Keller, "Massively Parallel Path Space Filtering", 2021, without its 
 The average becomes better with every frame, and so it changes; that must fire no events. Hence a cell also keeps what
 it knew before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
 
-Sums are of whole numbers (`_UNIT` parts), so that their order is without effect and runs are bit-identical.
+How well a cell knows its light follows from how different the paths are that it averages.
 """
-
-from typing import Any, NamedTuple
 
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.compiler import kernel_options, one_at_a_time
+from clsim.render.compiler import kernel_options
 
 wp.set_module_options(kernel_options())
 
@@ -35,15 +33,6 @@ _PROBES = wp.constant(64)
 BLOCK = 16
 """Cells side by side on a surface that have neighbouring rows."""
 _BLOCK = wp.constant(BLOCK)
-_UNIT = wp.constant(4294967296.0)
-_LARGEST = wp.constant(65536.0)
-"""Irradiance counts as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
-
-SUMS = 4
-"""Of R, G and B, and the number of paths."""
-_COUNT = wp.constant(3)
-_PATHS = wp.constant(1)
-"""Of what a pixel spent: first-hit rays, and these."""
 
 
 @wp.struct
@@ -57,6 +46,8 @@ class Cell:
         update: number of the last update that added to it.
         before: the light before that.
         count_before: number of paths before that.
+        error: standard error of the light, as a part of it.
+        error_before: that of the light before.
     """
 
     key: wp.int64
@@ -65,6 +56,8 @@ class Cell:
     update: int
     before: wp.vec3
     count_before: float
+    error: float
+    error_before: float
 
 
 @wp.struct
@@ -77,6 +70,9 @@ class Kept:
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
         finely: share of the finest cells asked in the light, 0 where no path was in them.
+        off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
+            chance, which is always the same. Where nobody asked, 0.
+        off_before: the same of the light before.
     """
 
     light: wp.vec3
@@ -84,6 +80,8 @@ class Kept:
     before: wp.vec3
     known_before: bool
     finely: float
+    off: float
+    off_before: float
 
 
 @wp.struct
@@ -97,6 +95,7 @@ class Asked:
         last_update: what was known before is what cells knew before that update.
         wanted: paths with which a level counts as much as all coarser ones; these blur light, fine ones are noisy.
         wanted_if_smooth: the same where light is smooth.
+        tells_error: whether it is told how far the light might be off.
     """
 
     finest: int
@@ -105,16 +104,17 @@ class Asked:
     last_update: int
     wanted: float
     wanted_if_smooth: float
+    tells_error: bool
 
 
 @wp.func
-def _size(width_m: float) -> int:
+def size_of(width_m: float) -> int:
     """Return the logarithm to base 2 of the side of the finest cells where they may be so wide; so few sides occur."""
     return int(wp.floor(wp.log2(wp.max(width_m, 1.0e-9))))
 
 
 @wp.func
-def _face(normal: wp.vec3) -> int:
+def face_of(normal: wp.vec3) -> int:
     """Return which of six ways a surface faces."""
     axis = int(0)
     if wp.abs(normal[1]) > wp.abs(normal[axis]):
@@ -125,19 +125,19 @@ def _face(normal: wp.vec3) -> int:
 
 
 @wp.func
-def _grid(size: int, face: int, in_coat: int) -> wp.uint64:
-    """Return what tells the cells of this size and face from others, for `_key_of`."""
+def grid_of(size: int, face: int, in_coat: int) -> wp.uint64:
+    """Return what tells the cells of this size and face from others, for `key_of`."""
     return sampling.absorb(wp.uint64(face + 6 * in_coat), size)
 
 
 @wp.func
-def _in_cells(position: wp.vec3, side_m: float) -> wp.vec3:
+def in_cells(position: wp.vec3, side_m: float) -> wp.vec3:
     """Return a position in units of a cell's side."""
     return position / side_m + wp.vec3(_SHIFT, _SHIFT, _SHIFT)
 
 
 @wp.func
-def _key_of(grid: wp.uint64, axis: int, x: float, y: float, z: float) -> wp.int64:
+def key_of(grid: wp.uint64, axis: int, x: float, y: float, z: float) -> wp.int64:
     """Return the key of the cell with these whole coordinates, never 0, in the grid of a face across that axis.
 
     Its low bits tell where the cell lies in a block of 4×4 along the surface, the rest is the block's hash.
@@ -176,7 +176,7 @@ def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
 
 
 @wp.func
-def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
+def find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
     """Return the row of a cell, a new one if need be; -1 where there is no room.
 
     ``out_used`` counts rows taken, and cells that found no room.
@@ -198,6 +198,19 @@ def _find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.ar
 
 
 @wp.func
+def _bright(light: wp.vec3) -> float:
+    """Return the mean over R, G and B."""
+    return (light[0] + light[1] + light[2]) / 3.0
+
+
+@wp.func
+def _off(key: wp.int64, light: wp.vec3, error: float) -> float:
+    """Return by how much the light of a cell with that key might be off."""
+    odd = sampling.mix64(wp.uint64(key)) & wp.uint64(1)
+    return _bright(light) * wp.where(odd == wp.uint64(1), error, -error)
+
+
+@wp.func
 def look_up(
     cells: wp.array(dtype=Cell),
     asked: Asked,
@@ -216,9 +229,9 @@ def look_up(
     finest = wp.max(asked.finest, least)
     finest_before = wp.max(asked.finest_before, least)
     wanted = wp.where(smooth, asked.wanted_if_smooth, asked.wanted)
-    size = _size(width_m)
+    size = size_of(width_m)
     side_m = wp.pow(2.0, float(size))
-    face = _face(normal)
+    face = face_of(normal)
     left = float(1.0)
     left_before = float(1.0)
     # As a variable, so that the loop is compiled once and not eight times.
@@ -227,17 +240,19 @@ def look_up(
         if level < finest and level < finest_before:
             side_m = side_m * 2.0
             continue
-        at = _in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
+        at = in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
         corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
         part = at - corner
         axis = face // 2
         if wp.abs(normal[axis]) > _ALIGNED:
             corner[axis] = wp.floor(at[axis] + 0.5)
             part[axis] = 0.0
-        grid = _grid(size + level, face, in_coat)
+        grid = grid_of(size + level, face, in_coat)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
+        off = float(0.0)
         before = wp.vec3(0.0, 0.0, 0.0)
+        off_before = float(0.0)
         count_before = float(0.0)
         for i in range(corners):
             dx = float(i & 1)
@@ -245,27 +260,32 @@ def look_up(
             dz = float(i >> 2)
             weight = (1.0 - wp.abs(dx - part[0])) * (1.0 - wp.abs(dy - part[1])) * (1.0 - wp.abs(dz - part[2]))
             if weight > 1.0e-4:
-                row = _find(cells, _key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
+                row = _find(cells, key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
                 if row >= 0:
                     cell = cells[row]
                     light += cell.light * (weight * cell.count)
                     count += weight * cell.count
-                    if cell.update == asked.last_update:
-                        before += cell.before * (weight * cell.count_before)
-                        count_before += weight * cell.count_before
-                    else:
-                        before += cell.light * (weight * cell.count)
-                        count_before += weight * cell.count
+                    if cell.update != asked.last_update:
+                        cell.before = cell.light
+                        cell.count_before = cell.count
+                        cell.error_before = cell.error
+                    before += cell.before * (weight * cell.count_before)
+                    count_before += weight * cell.count_before
+                    if asked.tells_error:
+                        off += _off(cell.key, cell.light, cell.error) * (weight * cell.count)
+                        off_before += _off(cell.key, cell.before, cell.error_before) * (weight * cell.count_before)
         # By the same rule in both, so that what was known before is what the last frame showed.
         if count > 0.0 and level >= finest and left >= _ENOUGH:
             share = left * count / (count + wanted)
             if level == finest:
                 kept.finely = share
             kept.light += light * (share / count)
+            kept.off += off * (share / count)
             left = left - share
         if count_before > 0.0 and level >= finest_before and left_before >= _ENOUGH:
             share = left_before * count_before / (count_before + wanted)
             kept.before += before * (share / count_before)
+            kept.off_before += off_before * (share / count_before)
             left_before = left_before - share
         if left < _ENOUGH and left_before < _ENOUGH:
             break
@@ -273,127 +293,9 @@ def look_up(
     kept.known = 1.0 - left
     if kept.known > 0.0:
         kept.light = kept.light / kept.known
+        kept.off = kept.off / (kept.known * wp.max(_bright(kept.light), 1.0e-20))
     kept.known_before = left_before < 1.0
     if kept.known_before:
         kept.before = kept.before / (1.0 - left_before)
+        kept.off_before = kept.off_before / ((1.0 - left_before) * wp.max(_bright(kept.before), 1.0e-20))
     return kept
-
-
-def open_cells(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec4),
-    asked: Asked,
-    update: int,
-    keys: wp.array(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-    out_rows: wp.array3d(dtype=int),
-    out_used: wp.array(dtype=int),
-):
-    """Find or make the cells of each path that are ``asked``, and keep what they knew so far.
-
-    A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
-    largest width of the finest cells there [m] last, 0 where a path met nothing. ``normals`` have a number last, to
-    which 1 is added in a coat, and 2 where light is smooth.
-    """
-    pixel = wp.tid()
-    for i in range(spent[_PATHS, pixel]):
-        p = positions[i, pixel]
-        if p[3] > 0.0:
-            size = _size(p[3])
-            side_m = wp.pow(2.0, float(size))
-            n = normals[i, pixel]
-            face = _face(wp.vec3(n[0], n[1], n[2]))
-            in_coat = int(n[3]) & 1
-            finest = wp.where(int(n[3]) > 1, wp.max(asked.finest, asked.finest_if_smooth), asked.finest)
-            for level in range(_LEVELS):
-                grid = _grid(size + level, face, in_coat)
-                at = _in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
-                key = _key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
-                row = int(-1)
-                if level >= finest:
-                    row = _find_or_make(keys, key, out_used)
-                out_rows[i, level, pixel] = row
-                if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
-                    # Whoever comes first or at the same time writes the same.
-                    cells[row].before = cells[row].light
-                    cells[row].count_before = cells[row].count
-                    cells[row].update = update
-                    cells[row].key = key
-                side_m = side_m * 2.0
-
-
-def add_to_cells(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    lights: wp.array2d(dtype=wp.vec3),
-    rows: wp.array3d(dtype=int),
-    sums: wp.array2d(dtype=wp.int64),
-):
-    """Add each path's irradiance to its cells; a thread is a pixel."""
-    pixel = wp.tid()
-    for i in range(spent[_PATHS, pixel]):
-        if positions[i, pixel][3] > 0.0:
-            light = lights[i, pixel]
-            for level in range(_LEVELS):
-                row = rows[i, level, pixel]
-                if row >= 0:
-                    for channel in range(3):
-                        value = wp.clamp(light[channel], 0.0, _LARGEST)
-                        wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
-                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
-
-
-def average(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    rows: wp.array3d(dtype=int),
-    sums: wp.array2d(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-):
-    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
-    pixel = wp.tid()
-    for i in range(spent[_PATHS, pixel]):
-        if positions[i, pixel][3] > 0.0:
-            for level in range(_LEVELS):
-                row = rows[i, level, pixel]
-                if row >= 0:
-                    count = float(sums[row, _COUNT])
-                    total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
-                    cells[row].light = total / (_UNIT * count)
-                    cells[row].count = count
-
-
-def move_cells(
-    source_sums: wp.array2d(dtype=wp.int64),
-    source: wp.array(dtype=Cell),
-    oldest: int,
-    keys: wp.array(dtype=wp.int64),
-    sums: wp.array2d(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-    out_used: wp.array(dtype=int),
-):
-    """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``."""
-    row = wp.tid()
-    cell = source[row]
-    if cell.key != wp.int64(0) and cell.update >= oldest:
-        to = _find_or_make(keys, cell.key, out_used)
-        if to >= 0:
-            cells[to] = cell
-            for field in range(wp.static(SUMS)):
-                sums[to, field] = source_sums[row, field]
-
-
-class Updates(NamedTuple):
-    """The kernels `open_cells`, `add_to_cells`, `average` and `move_cells`."""
-
-    open_cells: Any
-    add_to_cells: Any
-    average: Any
-    move_cells: Any
-
-
-@one_at_a_time
-def build_updates() -> Updates:
-    """Return the kernels that keep what paths find, which are the same for all scenes."""
-    return Updates(*map(wp.kernel(enable_backward=False), (open_cells, add_to_cells, average, move_cells)))

@@ -14,7 +14,8 @@ from clsim.render.closer_look import NextEvent
 from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.first_hits import Looks
 from clsim.render.launch import record
-from clsim.render.light_cache import BLOCK, LEVELS, SUMS, Asked, Cell, build_updates
+from clsim.render.light_cache import BLOCK, LEVELS, Asked, Cell
+from clsim.render.light_updates import SUMS, build_updates
 from clsim.render.shadow_rays import Shadow
 from clsim.scene import Sensor
 
@@ -103,8 +104,6 @@ class LightKeeper:
         effort: what holds from the next frame on; may be set from any thread.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
-        seen_again: on the device, luminance of every n-th pixel in raster order, as a second look at the last frame saw
-            it; n is `RenderOptions.look_again`.
     """
 
     def __init__(
@@ -131,7 +130,9 @@ class LightKeeper:
             device: Warp's device.
         """
         pixels = width * height
-        self.seen_again: Any = wp.zeros(-(-pixels // look_again) if look_again else 1, dtype=wp.float32, device=device)
+        again = -(-pixels // look_again) if look_again else 1
+        self._seen_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
+        self._learnt_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
@@ -175,8 +176,9 @@ class LightKeeper:
             "fired": self._fired,
             "own_before": self._own_before,
             "learnt_before": self._learnt_before,
+            "learnt_twice": self._learnt_twice,
             "again": 0,
-            "out_again": self.seen_again,
+            "out_twice": self._seen_twice,
             **self._found,
             "out_spent": self._spent,
             "out_shadows": self._shadows[1],
@@ -240,6 +242,11 @@ class LightKeeper:
         return {"steering": self._gathering} | light | shadows
 
     @property
+    def seen_twice(self) -> npt.NDArray[np.float32]:
+        """Luminance of every n-th pixel in raster order, as two looks saw the last frame; see `View.seen_twice`."""
+        return np.asarray(self._seen_twice.numpy(), np.float32)
+
+    @property
     def step_us(self) -> tuple[int, int] | None:
         """Times of the last two frames; None where there are none, or a motion has begun anew between them."""
         start_us, end_us = self._times_us if len(self._times_us) == 2 else (0, 0)
@@ -254,7 +261,7 @@ class LightKeeper:
     def forget(self) -> None:
         """Empty all cells: the light is another one."""
         self._found_more = False
-        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt):
+        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._learnt_twice):
             each.zero_()
         self._frames = 0
         self._times_us.clear()

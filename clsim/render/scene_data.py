@@ -33,7 +33,6 @@ from clsim.scene import Motion, World
 from clsim.scene.validate import validate
 from clsim.scene.world import Vec3
 
-
 _MOST_SPHERES = 16
 """Lamps that are spheres from which on nobody asks in each frame how wide they are seen."""
 
@@ -215,7 +214,7 @@ class SceneData:
         if self.tree == "bvh16":
             kernels.append(grow)
         if options.light_cache:
-            from clsim.render.light_cache import build_updates
+            from clsim.render.light_updates import build_updates
 
             kernels.append(build_updates().open_cells)
         compile_together(kernels, self.device)

@@ -278,17 +278,14 @@ class View:
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
         """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then.
 
-        Where paths are kept one is somewhat brighter and one darker than the frame, by as much as its light is noisy.
+        Where light or paths are kept one is somewhat brighter and one darker, by as much as the light is noisy.
         """
-        if self._options.in_turn:
-            return cast("TurnKeeper", self._steerer).seen_twice
+        if self._steerer is not None:
+            return cast("LightKeeper | TurnKeeper", self._steerer).seen_twice
         every = self._options.look_again
         weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
         first = weights @ frame.planes[:3].reshape(3, -1)[:, ::every]
-        if self._steerer is None:
-            again = weights @ self._again[:3].numpy()[:, ::every]
-        else:
-            again = self.light_keeper.seen_again.numpy()
+        again = weights @ self._again[:3].numpy()[:, ::every]
         return np.stack([first, again])
 
     def forget_light(self) -> None:

@@ -82,7 +82,7 @@ def noted(*args, **kwargs):
     return declare(*args, **kwargs)
 
 wp.kernel = noted
-from clsim.render.light_cache import build_updates
+from clsim.render.light_updates import build_updates
 from clsim.render.motion_field import build_pass_over
 assert not inside, "importing declares kernels"
 build_updates(), build_pass_over()

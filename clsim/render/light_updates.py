@@ -1,0 +1,156 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018, RUF046
+"""How the cells of `light_cache.py` come to know light: kernels that run between frames.
+
+Sums are of whole numbers (`_UNIT` parts), so that their order is without effect and runs are bit-identical.
+"""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from clsim.render.compiler import kernel_options, one_at_a_time
+from clsim.render.light_cache import LEVELS, Asked, Cell, face_of, find_or_make, grid_of, in_cells, key_of, size_of
+
+wp.set_module_options(kernel_options())
+
+SUMS = 5
+"""Of R, G and B, the number of paths, and the sum of the squares of what they found, the mean over R, G and B."""
+_COUNT, _SQUARES = wp.constant(3), wp.constant(4)
+_PATHS = wp.constant(1)
+"""Of what a pixel spent: first-hit rays, and these."""
+_LEVELS = wp.constant(LEVELS)
+_UNIT = wp.constant(4294967296.0)
+_LARGEST = wp.constant(65536.0)
+"""Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
+
+
+def open_cells(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    normals: wp.array2d(dtype=wp.vec4),
+    asked: Asked,
+    update: int,
+    keys: wp.array(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
+    out_rows: wp.array3d(dtype=int),
+    out_used: wp.array(dtype=int),
+):
+    """Find or make the cells of each path that are ``asked``, and keep what they knew so far.
+
+    A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
+    largest width of the finest cells there [m] last, 0 where a path met nothing. ``normals`` have a number last, to
+    which 1 is added in a coat, and 2 where light is smooth.
+    """
+    pixel = wp.tid()
+    for i in range(spent[_PATHS, pixel]):
+        p = positions[i, pixel]
+        if p[3] > 0.0:
+            size = size_of(p[3])
+            side_m = wp.pow(2.0, float(size))
+            n = normals[i, pixel]
+            face = face_of(wp.vec3(n[0], n[1], n[2]))
+            in_coat = int(n[3]) & 1
+            finest = wp.where(int(n[3]) > 1, wp.max(asked.finest, asked.finest_if_smooth), asked.finest)
+            for level in range(_LEVELS):
+                grid = grid_of(size + level, face, in_coat)
+                at = in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
+                key = key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
+                row = int(-1)
+                if level >= finest:
+                    row = find_or_make(keys, key, out_used)
+                out_rows[i, level, pixel] = row
+                if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
+                    # Whoever comes first or at the same time writes the same.
+                    cells[row].before = cells[row].light
+                    cells[row].count_before = cells[row].count
+                    cells[row].error_before = cells[row].error
+                    cells[row].update = update
+                    cells[row].key = key
+                side_m = side_m * 2.0
+
+
+def add_to_cells(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    lights: wp.array2d(dtype=wp.vec3),
+    rows: wp.array3d(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+):
+    """Add each path's irradiance to its cells; a thread is a pixel."""
+    pixel = wp.tid()
+    for i in range(spent[_PATHS, pixel]):
+        if positions[i, pixel][3] > 0.0:
+            light = lights[i, pixel]
+            for level in range(_LEVELS):
+                row = rows[i, level, pixel]
+                if row >= 0:
+                    bright = float(0.0)
+                    for channel in range(3):
+                        value = wp.clamp(light[channel], 0.0, _LARGEST)
+                        bright += value / 3.0
+                        wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
+                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
+                    wp.atomic_add(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
+
+
+def average(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    rows: wp.array3d(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
+):
+    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
+    pixel = wp.tid()
+    for i in range(spent[_PATHS, pixel]):
+        if positions[i, pixel][3] > 0.0:
+            for level in range(_LEVELS):
+                row = rows[i, level, pixel]
+                if row >= 0:
+                    count = float(sums[row, _COUNT])
+                    total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
+                    cells[row].light = total / (_UNIT * count)
+                    cells[row].count = count
+                    bright = (total[0] + total[1] + total[2]) / (3.0 * _UNIT * count)
+                    squares = float(sums[row, _SQUARES]) / (_UNIT * count)
+                    # One path tells nothing of how different others are: its light may be any.
+                    error = float(1.0)
+                    if count > 1.0 and bright > 0.0:
+                        error = wp.sqrt(wp.max(squares - bright * bright, 0.0) / (count - 1.0)) / bright
+                    cells[row].error = wp.min(error, 1.0)
+
+
+def move_cells(
+    source_sums: wp.array2d(dtype=wp.int64),
+    source: wp.array(dtype=Cell),
+    oldest: int,
+    keys: wp.array(dtype=wp.int64),
+    sums: wp.array2d(dtype=wp.int64),
+    cells: wp.array(dtype=Cell),
+    out_used: wp.array(dtype=int),
+):
+    """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``."""
+    row = wp.tid()
+    cell = source[row]
+    if cell.key != wp.int64(0) and cell.update >= oldest:
+        to = find_or_make(keys, cell.key, out_used)
+        if to >= 0:
+            cells[to] = cell
+            for field in range(wp.static(SUMS)):
+                sums[to, field] = source_sums[row, field]
+
+
+class Updates(NamedTuple):
+    """The kernels `open_cells`, `add_to_cells`, `average` and `move_cells`."""
+
+    open_cells: Any
+    add_to_cells: Any
+    average: Any
+    move_cells: Any
+
+
+@one_at_a_time
+def build_updates() -> Updates:
+    """Return the kernels that keep what paths find, which are the same for all scenes."""
+    return Updates(*map(wp.kernel(enable_backward=False), (open_cells, add_to_cells, average, move_cells)))
