@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.cached import Gathering
 from clsim.render.closer_look import NextEvent
 from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.first_hits import Looks
+from clsim.render.kept_light import Gathering
 from clsim.render.launch import record
 from clsim.render.light_cache import BLOCK, LEVELS, Asked, Cell
 from clsim.render.light_updates import SUMS, build_updates

@@ -10,11 +10,11 @@ from typing import Any
 import warp as wp
 
 from clsim.render import sampling
-from clsim.render.cached import Gathering, Lit, light_of, seen_light
 from clsim.render.closer_look import SHARE_ERROR, look_closer
 from clsim.render.corners import corner_near
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
+from clsim.render.kept_light import Gathering, Lit, light_of, seen_light
 from clsim.render.lamp_light import same_light
 from clsim.render.light_cache import Cell
 from clsim.render.shadow_rays import Shadow, Shadows
