@@ -302,6 +302,7 @@ def make_look(
         seen.counted = number > 1 and not edge.straight
         return seen
 
+    # It too: kept apart, the scene would be copied for each pixel.
     @wp.func(inline=True)
     def look(
         scene: scene_type,

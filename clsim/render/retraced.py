@@ -77,7 +77,8 @@ def make_retraced(
             moments = gather(scene, camera, settings, pixels[request], instants[request])
             store(moments, request, out_planes, out_bits)
 
-    @wp.func
+    # It is put where it is called, as what it calls is: kept apart, the scene would be copied for each pixel.
+    @wp.func(inline=True)
     def look_around(
         scene: scene_type,
         camera: view_type,

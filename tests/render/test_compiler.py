@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -14,6 +15,7 @@ import warp as wp
 from clsim import render
 from clsim.render.compiler import one_at_a_time
 
+FOX = Path(__file__).parents[2].parent / "shared" / "assets" / "gltf" / "Fox.glb"
 BUILD = """
 import threading
 import warp as wp
@@ -103,3 +105,18 @@ def test_no_name_in_a_kernel_is_a_constant_of_warp() -> None:
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                 assert node.value.id not in constants, f"{file.name}:{node.lineno}: {ast.unparse(node)}"
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not FOX.exists(), reason="shared scenes are not there")
+@pytest.mark.parametrize("time", ["fixed", "adaptive"])
+def test_kernels_are_whole(time: str, tmp_path: Path) -> None:
+    """No function in them is called with a scene: each call would copy three kilobytes, and pixels make many."""
+    options = ["--resolution", "16x12", "--frame-count", "2", "--time", time]
+    command = [sys.executable, "-m", "clsim", "live", str(FOX), *options]
+    subprocess.run(command, check=True, env=os.environ | {"WARP_CACHE_PATH": str(tmp_path)}, capture_output=True)
+    kernels = [each.read_bytes() for name in ("render", "retrace") for each in tmp_path.rglob(f"*__{name}_*.o")]
+    assert len(kernels) == (1 if time == "fixed" else 2)
+    for kernel in kernels:
+        assert re.search(rb"_Z\w*Scene_", kernel), "its symbols tell the types of arguments"
+        assert re.findall(rb"_ZL\w*Scene_\w*", kernel) == []
