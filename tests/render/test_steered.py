@@ -20,13 +20,15 @@ from clsim.frames import (
     rendered_planes,
 )
 from clsim.render import Effort, PathTracer, RenderOptions
-from clsim.scene import CheckerTexture, Instance, Material, Static
+from clsim.scene import CheckerTexture, Instance, Material, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
 STANDING = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0),) * 2, ((0.0, 0.0, 0.0, 1.0),) * 2)
 """A motion, as kernels take it, that leads nowhere."""
+LEADS = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0), (0.1, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0),) * 2)
+"""One that does."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 
@@ -239,6 +241,26 @@ def test_paths_go_where_a_surface_is_seen_alone():
         assert run.spent[0] >= 2 * (covered & ~before).sum() > 0
         assert (frame.plane("R")[covered] > 0.1).all()
         before = covered
+
+
+def test_no_ray_looks_in_between_corners_that_pass_by_all_boxes():
+    """But where a lamp may be smaller than a pixel."""
+    view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)), 24, 24)
+    world = hw.world(hw.ball(0.3, rings=12), motions=[LEADS], view=view, environment=(0.7, 0.7, 0.7))
+
+    def rays(*lamps):
+        frame = Run(replace(world, sphere_lights=lamps), first_hit_rays=12, spp=1).fill(0)
+        sky = frame.plane("Coverage") == 0
+        return frame.plane("Samples")[sky], sky
+
+    alone, sky = rays()
+    # The corner's alone; where the box begins, one more.
+    assert 0.7 < sky.mean() < 1 and (alone == 1).mean() > 0.9 and (alone <= 2).all()
+    behind = hw.translation(0.0, 0.0, 9.0)
+    many, _ = rays(SphereLight(1.0, (1.0, 1.0, 1.0), Static(behind)))
+    np.testing.assert_array_equal(many, alone)
+    tiny, _ = rays(SphereLight(1e-3, (1.0, 1.0, 1.0), Static(behind)))
+    assert (tiny >= 2).all()
 
 
 def test_going_back_in_time_starts_anew():
