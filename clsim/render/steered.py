@@ -36,6 +36,8 @@ CLOSER = 0x80
 _CLOSER = wp.constant(CLOSER)
 _USUAL = wp.constant(12.0)
 """First-hit rays with which shares may be wrong by `SHARE_ERROR` near an event; by less, where there are more."""
+_GLOW = wp.constant(1.0e-5)
+"""Part of the light straight from lamps that what shines by itself has at least; less is rounding."""
 _ALIKE = wp.constant(2)
 """Times the first-hit rays that look near an event at the least."""
 _LEAST = wp.constant(0.2)
@@ -117,21 +119,31 @@ def _corrected(grade: int, known: int, before: int) -> int:
 def _rays_at_event(things: wp.array(dtype=Thing), number: int, weights: wp.vec3, looks: Looks) -> int:
     """Return how many rays look near an event, by how different the things are that a first look saw.
 
-    It hangs on what they are alone, and not on their light: in a still picture it stays the same. Some more look where
-    all are alike: small things are easily missed. Before a background, as bright as may be, all look.
+    Colours count, and how light straight from lamps differs from thing to thing, and not how much light there is: where
+    that alone changes, as many look. Some more look where all are alike: small things are easily missed. Where something
+    shines by itself, or there is a background, all look.
     """
-    bright = float(0.0)
-    squares = float(0.0)
-    missed = float(0.0)
+    own = float(0.0)
+    colour = float(0.0)
+    colours = float(0.0)
+    lit = float(0.0)
+    lights = float(0.0)
     for k in range(number):
-        one = brightness(things[k].emission + things[k].albedo, weights)
-        bright += one * things[k].share
-        squares += one * one * things[k].share
+        share = things[k].share
+        own = wp.max(own, brightness(things[k].emission - things[k].from_lamps, weights))
         if not things[k].first.hit:
-            missed = 1.0
+            own = 1.0
+        one = brightness(things[k].albedo, weights)
+        colour += one * share
+        colours += one * one * share
+        one = brightness(things[k].from_lamps, weights)
+        lit += one * share
+        lights += one * one * share
     error = SHARE_ERROR * _USUAL / float(looks.most)
-    needed = wp.min(rays_needed(bright, squares, error), float(looks.at_event))
-    needed = wp.max(needed, missed * float(looks.at_event))
+    needed = wp.max(rays_needed(colour, colours, error), rays_needed(lit, lights, error))
+    if own > _GLOW * lit:
+        needed = float(looks.at_event)
+    needed = wp.min(needed, float(looks.at_event))
     return wp.max(int(needed), wp.min(_ALIKE * looks.most, wp.max(looks.at_event, looks.most)))
 
 
