@@ -120,8 +120,8 @@ def _rays_at_event(things: wp.array(dtype=Thing), number: int, weights: wp.vec3,
     """Return how many rays look near an event, by how different the things are that a first look saw.
 
     Colours count, and how light straight from lamps differs from thing to thing, and not how much light there is: where
-    that alone changes, as many look. Some more look where all are alike: small things are easily missed. Where something
-    shines by itself, or there is a background, all look.
+    that alone changes, as many look. Some more look where all are alike: small things are easily missed. Where
+    something shines by itself, or there is a background, all look.
     """
     own = float(0.0)
     colour = float(0.0)
