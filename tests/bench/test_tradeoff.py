@@ -207,7 +207,8 @@ def test_pixels_that_take_turns_are_a_setting_of_their_own(tmp_path: Path) -> No
     ]
     results = run_tradeoff(options(tmp_path, points=[Point(each, IRRADIANCE) for each in renderings], frames=5), ignore)
     every, turns, near = (point["paths"] / (2 * 16 * 12) for point in results["points"])
-    assert (every, turns) == (5, 3) and turns < near < every
+    # Of each pixel that shows a surface all five frames, or of one in two all but the first; a few come into view.
+    assert 3 < every < 5 and turns == pytest.approx(3 / 5 * every, rel=0.03) and turns < near < every
     assert [point["probe_every"] for point in results["points"]] == [1, 2, 2]
     labels = {row["label"] for row in results["settings"]}
     assert "2 spp each 2 frames common sobol + 4 first hits, irradiance K7" in labels and len(labels) == 3
