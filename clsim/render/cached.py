@@ -66,8 +66,8 @@ def make_cached(
     ``out_shadows`` ``[H·W]`` tells of pixels in soft shadows which rays reach the lamps, where that is asked for.
 
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
-    It writes to ``out_twice`` alone: float ``[2, H·W / n]``, the luminance of what the frame shows, and of what they
-    see, one somewhat brighter and one darker, by how far the light might be off.
+    It writes to ``learnt_twice`` and ``out_twice`` alone, both float ``[2, H·W / n]``: the second has the luminance of
+    what the frame shows, and of what they see, one somewhat brighter and one darker, by how far the light might be off.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)

@@ -39,7 +39,7 @@ _ENOUGH_FOR_CONTRAST = 16
 _ENOUGH_TO_LOOK_CLOSER = 12
 """First-hit rays from which on more look where an event is near: …"""
 _AT_EVENT, _AT_EVENT_KEPT = 6, 8
-"""… so many times as many, or where light is kept, …"""
+"""… at most so many times as many, or where light is kept, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
 _ENOUGH_TO_ASK = 16

@@ -187,9 +187,10 @@ class SceneData:
         return float(max(np.linalg.norm(place - at) + size for at, size in [(middle, radius), *balls]))
 
     def least_sphere_rad(self, place: npt.NDArray[np.float64], time_s: float) -> float:
-        """Return how wide each sphere at least is from a place in the world [rad]; 0 where there are many."""
+        """Return how wide each sphere at least is from a place in the world [rad]; 0 where nobody asks."""
         lights = self.world.sphere_lights
-        if len(lights) > _MOST_SPHERES:
+        # Without a tree over instances there are no boxes beside which spheres might hide.
+        if not self.features.two_level or len(lights) > _MOST_SPHERES:
             return 0.0
         ways = [np.linalg.norm(place - self._pose(light.motion, time_s)[:3, 3]) for light in lights]
         wide = [2.0 * light.radius_m / max(float(way), 1e-30) for light, way in zip(lights, ways, strict=True)]

@@ -38,7 +38,7 @@ _USUAL = wp.constant(12.0)
 """First-hit rays with which shares may be wrong by `SHARE_ERROR` near an event; by less, where there are more."""
 _GLOW = wp.constant(1.0e-5)
 """Part of the light straight from lamps that what shines by itself has at least; less is rounding."""
-_ALIKE = wp.constant(2)
+_ALIKE = wp.constant(2.0)
 """Times the first-hit rays that look near an event at the least."""
 _LEAST = wp.constant(0.2)
 """A difference kept from an earlier frame takes away at most all but this share of the probe's irradiance."""
@@ -139,12 +139,12 @@ def _rays_at_event(things: wp.array(dtype=Thing), number: int, weights: wp.vec3,
         one = brightness(things[k].from_lamps, weights)
         lit += one * share
         lights += one * one * share
+    most = float(looks.at_event)
     error = SHARE_ERROR * _USUAL / float(looks.most)
     needed = wp.max(rays_needed(colour, colours, error), rays_needed(lit, lights, error))
     if own > _GLOW * lit:
-        needed = float(looks.at_event)
-    needed = wp.min(needed, float(looks.at_event))
-    return wp.max(int(needed), wp.min(_ALIKE * looks.most, wp.max(looks.at_event, looks.most)))
+        needed = most
+    return int(wp.clamp(needed, wp.min(_ALIKE * float(looks.most), most), most))
 
 
 @wp.func
@@ -211,7 +211,8 @@ def make_steered(
                 )  # fmt: skip
                 if corner_pass:
                     break
-                if seen.counted and (int(grades[pixel]) & _CLOSER) > 0 and done == steering.looks.most:
+                closer = (int(grades[pixel]) & _CLOSER) > 0 and looks.at_event > looks.most
+                if seen.counted and closer and done == steering.looks.most:
                     looks.most = _rays_at_event(things, seen.things, settings.spectral, looks)
             if corner_pass:
                 continue
@@ -221,12 +222,17 @@ def make_steered(
             # Diagonals, so that each who waits has neighbours on all sides who do not.
             turn = pixel % settings.width + pixel // settings.width + steering.turn
             waits = graded == 0 and steering.before == 0 and turn % steering.every != 0
-            # What paths find is of surfaces: where none is seen they are not wanted, and where one is seen first, they
-            # are, as nothing is known there.
-            if covered_by(things, seen.things) == 0.0 or (waits and known[pixel] > 0):
+            # What paths find is of surfaces: where none is seen they are not wanted, and nothing is known of the next.
+            # Where one has just come into view they are, as nothing is known there.
+            if covered_by(things, seen.things) == 0.0:
+                wanted = int(0)
+                known[pixel] = 0
+            elif waits and known[pixel] > 0:
                 wanted = int(0)
             base = _corrected(grade, known[pixel], steering.before)
-            kept = correction[wp.max(base, 0), pixel]
+            kept = wp.vec3()
+            if known[pixel] > 0:
+                kept = correction[wp.max(base, 0), pixel]
             last = irradiance[pixel]
             e = irradiance[pixel]
             traced = int(0)

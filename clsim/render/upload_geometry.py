@@ -97,8 +97,8 @@ class GeometryData:
             vertices = geometry.vertices[own]
             first, end = int(first_triangle[i]), int(first_triangle[i + 1])
             indices = geometry.indices[3 * first : 3 * end]
-            about = {"may_pass": may_pass[mesh.material_ids], "rows": rows[first:end], "lasts": not deforms(mesh)}
-            bvh16 = partial(Bvh16, **about)
+            passable, lasts = may_pass[mesh.material_ids], not deforms(mesh)
+            bvh16 = partial(Bvh16, may_pass=passable, rows=rows[first:end], lasts=lasts)
             search = bvh16 if tree == "bvh16" else wp.Mesh
             key = entry - int(first_entry[i])
             # All shapes of a mesh have one tree until each is given its own.

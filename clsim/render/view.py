@@ -194,7 +194,8 @@ class View:
         pose = self._motion.pose(time_s)
         if not self._sky_differs:
             self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
-            self._settings.least_sphere_rad = self._data.least_sphere_rad(pose[:3, 3], time_s)
+            if self._options.first_hit_rays:
+                self._settings.least_sphere_rad = self._data.least_sphere_rad(pose[:3, 3], time_s)
         if self._options.in_turn:
             self._stand_at(pose)
         planes, bits = self._target(out)

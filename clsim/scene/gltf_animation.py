@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene.motion import Matrix, slerp
+from clsim.scene.motion import Matrix, slerp_rows
 from clsim.scene.rigid import without_scale
 from clsim.scene.world import F32, I32
 
@@ -67,7 +67,7 @@ class Channel:
             )
             return value
         if self.path == "rotation":
-            return slerp(keys[j - 1], keys[j], s)
+            return slerp_rows(keys[j - 1], keys[j], s)
         straight: F64 = (1 - s) * keys[j - 1] + s * keys[j]
         return straight
 

@@ -19,6 +19,8 @@ from clsim.errors import InputError
 Matrix = npt.NDArray[np.float64]
 Vec3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+_SAME = 1 - 1e-10
+"""Cosine above which sin θ of two quaternions vanishes, and with it the difference of an arc to a straight line."""
 
 
 class Motion(Protocol):
@@ -278,16 +280,30 @@ def euler_quaternion(rotation_deg: Vec3) -> Quaternion:
 
 
 def slerp(start: npt.ArrayLike, end: npt.ArrayLike, weight: float) -> Matrix:
-    """Interpolate unit quaternions ``[…, 4]`` along the shorter great circle (Shoemake, SIGGRAPH 1985)."""
-    a, b = (q / np.sqrt((q * q).sum(axis=-1, keepdims=True)) for q in (np.asarray(start, np.float64), np.asarray(end)))
+    """Interpolate unit quaternions along the shorter great circle (Shoemake, SIGGRAPH 1985)."""
+    a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    cosine = float(a @ b)
+    if cosine < 0:  # q and −q are the same rotation
+        b, cosine = -b, -cosine
+    if cosine > _SAME:
+        mixed: Matrix = (1 - weight) * a + weight * b
+    else:
+        angle = math.acos(cosine)
+        mixed = (math.sin((1 - weight) * angle) * a + math.sin(weight * angle) * b) / math.sin(angle)
+    return mixed
+
+
+def slerp_rows(start: Matrix, end: Matrix, weight: float) -> Matrix:
+    """Do as `slerp` with each of many, ``[m, 4]``; of one that takes three times as long."""
+    a, b = (q / np.linalg.norm(q, axis=-1, keepdims=True) for q in (start, end))
     cosine = (a * b).sum(axis=-1, keepdims=True)
-    b = np.where(cosine < 0, -b, b)  # q and −q are the same rotation
+    b = np.where(cosine < 0, -b, b)
     cosine = np.minimum(np.abs(cosine), 1.0)
     angle = np.arccos(cosine)
-    round_it = np.sin((1 - weight) * angle) * a + np.sin(weight * angle) * b
-    # Where sin θ vanishes, so does the difference to a straight line.
-    near = cosine > 1 - 1e-10
-    mixed: Matrix = np.where(near, (1 - weight) * a + weight * b, round_it / np.where(near, 1.0, np.sin(angle)))
+    turned = np.sin((1 - weight) * angle) * a + np.sin(weight * angle) * b
+    same = cosine > _SAME
+    mixed: Matrix = np.where(same, (1 - weight) * a + weight * b, turned / np.where(same, 1.0, np.sin(angle)))
     return mixed
 
 

@@ -228,16 +228,17 @@ def test_near_an_event_nobody_waits_for_a_turn():
 def test_paths_go_where_a_surface_is_seen_alone():
     ball = hw.ball(0.5, rings=12)
     view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)))
-    across = Keyframes((0.0, 1.0), ((-0.6, 0.0, 0.0), (0.6, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0),) * 2)
+    ends = (-0.6, 0.0, 0.0), (0.6, 0.0, 0.0)
+    across = Keyframes((0.0, 0.5, 1.0), (*ends, ends[0]), ((0.0, 0.0, 0.0, 1.0),) * 3)
     world = hw.world(ball, motions=[across], materials=(Material(color=(0.5, 0.5, 0.5)),), view=view)
     world = replace(world, environment=(0.7, 0.7, 0.7))
     run = Run(world, spp=2, probe_spp=2, probe_every=1000, fps=4.0)
     before = run.fill(0).plane("Coverage") > 0
     assert 0 < before.sum() < before.size and run.spent[0] == 2 * before.sum()
-    for k in range(1, 4):
+    for k in range(1, 5):
         frame = run.fill(k)
         covered = frame.plane("Coverage") > 0
-        # What has just come into view is not left without light until its turn comes.
+        # What has just come into view, or has come back, is not left without light until its turn comes.
         assert run.spent[0] >= 2 * (covered & ~before).sum() > 0
         assert (frame.plane("R")[covered] > 0.1).all()
         before = covered

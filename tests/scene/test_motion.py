@@ -20,6 +20,7 @@ from clsim.scene.motion import (
     look_at,
     rotation_matrix,
     slerp,
+    slerp_rows,
 )
 
 coordinate = st.floats(-10, 10)
@@ -47,6 +48,17 @@ def test_slerp_agrees_with_scipy(start_deg, end_deg, weight):
         return  # half a turn apart, either way round is right
     expected = Slerp([0, 1], Rotation.concatenate([start, end]))(weight).as_matrix()
     np.testing.assert_allclose(rotation_matrix(slerp(start.as_quat(), end.as_quat(), weight)), expected, atol=1e-6)
+
+
+@given(st.lists(st.tuples(angles, angles), min_size=1, max_size=5), share)
+def test_many_turn_as_each_of_them_does(pairs, weight):
+    ends = [[Rotation.from_euler("xyz", a, degrees=True).as_quat() for a in pair] for pair in zip(*pairs, strict=True)]
+    start, end = (np.array(each) for each in ends)
+    # Half a turn apart, either way round is right.
+    clear = np.abs((start * end).sum(axis=1)) > 1e-3
+    start, end = start[clear], end[clear]
+    expected = np.reshape([slerp(a, b, weight) for a, b in zip(start, end, strict=True)], (-1, 4))
+    np.testing.assert_allclose(slerp_rows(start, end, weight), expected, atol=1e-9)
 
 
 @given(st.lists(st.tuples(point, angles), min_size=1, max_size=5), st.floats(-1, 6))
