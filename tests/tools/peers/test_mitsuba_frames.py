@@ -13,7 +13,7 @@ from clsim.scene import load_world
 from tools.peers.mitsuba_frames import MitsubaFrames
 from tools.peers.mitsuba_scene import load_mitsuba
 
-ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
+ROOM = Path(__file__).resolve().parents[3].parent / "shared" / "assets" / "mitsuba" / "living-room" / "scene.xml"
 WIDTH, HEIGHT, SPP = 32, 24, 1024
 
 
