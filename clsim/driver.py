@@ -17,7 +17,7 @@ from clsim.events.batch import gather
 from clsim.eye import Eye
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
-from clsim.live.stages import in_colours_of, load_options_world, plan_stages
+from clsim.live.stages import Stages, in_colours_of, load_options_world, plan_stages
 from clsim.render import SceneData
 from clsim.scene import World, validate
 from clsim.scene.driven import CAMERA, read_place
@@ -69,7 +69,7 @@ class Driver(ABC):
         render_device: str = "cpu",
         opencl: str | None = None,
         strict: bool = False,
-        time: str = "fixed",
+        time: str = "auto",
         time_tolerance_us: float | None = None,
         truth: str | Sequence[str] = (),
     ) -> None:
@@ -83,7 +83,8 @@ class Driver(ABC):
             fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
                 sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
                 history, confidence, follow_specular, max_depth, threads, render_device, opencl, strict, time,
-                time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera.
+                time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera. Where something is
+                set before the first step, "auto" is "fixed".
             truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
 
         Raises:
@@ -101,8 +102,7 @@ class Driver(ABC):
         self._options = LiveOptions(**given)
         self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)
         self._eyes = {name: Eye(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()}
-        first = next(iter(self._eyes.values())).stages
-        self.fps = first.fps
+        self.fps = self._first.fps
         self.warnings = tuple(dict.fromkeys(text for eye in self._eyes.values() for text in eye.stages.warnings))
         self._driving = Driving(self.world)
         self._driven: tuple[str, ...] = ()
@@ -188,10 +188,11 @@ class Driver(ABC):
         red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
         if min(red, green, blue) < 0:
             raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
-        if self._options.time != "fixed":
+        # Until the first step, what is auto may yet become fixed.
+        time = self._options.time if self._data is None else self._first.options.time
+        if time not in ("auto", "fixed"):
             raise InputError(
-                f"`time` {self._options.time} knows the scene's own light between frames, so no light can be set; "
-                "use fixed"
+                f"`time` {time} knows the scene's own light between frames, so no light can be set; use fixed"
             )
         self._driving.set_light(name, (red, green, blue))
         if self._data is not None:
@@ -319,6 +320,11 @@ class Driver(ABC):
             self._eyes[name].stages = plan_stages(
                 self._options, own, lights_set=bool(self._driving.light), driven=self._driven
             )
+
+    @property
+    def _first(self) -> Stages:
+        """The stages of the first camera."""
+        return next(iter(self._eyes.values())).stages
 
     @property
     def _views(self) -> tuple[object, ...]:

@@ -59,7 +59,9 @@ def run(
 
     Without ``fps`` frames are as many as a run has by itself.
     """
-    more: dict[str, Any] = {} if tolerance_us is None else {"time": "adaptive", "time_tolerance_us": tolerance_us}
+    more: dict[str, Any] = {"time": "fixed"}
+    if tolerance_us is not None:
+        more = {"time": "adaptive", "time_tolerance_us": tolerance_us}
     with clsim.Simulator(world, fps=fps, **options, **more) as simulator:
         # Kernels are built by the first steps.
         simulator.step(round(2e6 / simulator.fps))

@@ -66,7 +66,7 @@ def cases() -> dict[str, tuple[World, dict[str, Any]]]:
 
 def run(world: World, options: dict[str, Any]) -> tuple[EventBatch, float, int]:
     """Return events, processor time once kernels are built, and how many pixels were traced between frames."""
-    with clsim.Simulator(world, **({"fps": 30.0} | options)) as simulator:
+    with clsim.Simulator(world, **({"fps": 30.0, "time": "fixed"} | options)) as simulator:
         simulator.step(round(2e6 / simulator.fps))
         simulator.reset()
         begun = time.process_time()

@@ -15,6 +15,7 @@ from clsim.bench.tradeoff_measure import run_point
 from clsim.bench.tradeoff_settings import named_points
 from clsim.events import EventBatch
 from clsim.live.light import Light
+from clsim.live.options import LiveOptions
 from clsim.live.quality import Quality
 from clsim.live.time_steps import check_time
 from clsim.opencl.device import choose_device
@@ -124,7 +125,7 @@ def measure_edges(
 ) -> list[dict[str, Any]]:
     """Measure ``QUALITIES`` on edges of all kinds and of some speeds; ``report`` is told what is being measured.
 
-    With ``time`` "adaptive", pixels are traced between frames too.
+    ``time`` says when brightness is found, as in a live run.
 
     Returns:
         One dict each: ``kind``, ``speed_px_s``, ``quality``, ``frames``, and what ``measure_edge`` returns.
@@ -141,10 +142,10 @@ def measure_edges(
     return rows
 
 
-def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "fixed", seed: int = 0) -> dict[str, Any]:
+def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "auto", seed: int = 0) -> dict[str, Any]:
     """Run a named quality on an edge and compare its events with the closed form.
 
-    With ``time`` "adaptive", pixels are traced between frames too.
+    ``time`` says when brightness is found, as in a live run.
 
     Returns:
         ``events``, ``true_events``, ``matched`` (pairs at one pixel, of one polarity, at most a frame or a pixel of
@@ -152,10 +153,11 @@ def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "fi
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    if time != "fixed":
+    light = Light.of(world, fps)
+    if LiveOptions("", quality=quality, time=time).settled(light).time != "fixed":
         found, cpu_s = _run_between(scene, quality, fps, time, seed)
     else:
-        point = named_points(seed, Light.of(world, fps))[quality]
+        point = named_points(seed, light)[quality]
         config = point.detector.config(world.sensor)
         options = point.options(fps, scene.frames, world.sensor)
         run = run_point(world, options, config, choose_device(), lambda: None)

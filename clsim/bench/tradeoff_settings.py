@@ -154,7 +154,7 @@ LIGHTS = (
 
 def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
     """Return the points that ``clsim live --quality`` names, in scenes with such light."""
-    runs = {name: LiveOptions("", quality=name).settled(light) for name in quality.QUALITIES}
+    runs = {name: LiveOptions("", quality=name, time="fixed").settled(light) for name in quality.QUALITIES}
     return {name: _of_live(run.point, seed) for name, run in runs.items()}
 
 

@@ -80,8 +80,11 @@ def edge(
     resolution: Annotated[str, typer.Option(help="WIDTHxHEIGHT in pixels.")] = "96x72",
     fps: Annotated[float, typer.Option(min=1.0, max=1e6, help="Frames per simulated second.")] = 120.0,
     time: Annotated[
-        str, typer.Option(help="fixed: frames alone; adaptive: pixels are traced between frames too.")
-    ] = "fixed",
+        str,
+        typer.Option(
+            help="fixed: frames alone; adaptive: pixels are traced between frames too; auto: what each quality does."
+        ),
+    ] = "auto",
     as_json: JSON = False,
 ) -> None:
     """Measure how exact event times are, in pixels, on straight edges whose events have a closed form.
@@ -89,7 +92,7 @@ def edge(
     The bundled scene `edge` at 30, 300 and 3000 pixels per second; as one surface before another, as a change of colour
     on one surface, and as a ramp of colour. The error is the speed times the median distance in time.
 
-    Examples: `clsim bench edge --fps 480`, `clsim bench edge --time adaptive`
+    Examples: `clsim bench edge --fps 480`, `clsim bench edge --time fixed`
     """
     from rich.console import Console
     from rich.table import Table

@@ -127,7 +127,7 @@ def _open(given: Mapping[str, Any]) -> Session:
     from clsim.events.outputs import FileOptions
     from clsim.footage.open import is_footage
     from clsim.live.footage import FootageOptions, open_footage_session
-    from clsim.live.options import RecordingOptions
+    from clsim.live.recording_options import RecordingOptions
     from clsim.live.sensors import RecordedSensor
     from clsim.live.session import open_recording
 

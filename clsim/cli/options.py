@@ -81,11 +81,16 @@ TIME = Annotated[
     advanced(
         help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), "
         "or in whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in "
-        "ESIM); without --fps there are 30 frames a second then, or what fast things or changing light need. [fixed]"
+        "ESIM); without --fps there are 30 frames a second then, or what fast things or changing light need. auto is "
+        "fixed, and adaptive where things go over 2 pixels a frame, but for draft and published. [auto]"
     ),
 ]
 TIME_TOLERANCE = Annotated[
-    str | None, advanced(help="With --time adaptive: error of an event's time that will do, such as 20us. [100us]")
+    str | None,
+    advanced(
+        help="With --time adaptive: error of an event's time that will do, such as 20us. [100us; 30us with accurate "
+        "and exact]"
+    ),
 ]
 RENDER_TIMES = Annotated[
     str | None,

@@ -7,7 +7,6 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from clsim.live.quality import SLOW_SHARE
 from clsim.scene import World
 
 BASE_FPS = 30.0
@@ -52,11 +51,6 @@ def fastest_px_s(world: World) -> float:
             if _seen(places[0], world.camera.width, world.camera.height) and np.isfinite(places[1]).all():
                 fastest = max(fastest, float(np.linalg.norm(places[1] - places[0], axis=1).max()) / _APART_S)
     return fastest
-
-
-def things_go_slowly(world: World, fps: float) -> bool:
-    """Whether rigid things go a small part of the picture from frame to frame, as far as a world tells."""
-    return fastest_px_s(world) <= SLOW_SHARE * world.camera.width * fps
 
 
 def _in_steps(fps: float) -> float:

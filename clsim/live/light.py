@@ -5,14 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from clsim.live.base_rate import things_go_slowly
+from clsim.live.base_rate import fastest_px_s
+from clsim.live.quality import SLOW_SHARE
 from clsim.scene import World
 from clsim.scene.driven import CAMERA
+
+FAST_PX = 2.0
+"""Way from frame to frame beyond which frames alone miss too much of a thing [pixels]."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """The light of a scene, as far as settings hang on it."""
+    """The light of a scene and how fast things move in it, as far as settings hang on that."""
 
     stands_still: bool = False
     """Whether nothing but the camera moves, and no light changes."""
@@ -20,6 +24,8 @@ class Light:
     """Whether paths find all light, also that straight from lamps."""
     slow: bool = True
     """Whether things go slowly, as they and the light from them do in bundled scenes."""
+    fast: bool = False
+    """Whether frames alone miss much of rigid things, so far do they go from one to the next, and more can be seen."""
     watched: bool = False
     """Whether the camera stands still, and light changes by what moves alone."""
     lamps_move: bool = False
@@ -34,10 +40,13 @@ class Light:
         """
         from clsim.render import camera_watches, lamps_move, light_is_found_apart, light_stands_still
 
+        way_px = fastest_px_s(world) / fps
         return cls(
             stands_still=light_stands_still(world) and not lights_set,
             all_by_paths=not light_is_found_apart(world),
-            slow=not driven and things_go_slowly(world, fps),
+            slow=not driven and way_px <= SLOW_SHARE * world.camera.width,
+            # Nothing is known between frames of light that is set, and a camera that exposes sees no instants there.
+            fast=way_px > FAST_PX and not driven and not lights_set and world.camera.shutter_s == 0,
             watched=camera_watches(world) and CAMERA not in driven and not lights_set,
             lamps_move=lamps_move(world),
         )

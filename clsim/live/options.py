@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from numbers import Real
 from typing import Any
 
-from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
+from clsim.detect.config import EventRule, Gate, Method
 from clsim.errors import InputError
 from clsim.events.files import LABELLED
 from clsim.events.outputs import FileOptions
@@ -20,6 +21,7 @@ from clsim.live.quality import (
     APART_SLOW,
     CACHED,
     DEFAULT,
+    FOLLOWED,
     IN_TURN,
     LAMPS_MOVE,
     PLAIN,
@@ -33,7 +35,7 @@ from clsim.live.quality import (
     with_given,
 )
 from clsim.live.schedule import LARGEST_FPS, LONGEST_S
-from clsim.live.sensors import RecordedSensor, read_sensor
+from clsim.live.sensors import read_sensor
 from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
@@ -114,13 +116,13 @@ class LiveOptions:
     """Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce."""
     threads: int | None = None
     """Threads that render; None takes one a core."""
-    time: str = "fixed"
+    time: str = "auto"
     """When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive).
 
     Or in whole pictures between them, in which nothing goes farther than some pixels from one to the next
-    (lambda=PIXELS)."""
+    (lambda=PIXELS). auto is adaptive where things go fast and the quality is one of `FOLLOWED`, and else fixed."""
     time_tolerance_us: float | None = None
-    """Error of an event's time that will do where time is adaptive [µs]; None is 100."""
+    """Error of an event's time that will do where time is adaptive [µs]; None takes the quality's."""
     pace: Pace = "max"
     """Whether frames come as fast as they can be made, or no faster than the wall clock."""
     governor: bool = True
@@ -213,7 +215,23 @@ class LiveOptions:
         return point
 
     def settled(self, light: Light) -> LiveOptions:
-        """Return the options for a scene of such light: a named quality keeps light on surfaces where it stands still.
+        """Return the options for a scene of such light, in which it is said when brightness is found, and how."""
+        return self._timed(light)._lit(light)
+
+    def _timed(self, light: Light) -> LiveOptions:
+        """Return the options with a time that is not auto.
+
+        It is adaptive where things go fast with a quality that follows them, if nothing is given that goes without.
+        """
+        if self.time != "auto":
+            return self
+        if light.fast and self.basis in FOLLOWED and self.pace == "max":
+            with contextlib.suppress(InputError):
+                return replace(self, time="adaptive")
+        return replace(self, time="fixed")
+
+    def _lit(self, light: Light) -> LiveOptions:
+        """Return the options for such light: a named quality keeps it on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
         paths, there are more of these, unless it is told how many; where it is not, and things move, there may
@@ -349,7 +367,7 @@ class LiveOptions:
             )
         if tolerance is not None and self.time != "adaptive":
             raise InputError(f"`time_tolerance_us` {tolerance:g} is for `time` adaptive, but time is {self.time}")
-        if self.time == "fixed":
+        if self.time in ("auto", "fixed"):
             return
         if point.method not in ("esim", "irradiance"):
             raise InputError(f"`time` {self.time} needs `method` esim or irradiance, got {point.method}")
@@ -367,36 +385,3 @@ class LiveOptions:
             implied = self.first_hit_rays is None and self.quality is not None
             found = f"which `quality` {self.quality} has not: give it too" if implied else "got 0"
             raise InputError(f"{setting} needs `first_hit_rays` of at least 1, {found}")
-
-
-@dataclass(frozen=True)
-class RecordingOptions:
-    """Options of detection on recorded frames."""
-
-    frames: str
-    """Folder or glob pattern of an EXR sequence."""
-    config: DetectorConfig
-    fps: float | None = None
-    """Frames per second; None takes the times that the files carry."""
-    opencl: str | None = None
-    outputs: tuple[str, ...] = field(default=())
-    files: FileOptions = field(default_factory=FileOptions)
-    rendered_fps: float | None = None
-    """Frames per second by which the frames were rendered, if known: their times are whole µs and tell it less well."""
-    seen_by: RecordedSensor = field(default_factory=RecordedSensor)
-
-    def __post_init__(self) -> None:
-        """Refuse values that cannot work; see InputError for how messages name fields."""
-        read_fields(self)
-        if self.fps is not None and self.fps <= 0:
-            raise InputError(f"`fps` must be a positive number, got {self.fps}")
-        self.files.check(self.outputs)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the options as plain values, for a sidecar; `from_dict` takes them back."""
-        return asdict(self)
-
-    @classmethod
-    def from_dict(cls, plain: Mapping[str, Any]) -> RecordingOptions:
-        """Return options from plain values, such as ``options`` of a sidecar; see `LiveOptions.from_dict`."""
-        return from_plain(cls, plain)

@@ -198,6 +198,8 @@ APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}, "balan
 """What holds of them then instead where things go slowly too."""
 SLOW_SHARE = 0.01
 """Share of the picture's width that things go in a frame, at most, where they go slowly."""
+FOLLOWED: frozenset[Quality] = frozenset(("balanced", "accurate", "exact"))
+"""Which of them trace pixels between frames too where things go fast, unless it is told when brightness is found."""
 DEFAULT: Quality = "balanced"
 """What runs where neither a quality nor a method is named."""
 

@@ -19,8 +19,9 @@ from clsim.frames import VARIANCE_PLANES, InterestBoard
 from clsim.live.delivery import Output
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
-from clsim.live.options import LiveOptions, RecordingOptions
+from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Pipeline
+from clsim.live.recording_options import RecordingOptions
 from clsim.live.schedule import Schedule, plan
 from clsim.live.second_look import SEEN_TWICE, SecondLook
 from clsim.live.sensors import cost_of
@@ -245,7 +246,7 @@ def open_live(
         pipeline,
         about | {"camera": about_camera(camera)},
         stages.warnings,
-        (*world.notes, *_settings_notes(options)),
+        (*world.notes, *stages.notes, *_settings_notes(options)),
         *started,
         config.facts.regresses,
         level,

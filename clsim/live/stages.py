@@ -10,12 +10,12 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
 from clsim.live.base_rate import BASE_FPS, base_fps
-from clsim.live.light import Light
+from clsim.live.light import FAST_PX, Light
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
-from clsim.live.time_steps import TOLERANCE_US, Retracing, way_px
+from clsim.live.time_steps import FINE_TOLERANCE_US, TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from clsim.render import RenderOptions, SceneData, View
     from clsim.sensor import Specimen
     from clsim.sensor.settings import Optics, SensorSettings
+
+
+_FOLLOWED = (
+    f"things go more than {FAST_PX:g} pixels from frame to frame, so pixels are traced between frames too; "
+    "`time` fixed leaves that out"
+)
 
 
 class DetectorMaker(Protocol):
@@ -49,6 +55,7 @@ class Stages:
         make_detector: builds the detector, its kernels too, with what traces pixels between frames, if anything does.
         steered: whether the detector's maps of interest steer the renderer.
         retracing: how pixels are traced between frames; None where they are not.
+        notes: what was chosen since things go fast, one sentence each.
     """
 
     options: LiveOptions
@@ -60,6 +67,7 @@ class Stages:
     make_detector: DetectorMaker
     steered: bool
     retracing: Retracing | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -73,7 +81,8 @@ class Stages:
         from clsim.render import lamps_move
 
         found = [missed([*self.world.modulations(), *self.world.films()], self.fps)]
-        if self.retracing is not None and self.detector.method == "irradiance" and lamps_move(self.world):
+        # Unasked, what is between frames misses nothing that frames alone would have had.
+        if self.retracing is not None and not self.notes and self.detector.method == "irradiance" and lamps_move(self.world):
             found.append(
                 f"lamps move in {self.world.name}, and `method` irradiance takes their light, or what of it comes by "
                 f"way of other surfaces, for a straight line from frame to frame, {self.fps:g} a second; `quality` "
@@ -163,10 +172,11 @@ def plan_stages(
 
     if world is None:
         world = alone(load_options_world(options))
-    by_frames = options.time == "fixed" or lamps_move(world)
+    by_frames = options.time in ("auto", "fixed") or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
     light = Light.of(world, fps, driven, lights_set=lights_set)
-    options = options.settled(light)
+    told, options = options.time, options.settled(light)
+    notes = (_FOLLOWED,) if told == "auto" and options.time == "adaptive" else ()
     point = options.point
     steered = point.sampling in ("adaptive", "in-turn")
     if point.sampling == "in-turn" and not (light.watched and options.time == "fixed"):
@@ -212,9 +222,10 @@ def plan_stages(
                 f"`time` {options.time} finds brightness at instants, but the camera of {world.name} exposes for "
                 f"{world.camera.shutter_s:g} s; expected 0"
             )
-        retracing = Retracing(options.time_tolerance_us or TOLERANCE_US, way_px(options.time), render)
+        tolerance_us = options.time_tolerance_us or FINE_TOLERANCE_US.get(options.basis, TOLERANCE_US)
+        retracing = Retracing(tolerance_us, way_px(options.time), render)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
-    return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing)
+    return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes)
 
 
 def detector_maker(

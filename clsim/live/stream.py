@@ -156,7 +156,7 @@ def stream(
     render_device: str = "cpu",
     opencl: str | None = None,
     strict: bool = False,
-    time: str = "fixed",
+    time: str = "auto",
     time_tolerance_us: float | None = None,
     truth: str | Sequence[str] = (),
     frame_rate: float | None = None,
@@ -182,8 +182,10 @@ def stream(
         time: "fixed": brightness is found at frames alone, and is linear in time between; "adaptive": pixels are traced
             between frames too, where events happen; "lambda=0.5": whole pictures are, from one to the next of which
             nothing goes farther than so many pixels. Frames are then 30 a second, or as many as fast things and
-            changing light ask for, unless ``fps`` is given.
-        time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100.
+            changing light ask for, unless ``fps`` is given. "auto": fixed, but where things go over 2 pixels a frame
+            adaptive, with as many frames; "draft" and "published" stay fixed.
+        time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
+            "accurate" and "exact".
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
         outputs, files: files and addresses that receive the events as well, and how files are written.
         seed: of all random numbers.

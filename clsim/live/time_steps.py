@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.frames import Fineness, PixelTracer, Reflected
+from clsim.live.quality import Quality
 from clsim.live.schedule import Schedule
 
 if TYPE_CHECKING:
@@ -17,18 +18,20 @@ if TYPE_CHECKING:
     from clsim.scene import World
 
 TOLERANCE_US = 100.0
-"""Error of an event's time that will do where none is given."""
+"""Error of an event's time that will do where none is given [µs]."""
+FINE_TOLERANCE_US: dict[Quality | None, float] = {"accurate": 30.0, "exact": 30.0}
+"""Of these qualities [µs]."""
 SMALLEST_TOLERANCE_US, LARGEST_TOLERANCE_US = 1.0, 1e6
 
 _SMALLEST_WAY_PX, _LARGEST_WAY_PX = 1e-3, 1e3
 
 
 def check_time(time: str) -> None:
-    """Raise InputError unless it says when brightness is found: fixed, adaptive or lambda=PIXELS."""
-    if time not in ("fixed", "adaptive") and way_px(time) is None:
+    """Raise InputError unless it says when brightness is found: auto, fixed, adaptive or lambda=PIXELS."""
+    if time not in ("auto", "fixed", "adaptive") and way_px(time) is None:
         raise InputError(
-            f"`time` must be one of fixed, adaptive and lambda=PIXELS with {_SMALLEST_WAY_PX:g} to {_LARGEST_WAY_PX:g} "
-            f"pixels, got {time}"
+            f"`time` must be one of auto, fixed, adaptive and lambda=PIXELS with {_SMALLEST_WAY_PX:g} to "
+            f"{_LARGEST_WAY_PX:g} pixels, got {time}"
         )
 
 

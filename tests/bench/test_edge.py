@@ -40,12 +40,14 @@ def test_an_edge_is_timed_and_events_are_paired_with_true_ones():
 
 
 @pytest.mark.slow
-def test_a_fast_edge_is_timed_as_well_as_a_slow_one_where_time_is_adaptive():
-    """It goes 3 pixels from frame to frame, where frames alone are off by half a pixel."""
-    scene = edge_scene("geometric", 300.0, *SIZE, 120.0)
-    fixed, found = (measure_edge(scene, "balanced", 120.0, time) for time in ("fixed", "adaptive"))
-    assert found["matched"] > 0.99 * max(found["true_events"], found["events"]) > 1000
-    assert found["error_px"] < 0.02 < 0.3 < fixed["error_px"]
+@pytest.mark.parametrize(("quality", "most_px"), [("balanced", 0.02), ("accurate", 0.005)])
+@pytest.mark.parametrize("speed_px_s", [300.0, 3000.0])
+def test_a_fast_edge_is_timed_as_well_as_a_slow_one(quality, most_px, speed_px_s):
+    """It goes 2.5 and 25 pixels from frame to frame, where frames alone are off by half a pixel and more."""
+    scene = edge_scene("geometric", speed_px_s, *SIZE, 120.0)
+    found = measure_edge(scene, quality, 120.0)
+    assert found["matched"] > 0.98 * max(found["true_events"], found["events"]) > 500
+    assert found["error_px"] < most_px < 0.3 < measure_edge(scene, quality, 120.0, "fixed")["error_px"]
 
 
 @pytest.mark.parametrize(("speed_px_s", "frames"), [(30.0, 24), (300.0, 10), (3000.0, 3)])

@@ -48,7 +48,7 @@ def files(tmp_path: Path) -> Path:
             "did you mean accurate?\n",
         ),
         (["bench", "edge", "--fps", "0.5"], "clsim: --fps must be greater than or equal to 1, got '0.5'\n"),
-        (["bench", "edge", "--time", "x"], "clsim: --time must be one of fixed, adaptive and lambda=PIXELS"),
+        (["bench", "edge", "--time", "x"], "clsim: --time must be one of auto, fixed, adaptive and lambda=PIXELS"),
         (["bench", "x"], "clsim: No such command 'x', expected one of tradeoff, throughput, edge\n"),
         (["dataset", "flow", "--count", "-1"], "clsim: --count must be greater than or equal to 1, got '-1'\n"),
         (["live", "still", "--out", "{}/frames"], "frames is a folder, expected a file for events"),

@@ -12,8 +12,9 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.light import Light
-from clsim.live.options import LiveOptions, RecordingOptions
+from clsim.live.options import LiveOptions
 from clsim.live.quality import CACHED, DEFAULT, PLAIN, QUALITIES, Quality
+from clsim.live.recording_options import RecordingOptions
 from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions
 
