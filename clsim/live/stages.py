@@ -82,7 +82,8 @@ class Stages:
 
         found = [missed([*self.world.modulations(), *self.world.films()], self.fps)]
         # Unasked, what is between frames misses nothing that frames alone would have had.
-        if self.retracing is not None and not self.notes and self.detector.method == "irradiance" and lamps_move(self.world):
+        asked = self.retracing is not None and not self.notes
+        if asked and self.detector.method == "irradiance" and lamps_move(self.world):
             found.append(
                 f"lamps move in {self.world.name}, and `method` irradiance takes their light, or what of it comes by "
                 f"way of other surfaces, for a straight line from frame to frame, {self.fps:g} a second; `quality` "
