@@ -37,7 +37,7 @@ from clsim.live.delivery import Delivery, Output
 from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
 from clsim.live.load import BusyMeter
 from clsim.live.schedule import Continuity, Schedule
-from clsim.live.second_look import SecondLook
+from clsim.live.second_look import Looks
 from clsim.live.significance import Significance, TellsError
 
 Pace = Literal["max", "real"]
@@ -122,7 +122,7 @@ class SeesTwice(Protocol):
     """A source that looks at some pixels a second time."""
 
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return the luminance of these pixels, ``[2, n]``: as in ``frame``, the last one, and as seen again."""
+        """Return what is seen there, ``[2, …]``: as in ``frame``, the last one, and as seen again."""
         ...
 
 
@@ -204,7 +204,7 @@ class Pipeline:
         governed: Governed | None = None,
         share_cores: bool = True,
         in_step: bool = False,
-        second_look: SecondLook | None = None,
+        second_look: Looks | None = None,
         significance: Significance | None = None,
     ) -> None:
         """Prepare; nothing runs before ``start``."""

@@ -6,6 +6,8 @@ look is made somewhat brighter and the other darker, by how far the light might 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,8 +29,18 @@ _MOST_EVENTS = 1 << 20
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor_ideal.cl)."""
 
+F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
 I64 = npt.NDArray[np.int64]
+Fired = tuple[I64, I64]
+"""Pixels and stamps [µs] of events; ON events have the pixel's number, OFF ones its complement ~pixel."""
+_NOTHING: Fired = (np.zeros(0, np.int64), np.zeros(0, np.int64))
+
+
+def gathered(fired: Sequence[Fired]) -> Fired:
+    """Return pixels and stamps of several frames as those of one."""
+    pixels, stamps = zip(_NOTHING, *fired, strict=True)
+    return np.concatenate(pixels), np.concatenate(stamps)
 
 
 @dataclass
@@ -38,12 +50,12 @@ class Look:
     Attributes:
         level: of each pixel at the last frame where it was finite, NaN before the first [natural-log units].
         reference: of its last event; NaN before the first level.
-        fired: of each frame, pixels and stamps [µs]; ON events have the pixel's number, OFF ones its complement ~pixel.
+        fired: in each frame.
     """
 
     level: F64
     reference: F64
-    fired: list[tuple[I64, I64]]
+    fired: list[Fired]
 
     def step(self, level: F64, on: float, off: float, start_us: int, end_us: int) -> None:
         """Fire an event for each threshold crossed, as the ideal sensor does, brightness being linear in time."""
@@ -63,48 +75,37 @@ class Look:
         self.reference += crossed * step
         self.level = level
 
-    def take(self) -> tuple[I64, I64]:
+    def take(self) -> Fired:
         """Return what was fired, and forget it."""
-        empty = np.zeros(0, np.int64)
-        pixels, stamps = zip((empty, empty), *self.fired, strict=True)
-        self.fired = []
-        return np.concatenate(pixels), np.concatenate(stamps)
+        fired, self.fired = self.fired, []
+        return gathered(fired)
 
 
-class SecondLook:
+class Looks(ABC):
     """Counts events of pixels that are seen twice, and those that one look alone has."""
 
-    def __init__(self, config: DetectorConfig) -> None:
-        """Prepare for brightness as ``config`` has it."""
-        if config.response != "ln":
-            raise InputError(f"a second look needs `response` ln, got {config.response}")
-        self._config = config
-        self._looks: list[Look] = []
+    def __init__(self) -> None:
+        """Begin with none."""
         self._events = self._alone = 0
-        self._since_us = self._time_us = 0
+        self._since_us = self._time_us = -1
+        self._going = False
 
-    def take(self, luminance: npt.NDArray[np.float32], time_us: int) -> None:
-        """Go on to a frame, in which both looks saw ``luminance`` ``[2, n]``; an earlier time begins anew."""
-        config = self._config
-        level = np.log(np.maximum(config.scale * luminance.astype(np.float64), config.floor))
+    def take(self, seen: F32, time_us: int) -> None:
+        """Go on to a frame, of which both looks saw ``seen`` ``[2, …]``; an earlier time begins anew."""
         if time_us <= self._time_us:
             self.begin_anew()
-        if not self._looks:
-            known = np.where(np.isfinite(level), level, np.nan)
-            self._looks = [Look(each, each.copy(), []) for each in known]
-            self._since_us = time_us
-        else:
-            for look, each in zip(self._looks, level, strict=True):
-                look.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
+        if not self._going:
+            self._since_us, self._going = time_us, True
+        self._step(seen, time_us)
         self._time_us = time_us
-        kept = sum(len(stamps) for look in self._looks for _, stamps in look.fired)
-        if time_us - self._since_us >= _STRETCH_US or kept > _MOST_EVENTS:
+        if time_us - self._since_us >= _STRETCH_US or self._kept() > _MOST_EVENTS:
             self._compare()
 
     def begin_anew(self) -> None:
         """Take the next frame for a first one, as the detector does where the samples of a pixel become others."""
         self._compare()
-        self._looks = []
+        self._forget()
+        self._going = False
 
     @property
     def noise_share(self) -> float | None:
@@ -112,17 +113,63 @@ class SecondLook:
         self._compare()
         return self._alone / self._events if self._events >= ENOUGH else None
 
+    @abstractmethod
+    def _step(self, seen: F32, time_us: int) -> None:
+        """Let both looks fire what they do from the last frame to this one."""
+
+    @abstractmethod
+    def _kept(self) -> int:
+        """Return how many events wait to be compared."""
+
+    @abstractmethod
+    def _taken(self) -> tuple[Fired, Fired]:
+        """Return what each look fired, and forget it."""
+
+    @abstractmethod
+    def _forget(self) -> None:
+        """Let both looks have no past."""
+
     def _compare(self) -> None:
-        if not self._looks:
-            return
-        first, second = (look.take() for look in self._looks)
+        first, second = self._taken()
         events = len(first[0]) + len(second[0])
         self._alone += events - 2 * _pairs(first, second)
         self._events += events
         self._since_us = self._time_us
 
 
-def _pairs(first: tuple[I64, I64], second: tuple[I64, I64]) -> int:
+class SecondLook(Looks):
+    """Looks at single pixels, of which luminance ``[2, n]`` is seen."""
+
+    def __init__(self, config: DetectorConfig) -> None:
+        """Prepare for brightness as ``config`` has it."""
+        if config.response != "ln":
+            raise InputError(f"a second look needs `response` ln, got {config.response}")
+        super().__init__()
+        self._config = config
+        self._looks: list[Look] = []
+
+    def _step(self, seen: F32, time_us: int) -> None:
+        config = self._config
+        level = np.log(np.maximum(config.scale * seen.astype(np.float64), config.floor))
+        if not self._looks:
+            known = np.where(np.isfinite(level), level, np.nan)
+            self._looks = [Look(each, each.copy(), []) for each in known]
+            return
+        for look, each in zip(self._looks, level, strict=True):
+            look.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
+
+    def _kept(self) -> int:
+        return sum(len(stamps) for look in self._looks for _, stamps in look.fired)
+
+    def _taken(self) -> tuple[Fired, Fired]:
+        first, second = (look.take() for look in self._looks) if self._looks else (_NOTHING, _NOTHING)
+        return first, second
+
+    def _forget(self) -> None:
+        self._looks = []
+
+
+def _pairs(first: Fired, second: Fired) -> int:
     """Return how many events of one look have a fellow of the other, at most; nobody is the fellow of two."""
     stamps = np.concatenate([first[1], second[1], [0]])
     # Pixels lie so far apart that nothing reaches from one to the next.

@@ -20,15 +20,17 @@ from clsim.live.delivery import Output
 from clsim.live.governed import Governed
 from clsim.live.ladder import Level, ladder
 from clsim.live.options import LiveOptions
+from clsim.live.patch_looks import PatchLooks, patches_for
 from clsim.live.pipeline import Pipeline
 from clsim.live.recording_options import RecordingOptions
 from clsim.live.schedule import Schedule, plan
-from clsim.live.second_look import SEEN_TWICE, SecondLook
+from clsim.live.second_look import SEEN_TWICE, Looks, SecondLook
 from clsim.live.sensors import cost_of
 from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
 from clsim.live.significance import Significance
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
 from clsim.live.summary import Summary
+from clsim.opencl.device import choose_device
 from clsim.scene import World
 
 if TYPE_CHECKING:
@@ -211,11 +213,16 @@ def open_live(
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
-    # Pixels that share light found anew or a window with their neighbours would need these looked at again too.
+    # Pixels that share light found anew, or a window, with their neighbours need these looked at again too.
     kept = stages.render.light_cache or stages.render.in_turn
-    looks_twice = not config.facts.windowed and (kept or not stages.render.first_hit_rays)
-    if looks_twice:
+    by_paths = not stages.render.first_hit_rays
+    second_look: Looks | None = None
+    if not config.facts.windowed and (kept or by_paths):
         stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
+        second_look = SecondLook(config)
+    elif by_paths and (patches := patches_for(config, camera.width, camera.height)) is not None:
+        stages = replace(stages, render=replace(stages.render, look_again_in=patches))
+        second_look = PatchLooks(config, patches, stages.planes, choose_device(options.opencl))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.without_use() else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
@@ -235,8 +242,8 @@ def open_live(
         board=board,
         governed=governed,
         share_cores=options.render_device == "cpu",
-        second_look=SecondLook(config) if looks_twice else None,
-        significance=Significance(config, ideal) if config.facts.knows_error else None,
+        second_look=second_look,
+        significance=Significance(config, ideal) if config.facts.knows_error and second_look is None else None,
     )
     return Session(
         world.name,

@@ -46,7 +46,7 @@ def make_gather(
 
 
 def make_plain(gather: Any, store: Any, scene_type: Any, view_type: Any, settings_type: Any, options: Any) -> Any:
-    """Return the kernel ``render``, of which a thread is one in ``every`` pixels, with all its paths."""
+    """Return the kernel ``render``, of which a thread is a pixel, or one of ``pixels``, with all its paths."""
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def render(
@@ -54,11 +54,13 @@ def make_plain(gather: Any, store: Any, scene_type: Any, view_type: Any, setting
         camera: view_type,
         settings: settings_type,
         first_pixel: int,
-        every: int,
+        pixels: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
         out_bits: wp.array2d(dtype=wp.uint32),
     ):
-        pixel = (first_pixel + wp.tid()) * every
+        pixel = first_pixel + wp.tid()
+        if pixels.shape[0] > 0:
+            pixel = pixels[pixel]
         store(gather(scene, camera, settings, pixel, 0), pixel, out_planes, out_bits)
 
     return render

@@ -34,11 +34,11 @@ _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 
 @one_at_a_time
 def build_kernel(features: Features, tree: Tree = "warp") -> Any:
-    """Return the kernel ``render(scene, camera, settings, first_pixel, every, out_planes, out_bits)``.
+    """Return the kernel ``render(scene, camera, settings, first_pixel, pixels, out_planes, out_bits)``.
 
-    A thread is one in ``every`` pixels. ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits`` the same memory as
-    unsigned integers. Where first hits are sampled apart, it is the kernel of ``steered.py``, and for requests one of
-    ``retraced.py``.
+    A thread is a pixel, or one of ``pixels`` if there are any. ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits``
+    the same memory as unsigned integers. Where first hits are sampled apart, it is the kernel of ``steered.py``, and
+    for requests one of ``retraced.py``.
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
     materials = make_materials(features)

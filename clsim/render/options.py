@@ -7,6 +7,7 @@ from typing import Literal
 
 from clsim.errors import InputError, require_choice
 from clsim.frames import TRUTH_PLANES
+from clsim.frames.patches import Patches
 from clsim.render.features import Features, SceneFeatures, Strategy, view_features
 from clsim.render.geometry import Tree
 from clsim.render.sampling import MAX_BOUNCES
@@ -104,6 +105,8 @@ class RenderOptions:
 
     Needs ``light_cache``, ``in_turn`` or no first-hit rays; `View.seen_twice` has what was seen.
     """
+    look_again_in: Patches | None = None
+    """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``look_again``."""
     truth: tuple[str, ...] = ()
     """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
@@ -164,6 +167,8 @@ class RenderOptions:
             raise InputError(f"`look_again` must not be negative, got {self.look_again}")
         if self.look_again and self.first_hit_rays and not (self.light_cache or self.in_turn):
             raise InputError(f"`look_again` {self.look_again} needs `light_cache`, `in_turn` or no `first_hit_rays`")
+        if self.look_again_in is not None and (self.look_again or self.first_hit_rays):
+            raise InputError("`look_again_in` needs no `look_again` and no `first_hit_rays`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 

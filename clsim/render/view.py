@@ -147,8 +147,11 @@ class View:
                 at_frames = options.light_hz is None
                 self._steerer = Steerer(*size, effort, sight, board, self._device, looks_closer=at_frames)
         # A second look writes where a first one does, at the same place of planes of its own.
-        pixels = camera.width * camera.height if options.look_again and self._steerer is None else 0
+        self._seen_again = self._pixels_again() if self._steerer is None else np.zeros(0, np.int32)
+        pixels = camera.width * camera.height if len(self._seen_again) else 0
         self._again: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
+        self._again_at: Any = wp.array(self._seen_again, dtype=int, device=self._device)
+        self._all: Any = wp.zeros(0, dtype=int, device=self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
             from clsim.render.truth import TruthPass
@@ -202,13 +205,13 @@ class View:
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
         if self._steerer is None:
-            self._render(changed | {"every": 1, "out_bits": bits}, self.width * self.height)
+            self._render(changed | {"pixels": self._all, "out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
-            if self._options.look_again:
+            if len(self._seen_again):
                 # Of no other look: the seed's complement is nobody's.
                 self._settings.stream = stream_state(~self._options.seed, noise_of)
                 again = {"out_planes": self._again, "out_bits": _as_bits(self._again)}
-                self._look_again(changed | again | {"every": self._options.look_again})
+                self._render(changed | again | {"pixels": self._again_at}, len(self._seen_again))
         else:
             unfinished = True
             while unfinished:
@@ -221,7 +224,8 @@ class View:
                     self._render(changed | {"corner_pass": False, "lighting": True}, self.width * self.height)
                 unfinished = self._steerer.finish()
             if self._options.look_again:
-                self._look_again(changed | {"corner_pass": False, "again": self._options.look_again})
+                count = -(-self.width * self.height // self._options.look_again)
+                self._render(changed | {"corner_pass": False, "again": self._options.look_again}, count)
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
@@ -277,17 +281,20 @@ class View:
         return self._corners if looked_at else None
 
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return the luminance of the pixels that were looked at again, ``[2, n]``: as in its last frame, and then.
+        """Return what was looked at again as in its last frame, and as seen then.
 
-        Where light or paths are kept one is somewhat brighter and one darker, by as much as the light is noisy.
+        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. Where light or
+        paths are kept one is somewhat brighter and one darker, by as much as the light is noisy.
         """
         if self._steerer is not None:
             return cast("LightKeeper | TurnKeeper", self._steerer).seen_twice
-        every = self._options.look_again
+        planes = frame.planes.reshape(len(self.names), -1), self._again.numpy()
+        seen = np.stack([each[:, self._seen_again] for each in planes])
+        patches = self._options.look_again_in
+        if patches is not None:
+            return seen.reshape(2, -1, *patches.shape)
         weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
-        first = weights @ frame.planes[:3].reshape(3, -1)[:, ::every]
-        again = weights @ self._again[:3].numpy()[:, ::every]
-        return np.stack([first, again])
+        return np.stack([weights @ each[:3] for each in seen])
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""
@@ -339,7 +346,7 @@ class View:
             "out_planes": planes,
         }
         if self._steerer is None:
-            arguments |= {"every": 1, "out_bits": _as_bits(planes)}
+            arguments |= {"pixels": self._all, "out_bits": _as_bits(planes)}
         else:
             arguments |= {"pixels": 1, "corner_pass": False, "corners": self._corners} | self._steerer.arguments
         return record(self._kernel, tile, self._device, **arguments)
@@ -349,9 +356,12 @@ class View:
         if not self._tiles.run(count, changed):
             raise RenderCancelled
 
-    def _look_again(self, changed: dict[str, Any]) -> None:
-        """Render some pixels again."""
-        self._render(changed, -(-self.width * self.height // self._options.look_again))
+    def _pixels_again(self) -> npt.NDArray[np.int32]:
+        """Return the numbers of the pixels that are looked at again where all light is found by paths."""
+        patches, every = self._options.look_again_in, self._options.look_again
+        if patches is not None:
+            return patches.pixels(self.width)
+        return np.arange(0, self.width * self.height if every else 0, max(1, every), dtype=np.int32)
 
     def _target(self, out: Frame) -> tuple[Any, Any]:
         """Return the array that the kernel writes, and the same as bits: the frame's own memory on a CPU."""

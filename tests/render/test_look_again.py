@@ -8,6 +8,7 @@ from test_light_cache import luminance, panning
 from test_steered import Run, textured_world
 
 from clsim.errors import InputError
+from clsim.frames.patches import Patches
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 
@@ -26,6 +27,20 @@ def test_a_second_look_is_that_of_the_complement_of_the_seed(noise):
         np.testing.assert_allclose(first, luminance(twice.frame).reshape(-1)[::3], rtol=1e-6)
         np.testing.assert_allclose(again, luminance(other.fill(index)).reshape(-1)[::3], rtol=1e-6)
         assert not np.allclose(first, again, rtol=0.01)
+
+
+def test_patches_are_those_of_the_complement_of_the_seed():
+    world, given = panning(textured_world()), {"first_hit_rays": 0, "spp": 4}
+    patches = Patches(4, ((3, 2), (0, 5), (4, 3)), 1)
+    once, twice = Run(world, **given), Run(world, look_again_in=patches, **given)
+    other = Run(world, seed=2**64 - 1, **given)
+    for index in range(2):
+        np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
+        seen, differs = twice.tracer.seen_twice(twice.frame), other.fill(index).planes
+        assert seen.shape == (2, len(twice.frame.names), 12, 4)
+        for k, (x, y) in enumerate(patches.corners):
+            for look, planes in zip(seen, (twice.frame.planes, differs), strict=True):
+                np.testing.assert_array_equal(look[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
 
 
 def test_where_paths_are_kept_two_looks_differ_as_two_seeds_do():
@@ -53,3 +68,6 @@ def test_where_paths_are_kept_two_looks_differ_as_two_seeds_do():
 def test_first_hit_rays_without_kept_light_are_not_looked_at_again():
     with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`, `in_turn` or no `first_hit_rays`"):
         RenderOptions(look_again=3, first_hit_rays=8)
+    for given in ({"first_hit_rays": 8}, {"look_again": 3}):
+        with pytest.raises(InputError, match="`look_again_in` needs no `look_again` and no `first_hit_rays`"):
+            RenderOptions(look_again_in=Patches(9, ((0, 0),), 1), **given)
