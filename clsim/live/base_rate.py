@@ -1,4 +1,4 @@
-"""How many frames a second there are at least, where pixels are traced between them."""
+"""How fast things go over the image, and how many frames a second there are, at least, to trace pixels between."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene import World
+from clsim.scene import Instance, World
 
 BASE_FPS = 30.0
 """Frames per simulated second where nothing asks for more."""
@@ -18,6 +18,10 @@ _WAY_PX = 12.0
 _APART_S = 1e-3
 """Time over which speeds are taken [s]."""
 _MOST_POSES = 2000
+_MOST_POINTS = 1000
+"""Vertices that tell how fast a camera is."""
+_CAMERA_TIMES = 32
+"""Times of a camera's way at which that is asked."""
 
 F64 = npt.NDArray[np.float64]
 
@@ -38,7 +42,7 @@ def fastest_px_s(world: World) -> float:
     """Return how fast the boxes of rigid things go over the image, seen from where the camera is then [pixels/s]."""
     moving = [each for each in world.instances if each.motion.duration_s > 0]
     duration_s = max((each.motion.duration_s for each in moving), default=0.0)
-    focal_px = world.camera.width / (2.0 * math.tan(math.radians(min(world.camera.fov_deg, 170.0)) / 2.0))
+    focal_px = _focal_px(world)
     fastest = 0.0
     for time_s in np.linspace(0.0, duration_s, max(4, min(64, _MOST_POSES // max(1, len(moving)))), endpoint=False):
         to_camera = np.linalg.inv(world.camera.motion.pose(float(time_s)))
@@ -53,6 +57,40 @@ def fastest_px_s(world: World) -> float:
     return fastest
 
 
+def camera_px_s(world: World) -> float:
+    """Return how fast all but a tenth of what stands still goes over the image, where the camera is fastest [pixels/s].
+
+    What stands still is told by some vertices in the picture, be they hidden or not; without one nothing is told.
+    """
+    motion, still = world.camera.motion, [each for each in world.instances if each.motion.duration_s == 0]
+    if motion.duration_s == 0 or not still:
+        return 0.0
+    some = still[:: -(-len(still) // _MOST_POINTS)]
+    points = np.concatenate([_places(world, each, -(-_MOST_POINTS // len(some))) for each in some])
+    focal_px = _focal_px(world)
+    half = np.array((world.camera.width / 2.0, world.camera.height / 2.0))
+    fastest = 0.0
+    for time_s in np.linspace(0.0, motion.duration_s, _CAMERA_TIMES, endpoint=False):
+        poses = (np.linalg.inv(motion.pose(float(t))).astype(np.float64) for t in (time_s, time_s + _APART_S))
+        before, after = (_on_image(pose, points, focal_px) for pose in poses)
+        way_px = np.linalg.norm(after - before, axis=1)
+        seen = (np.abs(before) < half).all(axis=1) & np.isfinite(way_px)
+        if seen.any():
+            fastest = max(fastest, float(np.quantile(way_px[seen], 0.9)) / _APART_S)
+    return fastest
+
+
+def _places(world: World, thing: Instance, number: int) -> F64:
+    """Return where about so many vertices of a thing are at the start [m], ``[n, 3]``."""
+    vertices, pose = world.meshes[thing.mesh].vertices, thing.motion.pose(0.0)
+    some = vertices[:: -(-len(vertices) // number)].astype(np.float64)
+    return np.asarray(some @ pose[:3, :3].T + pose[:3, 3])
+
+
+def _focal_px(world: World) -> float:
+    return world.camera.width / (2.0 * math.tan(math.radians(min(world.camera.fov_deg, 170.0)) / 2.0))
+
+
 def _in_steps(fps: float) -> float:
     """Return the least of 30, 60, 120 … that is no less."""
     return BASE_FPS * 2.0 ** max(0, math.ceil(math.log2(max(fps, BASE_FPS) / BASE_FPS) - 1e-6))
@@ -65,9 +103,9 @@ def _corners(vertices: npt.NDArray[np.float32]) -> F64:
     return np.stack([ends[x, 0], ends[y, 1], ends[z, 2]], axis=1)
 
 
-def _on_image(pose: F64, corners: F64, focal_px: float) -> F64:
-    """Return where corners are from the image's middle [pixels], ``[8, 2]``; NaN for those behind the camera."""
-    x, y, z = pose[:3, :3] @ corners.T + pose[:3, 3:]
+def _on_image(pose: F64, points: F64, focal_px: float) -> F64:
+    """Return where points are from the image's middle [pixels], ``[n, 2]``; NaN for those behind the camera."""
+    x, y, z = pose[:3, :3] @ points.T + pose[:3, 3:]
     ahead = np.where(z < 0.0, -z, np.nan)
     return np.stack([x / ahead, -y / ahead], axis=1) * focal_px
 

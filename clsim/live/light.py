@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from clsim.live.base_rate import fastest_px_s
+from clsim.live.base_rate import camera_px_s, fastest_px_s
 from clsim.live.quality import SLOW_SHARE
 from clsim.scene import World
 from clsim.scene.driven import CAMERA
 
 FAST_PX = 2.0
-"""Way from frame to frame beyond which frames alone miss too much of a thing [pixels]."""
+"""Way from frame to frame beyond which frames alone miss too much of what is seen [pixels]."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,8 @@ class Light:
     """Whether things go slowly, as they and the light from them do in bundled scenes."""
     fast: bool = False
     """Whether frames alone miss much of rigid things, so far do they go from one to the next, and more can be seen."""
+    camera_px: float = 0.0
+    """How far all but a tenth of what stands still goes over the image from frame to frame, at most [pixels]."""
     watched: bool = False
     """Whether the camera stands still, and light changes by what moves alone."""
     lamps_move: bool = False
@@ -46,7 +48,8 @@ class Light:
             all_by_paths=not light_is_found_apart(world),
             slow=not driven and way_px <= SLOW_SHARE * world.camera.width,
             # Nothing is known between frames of light that is set, and a camera that exposes sees no instants there.
-            fast=way_px > FAST_PX and not driven and not lights_set and world.camera.shutter_s == 0,
+            fast=way_px > FAST_PX and not (driven or lights_set or world.camera.shutter_s > 0),
+            camera_px=0.0 if CAMERA in driven else camera_px_s(world) / fps,
             watched=camera_watches(world) and CAMERA not in driven and not lights_set,
             lamps_move=lamps_move(world),
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, Protocol
@@ -56,6 +57,7 @@ class Stages:
         steered: whether the detector's maps of interest steer the renderer.
         retracing: how pixels are traced between frames; None where they are not.
         notes: what was chosen since things go fast, one sentence each.
+        missed: what is missed since the camera goes fast, likewise.
     """
 
     options: LiveOptions
@@ -68,13 +70,14 @@ class Stages:
     steered: bool
     retracing: Retracing | None = None
     notes: tuple[str, ...] = ()
+    missed: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is asked for and will not be: by the scene, of what clsim lacks, and by options without use."""
         camera = self.world.camera
         costs = cost_of(self.options.sensor, camera.width, camera.height)
-        return (*self.world.warnings, *unused_options(self.detector), *self._light_missed(), *costs)
+        return (*self.world.warnings, *unused_options(self.detector), *self._light_missed(), *self.missed, *costs)
 
     def _light_missed(self) -> list[str]:
         """Return sentences about light that changes and will not be seen as it is."""
@@ -176,8 +179,9 @@ def plan_stages(
     by_frames = options.time in ("auto", "fixed") or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
     light = Light.of(world, fps, driven, lights_set=lights_set)
-    told, options = options.time, options.settled(light)
-    notes = (_FOLLOWED,) if told == "auto" and options.time == "adaptive" else ()
+    unasked, options = options.time == "auto", options.settled(light)
+    notes = (_FOLLOWED,) if unasked and options.time == "adaptive" else ()
+    missed_by = _missed_by_frames(light.camera_px, fps) if unasked and options.pace == "max" else ()
     point = options.point
     steered = point.sampling in ("adaptive", "in-turn")
     if point.sampling == "in-turn" and not (light.watched and options.time == "fixed"):
@@ -226,7 +230,18 @@ def plan_stages(
         tolerance_us = options.time_tolerance_us or FINE_TOLERANCE_US.get(options.basis, TOLERANCE_US)
         retracing = Retracing(tolerance_us, way_px(options.time), render)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
-    return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes)
+    return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes, missed_by)
+
+
+def _missed_by_frames(camera_px: float, fps: float) -> tuple[str, ...]:
+    """Return what a camera misses with which so far goes what it sees from frame to frame, and what to do."""
+    if camera_px <= FAST_PX:
+        return ()
+    enough = fps * 2 ** math.ceil(math.log2(camera_px))
+    return (
+        f"what the camera sees goes {camera_px:.1f} pixels from frame to frame, and events between are missed or late; "
+        f"use `fps` {enough:g}",
+    )
 
 
 def detector_maker(

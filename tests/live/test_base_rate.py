@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from clsim.live.base_rate import base_fps, fastest_px_s
+from clsim.live.base_rate import base_fps, camera_px_s, fastest_px_s
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.scene import Camera, Instance, Static, World, load_world
@@ -33,6 +33,15 @@ class Spin:
         return pose
 
 
+class Roll(Spin):
+    """Turns so, 4 m before the origin."""
+
+    def pose(self, time_s):
+        pose = super().pose(time_s)
+        pose[2, 3] = 4.0
+        return pose
+
+
 def world(motion, fps=960.0):
     """A box 2 m wide and high, as thin as paper, 4 m before a camera of which a pixel there is 4 cm."""
     back = np.eye(4)
@@ -52,6 +61,18 @@ def test_speeds_are_those_of_the_pinhole():
     behind = Keyframes((0.0, 1.0), ((-1.5, 0.0, 9.0), (1.5, 0.0, 9.0)), (UPRIGHT, UPRIGHT))
     aside = Keyframes((0.0, 1.0), ((20.0, 0.0, 0.0), (30.0, 0.0, 0.0)), (UPRIGHT, UPRIGHT))
     assert fastest_px_s(world(behind)) == fastest_px_s(world(aside)) == 0.0
+
+
+def test_a_camera_is_as_fast_as_most_of_what_it_sees():
+    """By what stands still: 3 m/s past a box 4 m away are 75 pixels a second; roll is 2π · 5 a second, to the rim."""
+    still = world(Static(np.eye(4)))
+    along = Keyframes((0.0, 0.5), ((0.0, 0.0, 4.0), (1.5, 0.0, 4.0)), (UPRIGHT, UPRIGHT))
+    assert camera_px_s(replace(still, camera=replace(still.camera, motion=along))) == pytest.approx(75.0, rel=1e-3)
+    rolls = replace(still.camera, motion=Roll(5.0))
+    assert camera_px_s(replace(still, camera=rolls)) == pytest.approx(10 * math.pi * math.sqrt(2) * 25, rel=1e-3)
+    assert camera_px_s(still) == camera_px_s(world(Spin(5.0))) == 0.0
+    moving = world(Spin(5.0))
+    assert camera_px_s(replace(moving, camera=replace(moving.camera, motion=along))) == 0.0, "nothing stands still"
 
 
 @pytest.mark.parametrize(

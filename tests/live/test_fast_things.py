@@ -10,10 +10,13 @@ import pytest
 import clsim
 from clsim.bench.edge import edge_scene
 from clsim.errors import InputError
+from clsim.live.base_rate import camera_px_s
 from clsim.live.light import FAST_PX
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
+from clsim.scene import load_world
 from tests.simulator.stage import keyframed, scene
+from tools.fast_scenes import Faster
 
 FPS = 120.0
 SIZE = 32, 24
@@ -55,6 +58,21 @@ def test_fast_things_are_followed_between_frames_and_slow_ones_are_not(quality):
 def test_they_are_not_where_something_else_is_asked_for(given):
     stages = plan_stages(LiveOptions("edge", **{"fps": FPS} | given), world(1.6 * FAST_PX))
     assert stages.options.time == "fixed" and stages.retracing is None and not stages.notes
+
+
+def test_a_fast_camera_gets_told_how_many_frames_it_wants():
+    """More pictures are better and cheaper there than pixels traced between: all pixels are in motion."""
+    slow = load_world("two-boxes", resolution=SIZE)
+    fast = replace(slow, camera=replace(slow.camera, motion=Faster(slow.camera.motion, 64.0)))
+    way_px = camera_px_s(fast) / FPS
+    assert 2.0 < way_px < 8.0
+    told = plan_stages(LiveOptions("two-boxes", fps=FPS), fast)
+    assert told.options.time == "fixed"
+    (sentence,) = told.warnings
+    fps = float(sentence.rpartition("`fps` ")[2])
+    assert f"{way_px:.1f} pixels" in sentence and 0.5 < camera_px_s(fast) / fps <= 1.0
+    for seen, given in ((slow, {}), (fast, {"fps": fps}), (fast, {"time": "fixed"}), (fast, {"pace": "real"})):
+        assert plan_stages(LiveOptions("two-boxes", **{"fps": FPS} | given), seen).warnings == ()
 
 
 def test_they_are_not_where_a_camera_exposes():
