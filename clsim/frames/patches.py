@@ -37,8 +37,9 @@ class Patches:
         # In few large patches more pixels are inside, in many small ones more places are seen.
         side = int(np.clip(pixels**0.5, least, min(width, height, max(least, 4 * margin))))
         number = max(1, round(pixels / side**2))
-        ways = [[(0.5 + number * step) % 1.0 for step in _STEP] for number in range(number)]
-        return cls(side, tuple((int(x * (width - side + 1)), int(y * (height - side + 1))) for x, y in ways), margin)
+        x, y = ((0.5 + np.arange(number) * step) % 1.0 for step in _STEP)
+        left, top = (x * (width - side + 1)).astype(int), (y * (height - side + 1)).astype(int)
+        return cls(side, tuple(zip(left.tolist(), top.tolist(), strict=True)), margin)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -225,7 +225,7 @@ class LiveOptions:
         """
         if self.time != "auto":
             return self
-        if light.fast and self.basis in FOLLOWED and self.pace == "max":
+        if light.fast and self.basis in FOLLOWED and self.pace == "max" and self.sampling != "in-turn":
             with contextlib.suppress(InputError):
                 return replace(self, time="adaptive")
         return replace(self, time="fixed")
