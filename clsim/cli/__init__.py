@@ -9,7 +9,7 @@ import os
 import sys
 from typing import Any
 
-_OBJECTS = 300_000
+_OBJECTS = 1_000_000
 """Objects that are made before Python looks for some that are of no use any more; it does so after 700 by itself."""
 
 
