@@ -82,7 +82,8 @@ TIME = Annotated[
         help="When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), "
         "or in whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in "
         "ESIM); without --fps there are 30 frames a second then, or what fast things or changing light need. auto is "
-        "fixed, and adaptive where things go over 2 pixels a frame, but for draft and published. [auto]"
+        "fixed, and adaptive where things go over 2 pixels a frame before a still camera, but for draft and published. "
+        "[auto]"
     ),
 ]
 TIME_TOLERANCE = Annotated[

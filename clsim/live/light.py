@@ -25,7 +25,7 @@ class Light:
     slow: bool = True
     """Whether things go slowly, as they and the light from them do in bundled scenes."""
     fast: bool = False
-    """Whether frames alone miss much of rigid things, so far do they go from one to the next, and more can be seen."""
+    """Whether rigid things go so far from frame to frame, before a camera that stands still, that much is missed."""
     camera_px: float = 0.0
     """How far all but a tenth of what stands still goes over the image from frame to frame, at most [pixels]."""
     watched: bool = False
@@ -42,14 +42,15 @@ class Light:
         """
         from clsim.render import camera_watches, lamps_move, light_is_found_apart, light_stands_still
 
-        way_px = fastest_px_s(world) / fps
+        way_px, camera = fastest_px_s(world) / fps, world.camera
+        watched = camera_watches(world) and CAMERA not in driven and not lights_set
         return cls(
             stands_still=light_stands_still(world) and not lights_set,
             all_by_paths=not light_is_found_apart(world),
-            slow=not driven and way_px <= SLOW_SHARE * world.camera.width,
-            # Nothing is known between frames of light that is set, and a camera that exposes sees no instants there.
-            fast=way_px > FAST_PX and not (driven or lights_set or world.camera.shutter_s > 0),
+            slow=not driven and way_px <= SLOW_SHARE * camera.width,
+            # Before such a camera few pixels change. One that exposes sees no instants between frames.
+            fast=way_px > FAST_PX and watched and not driven and camera.shutter_s == 0,
             camera_px=0.0 if CAMERA in driven else camera_px_s(world) / fps,
-            watched=camera_watches(world) and CAMERA not in driven and not lights_set,
+            watched=watched,
             lamps_move=lamps_move(world),
         )

@@ -183,7 +183,7 @@ def stream(
             between frames too, where events happen; "lambda=0.5": whole pictures are, from one to the next of which
             nothing goes farther than so many pixels. Frames are then 30 a second, or as many as fast things and
             changing light ask for, unless ``fps`` is given. "auto": fixed, but where things go over 2 pixels a frame
-            adaptive, with as many frames; "draft" and "published" stay fixed.
+            before a camera that stands still adaptive, with as many frames; "draft" and "published" stay fixed.
         time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
             "accurate" and "exact".
         quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
