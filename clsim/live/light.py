@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from clsim.live.base_rate import camera_px_s, fastest_px_s
+from clsim.live.base_rate import fastest_px_s
 from clsim.live.quality import SLOW_SHARE
 from clsim.scene import World
 from clsim.scene.driven import CAMERA
@@ -26,8 +26,6 @@ class Light:
     """Whether things go slowly, as they and the light from them do in bundled scenes."""
     fast: bool = False
     """Whether rigid things go so far from frame to frame, before a camera that stands still, that much is missed."""
-    camera_px: float = 0.0
-    """How far all but a tenth of what stands still goes over the image from frame to frame, at most [pixels]."""
     watched: bool = False
     """Whether the camera stands still, and light changes by what moves alone."""
     lamps_move: bool = False
@@ -50,7 +48,6 @@ class Light:
             slow=not driven and way_px <= SLOW_SHARE * camera.width,
             # Before such a camera few pixels change. One that exposes sees no instants between frames.
             fast=way_px > FAST_PX and watched and not driven and camera.shutter_s == 0,
-            camera_px=0.0 if CAMERA in driven else camera_px_s(world) / fps,
             watched=watched,
             lamps_move=lamps_move(world),
         )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
-from clsim.live.base_rate import BASE_FPS, base_fps
+from clsim.live.base_rate import BASE_FPS, base_fps, camera_px_s
 from clsim.live.light import FAST_PX, Light
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
@@ -18,6 +18,7 @@ from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
 from clsim.live.time_steps import FINE_TOLERANCE_US, TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
+from clsim.scene.driven import CAMERA
 from clsim.scene.modulation import missed
 from clsim.scene.spectral import spectral_weights
 from clsim.truth.names import plane_names
@@ -181,7 +182,8 @@ def plan_stages(
     light = Light.of(world, fps, driven, lights_set=lights_set)
     unasked, options = options.time == "auto", options.settled(light)
     notes = (_FOLLOWED,) if unasked and options.time == "adaptive" else ()
-    missed_by = _missed_by_frames(light.camera_px, fps) if unasked and options.pace == "max" else ()
+    told = unasked and options.pace == "max" and CAMERA not in driven
+    missed_by = _missed_by_frames(camera_px_s(world) / fps, fps) if told else ()
     point = options.point
     steered = point.sampling in ("adaptive", "in-turn")
     if point.sampling == "in-turn" and not (light.watched and options.time == "fixed"):
@@ -234,7 +236,7 @@ def plan_stages(
 
 
 def _missed_by_frames(camera_px: float, fps: float) -> tuple[str, ...]:
-    """Return what a camera misses with which so far goes what it sees from frame to frame, and what to do."""
+    """Return what a camera misses that sees things go so far from frame to frame, and what to do."""
     if camera_px <= FAST_PX:
         return ()
     enough = fps * 2 ** math.ceil(math.log2(camera_px))
