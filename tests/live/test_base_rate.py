@@ -68,6 +68,12 @@ def test_a_camera_is_as_fast_as_most_of_what_it_sees():
     still = world(Static(np.eye(4)))
     along = Keyframes((0.0, 0.5), ((0.0, 0.0, 4.0), (1.5, 0.0, 4.0)), (UPRIGHT, UPRIGHT))
     assert camera_px_s(replace(still, camera=replace(still.camera, motion=along))) == pytest.approx(75.0, rel=1e-3)
+    ahead = np.eye(4)
+    ahead[2, 3] = 1.0
+    for nearer, px_s in ((1, 75.0), (4, 100.0)):
+        things = (*still.instances * 16, *[Instance(0, Static(ahead))] * nearer)
+        seen = replace(still, instances=things, camera=replace(still.camera, motion=along))
+        assert camera_px_s(seen) == pytest.approx(px_s, rel=1e-3), "one in seventeen is few, four in twenty are not"
     rolls = replace(still.camera, motion=Roll(5.0))
     assert camera_px_s(replace(still, camera=rolls)) == pytest.approx(10 * math.pi * math.sqrt(2) * 25, rel=1e-3)
     assert camera_px_s(still) == camera_px_s(world(Spin(5.0))) == 0.0
