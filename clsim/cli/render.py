@@ -167,7 +167,6 @@ def _rendering(given: Mapping[str, Any]) -> Rendering:
     else:
         times_us = read_times_us(times, "s")
     if times_us is None:
-        # Frames are what is asked for, and what is between them only by `times` or a run that had it.
-        return Rendering(replace(options, time="fixed") if options.time == "auto" else options)
+        return Rendering(options)
     alone = replace(options, fps=None, duration_s=None, frame_count=None, time="fixed", time_tolerance_us=None)
     return Rendering(alone, times_us)

@@ -19,7 +19,9 @@ from clsim.truth.names import plane_names
 
 
 class Rendering:
-    """The frames of a run: what ``clsim detect`` makes of them is what the run itself would have fired.
+    """The frames of a run: what ``clsim detect`` makes of them is what the run itself would have fired at frames alone.
+
+    What a run traces between frames is there where `LiveOptions.time` asks for it, and not where it is auto.
 
     Where sampling is adaptive a detector looks at each frame, for it decides where the paths of later ones go.
 
@@ -44,7 +46,7 @@ class Rendering:
             raise InputError("`loop` is for live runs; for frames give `duration_s` or `frame_count`")
         if options.truth and not plane_names(options.truth):
             raise InputError(f"`truth` {options.truth[0]} is no plane; frames hold of it {', '.join(TRUTH_PLANES)}")
-        stages = self._stages = plan_stages(options)
+        stages = self._stages = plan_stages(replace(options, time="fixed") if options.time == "auto" else options)
         world, camera = stages.world, stages.world.camera
         told = {} if times_us is None else {"times_us": list(times_us)}
         if times_us is None:

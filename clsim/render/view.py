@@ -289,12 +289,11 @@ class View:
         if self._steerer is not None:
             return cast("LightKeeper | TurnKeeper", self._steerer).seen_twice
         planes = frame.planes.reshape(len(self.names), -1), self._again.numpy()
-        seen = np.stack([each[:, self._seen_again] for each in planes])
         patches = self._options.look_again_in
         if patches is not None:
-            return seen.reshape(2, -1, *patches.shape)
+            return np.stack([each[:, self._seen_again] for each in planes]).reshape(2, -1, *patches.shape)
         weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
-        return np.stack([weights @ each[:3] for each in seen])
+        return np.stack([weights @ each[:3, :: self._options.look_again] for each in planes])
 
     def forget_light(self) -> None:
         """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""

@@ -13,6 +13,7 @@ from clsim.errors import InputError
 from clsim.live.base_rate import camera_px_s
 from clsim.live.light import FAST_PX
 from clsim.live.options import LiveOptions
+from clsim.live.rendering import Rendering
 from clsim.live.stages import plan_stages
 from clsim.scene import load_world
 from tests.simulator.stage import keyframed, scene
@@ -113,3 +114,8 @@ def test_what_is_set_is_seen_at_frames_alone(tmp_path):
             return simulator.step(33_333)
 
     np.testing.assert_array_equal(events(), events(time="fixed"))
+
+
+def test_frames_for_files_are_rendered_alone_unless_more_is_asked_for(tmp_path):
+    file = scene(tmp_path, keyframed())
+    assert [Rendering(LiveOptions(file, fps=60.0, time=time)).between for time in ("auto", "adaptive")] == [False, True]
