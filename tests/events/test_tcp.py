@@ -5,8 +5,6 @@ from __future__ import annotations
 import contextlib
 import socket
 import struct
-import subprocess
-import sys
 import threading
 from pathlib import Path
 
@@ -14,53 +12,15 @@ import aedat
 import dv_processing as dv
 import numpy as np
 import pytest
+from dv_reader import assert_same, read_with_dv
 from event_data import end_of
 from socket_help import HEIGHT, WIDTH, make_events, receive_until_end, wait_until
 
 from clsim.errors import InputError
-from clsim.events import EVENT_DTYPE, EventBatch, empty_batch
+from clsim.events import EVENT_DTYPE, empty_batch
 from clsim.events.dv_stream import AEDAT4_MAGIC, DvEncoder
 from clsim.events.sockets import open_socket_sink
 from clsim.events.tcp import TcpSink
-
-READER = """
-import sys, time
-import numpy as np
-import dv_processing as dv
-
-reader = dv.io.NetworkReader("127.0.0.1", int(sys.argv[1]))
-resolution, parts, count = reader.getEventResolution(), [], 0
-end = time.monotonic() + 60
-while count < int(sys.argv[2]) and time.monotonic() < end:
-    store = reader.getNextEventBatch()
-    if store is None:
-        time.sleep(0.001)
-        continue
-    parts.append(store.numpy())
-    count += len(parts[-1])
-np.savez(sys.argv[3], resolution=resolution, events=np.concatenate(parts))
-"""
-
-
-def read_with_dv(sink: TcpSink, batches: list[EventBatch], folder: Path) -> np.lib.npyio.NpzFile:
-    """What dv-processing's NetworkReader, in a process of its own, gets of the batches."""
-    count = sum(map(len, batches))
-    command = [sys.executable, "-c", READER, str(sink.port), str(count), str(folder / "got.npz")]
-    with subprocess.Popen(command) as reader:
-        try:
-            assert sink.wait_for_clients(timeout_s=60)
-            for batch in batches:
-                sink.write(batch, end_of(batch))
-            assert reader.wait(60) == 0
-        finally:
-            reader.kill()
-    return np.load(folder / "got.npz")
-
-
-def assert_same(got: np.ndarray, expected: EventBatch) -> None:
-    """dv-processing's structured array holds the very events."""
-    for theirs, ours in (("timestamp", "t"), ("x", "x"), ("y", "y"), ("polarity", "on")):
-        np.testing.assert_array_equal(got[theirs], expected[ours])
 
 
 @pytest.mark.parametrize("compression", ["lz4", "none"])
@@ -68,7 +28,7 @@ def test_network_reader_gets_every_event(tmp_path: Path, compression: str) -> No
     batches = [make_events(count, start_us=i * 1_000_000) for i, count in enumerate([1, 7, 0, 150_000, 3000])]
     sink = TcpSink(f"tcp://127.0.0.1:0?compression={compression}", WIDTH, HEIGHT)
     try:
-        got = read_with_dv(sink, batches, tmp_path)
+        got = read_with_dv(sink, sink.port, batches, tmp_path)
     finally:
         sink.close()
     assert tuple(got["resolution"]) == (WIDTH, HEIGHT)

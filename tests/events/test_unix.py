@@ -4,52 +4,24 @@ from __future__ import annotations
 
 import os
 import socket
-import subprocess
-import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from event_data import end_of
+from dv_reader import assert_same, read_with_dv
 from socket_help import HEIGHT, WIDTH, make_events
 
 from clsim.errors import InputError
 from clsim.events.sockets import open_socket_sink
 from clsim.events.unix import UnixSink
 
-READER = """
-import sys, time
-import numpy as np
-import dv_processing as dv
-
-reader, parts, count, end = dv.io.NetworkReader(sys.argv[1]), [], 0, time.monotonic() + 60
-while count < int(sys.argv[2]) and time.monotonic() < end:
-    store = reader.getNextEventBatch()
-    if store is None:
-        time.sleep(0.001)
-        continue
-    parts.append(store.numpy())
-    count += len(parts[-1])
-np.save(sys.argv[3], np.concatenate(parts))
-"""
-
 
 def test_network_reader_gets_every_event(tmp_path: Path) -> None:
     batch, path = make_events(100_000), tmp_path / "events.sock"
     sink = open_socket_sink(f"unix://{path}", WIDTH, HEIGHT)
     assert isinstance(sink, UnixSink)
-    command = [sys.executable, "-c", READER, str(path), str(len(batch)), str(tmp_path / "got.npy")]
-    with subprocess.Popen(command) as reader:
-        try:
-            assert sink.wait_for_clients(timeout_s=60)
-            sink.write(batch, end_of(batch))
-            assert reader.wait(60) == 0
-        finally:
-            reader.kill()
+    got = read_with_dv(sink, path, [batch], tmp_path)
     sink.close()
-    got = np.load(tmp_path / "got.npy")
-    for theirs, ours in (("timestamp", "t"), ("x", "x"), ("y", "y"), ("polarity", "on")):
-        np.testing.assert_array_equal(got[theirs], batch[ours])
+    assert_same(got["events"], batch)
     assert not path.exists()
 
 

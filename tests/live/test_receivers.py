@@ -66,7 +66,7 @@ def test_aestream_receives_a_run(tmp_path: Path) -> None:
 
 
 NETWORK_READER = """
-import sys, time
+import os, sys, time
 import numpy as np
 import dv_processing as dv
 
@@ -87,6 +87,7 @@ while time.monotonic() < end:
     else:
         time.sleep(0.002)
 np.save(sys.argv[2], np.concatenate(parts))
+os._exit(0)  # the reader's own thread still runs, and does not always survive the interpreter's end
 """
 
 
