@@ -28,7 +28,20 @@ from clsim.render import sampling
 from clsim.render.corners import corner_near
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
-from clsim.render.light_layers import ALL_AROUND, HALF, OTHER_HALF, Layer, Lit, draw_out, light_on, put_on, take_off
+from clsim.render.light_layers import (
+    ALL_AROUND,
+    HALF,
+    OTHER_HALF,
+    Layer,
+    Lit,
+    Row,
+    draw_out,
+    light_on,
+    move_layer,
+    put_on,
+    sum_rows,
+    take_off,
+)
 from clsim.render.shadow_rays import Shadows
 from clsim.render.sobol import reverse_bits
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
@@ -133,18 +146,19 @@ def _reflected(
     lit: wp.array2d(dtype=Lit),
     lit_things: wp.array(dtype=int),
     layers: wp.array2d(dtype=Layer),
-    windows: wp.array2d(dtype=float),
+    rows: wp.array2d(dtype=Row),
+    weights: wp.array(dtype=float),
     by: int,
     pixel: int,
     place: int,
     width: int,
     pixel_angle: float,
 ) -> wp.vec3:
-    """Return what a pixel's things, noted at ``place``, reflect of the light on them, found by one of the windows."""
+    """Return what a pixel's things, noted at ``place``, reflect of the light on them, by those of the pixels around."""
     radiance = wp.vec3()
     for k in range(lit_things[place]):
         thing = lit[place, k]
-        e = light_on(layers, windows, by, pixel, width, thing, pixel_angle)
+        e = light_on(layers, rows, weights, by, pixel, width, thing, pixel_angle)
         radiance += wp.cw_mul(thing.reflects, e)
     return radiance
 
@@ -170,8 +184,8 @@ def make_in_turn(
     Where it ``keeps_looks``, ``seen_in``, int32 ``[H·W]``, tells in which generation of the guards a pixel's rays were
     traced and stayed out of them, and ``corner_seen_in``, int32 ``[(H + 1)·(W + 1)]``, the same of corners; else 0.
 
-    The pass with ``lighting`` comes last: it adds the light on that to the planes of radiance. Its ``windows`` hold
-    the weights of the pixels around, row by row: of all, and of each half of them.
+    Two passes come last: that of ``summing`` fills ``rows`` ``[H·W, LAYERS]``, and that of ``lighting`` adds the light
+    on what a pixel shows to the planes of radiance. ``weights`` are those of the pixels around in a row or column.
 
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
     What it sees is kept behind that of the H·W pixels. It writes to ``out_twice`` alone, float ``[2, H·W / n]``: the
@@ -186,6 +200,7 @@ def make_in_turn(
         first_pixel: int,
         pixels: int,
         corner_pass: bool,
+        summing: bool,
         lighting: bool,
         corners: wp.array(dtype=Sample),
         steering: Turns,
@@ -199,7 +214,8 @@ def make_in_turn(
         shown: wp.array2d(dtype=float),
         seen_in: wp.array(dtype=int),
         corner_seen_in: wp.array(dtype=int),
-        windows: wp.array2d(dtype=float),
+        rows: wp.array2d(dtype=Row),
+        weights: wp.array(dtype=float),
         again: int,
         out_planes: wp.array2d(dtype=float),
         out_spent: wp.array2d(dtype=int),
@@ -210,9 +226,12 @@ def make_in_turn(
         angle = steering.looks.pixel_angle
         for number in range(first, first + pixels):
             pixel = number * wp.max(again, 1)
+            if summing:
+                sum_rows(layers, weights, pixel, settings.width, rows)
+                continue
             if lighting:
                 width = settings.width
-                radiance = _reflected(lit, lit_things, layers, windows, ALL_AROUND, pixel, pixel, width, angle)
+                radiance = _reflected(lit, lit_things, layers, rows, weights, ALL_AROUND, pixel, pixel, width, angle)
                 for c in range(3):
                     out_planes[c, pixel] = out_planes[c, pixel] + radiance[c]
                 continue
@@ -244,13 +263,24 @@ def make_in_turn(
                 continue
             if not kept:
                 emission = _note_things(things, seen.things, place, lit, lit_things)
-                store_things(things, seen.things, seen.rays, emission, settings.spectral, place, shown)
+                if wp.static(keeps_looks) or again > 0:
+                    store_things(things, seen.things, seen.rays, emission, settings.spectral, place, shown)
+                else:
+                    store_things(things, seen.things, seen.rays, emission, settings.spectral, pixel, out_planes)
                 if wp.static(keeps_looks):
                     seen_in[place] = wp.where(seen.guarded, 0, steering.generation)
             if again > 0:
-                one = _reflected(lit, lit_things, layers, windows, HALF, pixel, place, settings.width, angle)
-                other = _reflected(lit, lit_things, layers, windows, OTHER_HALF, pixel, place, settings.width, angle)
-                all = _reflected(lit, lit_things, layers, windows, ALL_AROUND, pixel, place, settings.width, angle)
+                all = wp.vec3()
+                one = wp.vec3()
+                other = wp.vec3()
+                for by in range(3):
+                    found = _reflected(lit, lit_things, layers, rows, weights, by, pixel, place, settings.width, angle)
+                    if by == ALL_AROUND:
+                        all = found
+                    if by == HALF:
+                        one = found
+                    if by == OTHER_HALF:
+                        other = found
                 off = _OFF * (one - other)
                 now = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
                 then = all + wp.vec3(shown[0, place], shown[1, place], shown[2, place])
@@ -286,9 +316,15 @@ def make_in_turn(
                     take_off(layers, pixel, mark, before)
                     marks[pixel, s] = 0
             traced[pixel] = (traced[pixel] + wanted) % steering.known
+            if not kept:
+                for k in range(seen.things):
+                    if things[k].first.hit:
+                        normal = wp.normalize(things[k].normal)
+                        move_layer(layers, pixel, things[k].position, normal, things[k].depth * angle)
             draw_out(layers, pixel, steering.turn)
-            for plane in range(_PLANES):
-                out_planes[plane, pixel] = shown[plane, pixel]
+            if wp.static(keeps_looks):
+                for plane in range(_PLANES):
+                    out_planes[plane, pixel] = shown[plane, pixel]
             out_planes[_SAMPLES, pixel] = out_planes[_SAMPLES, pixel] + float(wanted + steering.more)
             out_spent[0, pixel] = seen.rays
             out_spent[1, pixel] = wanted + steering.more

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.frames import InterestBoard, InterestMap
-from clsim.render.effort import STILL, Effort, MapReader, Sight, largest_around, looks_of
+from clsim.frames import DELAY, InterestBoard, InterestMap
+from clsim.render.effort import Effort, MapReader, Sight, largest_around, looks_of
 from clsim.render.guard_keeper import Guards
 from clsim.render.in_turn import LIT, PLANES, Turns
-from clsim.render.light_layers import LAYERS, REACH, Layer, Lit
+from clsim.render.light_layers import LAYERS, Layer, Lit, Row
 
 _QUIET, _CHANGES, _ALL = 0, 1, 2
 """Grades of pixels (`make_in_turn`)."""
@@ -20,18 +21,22 @@ _FIRST = 4
 """Times the paths of a pixel whose light changes that the first frame traces …"""
 _FRAMES_A_PATH = 2
 """… and frames in which each pixel then gets one more."""
+_REACH = ((16, 5), (1 << 30, 3))
+"""Paths that are kept of a pixel, at most, and how far around it takes its light [pixels]."""
+_SOON_S = 1 / 6
+"""Light is quiet where brightness takes longer than this to change by the contrast threshold [s].
+
+Not so many frames: more frames a second would make all light quiet, and times no better.
+"""
 
 
-def window_weights() -> Any:
-    """Return the weights of the pixels around one ``[3, n]``, row by row: of all, and of each half of them.
-
-    σ is half the reach, and the square's corners are 0. Each half is one colour of a chequerboard.
+def weights_around(kept: int) -> npt.NDArray[np.float32]:
+    """Return the weights of the pixels of a row or column around one in whose light it is seen, where so many paths of
+    each are kept; σ is half the reach.
     """
-    steps = np.arange(-REACH, REACH + 1)
-    apart2 = steps[:, None] ** 2 + steps**2
-    weights = np.where(apart2 <= REACH**2 + 1, np.exp(-apart2 / (2 * (REACH / 2) ** 2)), 0)
-    white = steps[:, None] + steps & 1 == 0
-    return np.stack([weights, weights * white, weights * ~white]).astype(np.float32).reshape(3, -1)
+    reach = next(pixels for most, pixels in _REACH if kept <= most)
+    steps = np.arange(-reach, reach + 1)
+    return np.exp(-(steps**2) / (2 * (reach / 2) ** 2)).astype(np.float32)
 
 
 class TurnKeeper(MapReader):
@@ -62,12 +67,14 @@ class TurnKeeper(MapReader):
         self._guards = guards
         self._rays = self._known = self._first = 0
         self._kept = effort.spp
+        self._times_us: deque[int] = deque(maxlen=DELAY + 2)
         kept = (pixels, effort.spp)
         kinds: dict[str, tuple[Any, Any]] = {
             "grades": (pixels, wp.uint8),
             "light": (kept, wp.vec3),
             "marks": (kept, wp.int32),
             "layers": ((pixels, LAYERS), Layer),
+            "rows": ((pixels, LAYERS), Row),
             "traced": (pixels, wp.int32),
             "lit": ((pixels + again, LIT), Lit),
             "lit_things": (pixels + again, wp.int32),
@@ -78,7 +85,7 @@ class TurnKeeper(MapReader):
         self._arrays: dict[str, Any] = {
             name: wp.zeros(size, dtype=kind, device=device) for name, (size, kind) in kinds.items()
         }
-        self._arrays["windows"] = wp.array(window_weights(), dtype=wp.float32, device=device)
+        self._arrays["weights"] = wp.array(weights_around(effort.spp), dtype=wp.float32, device=device)
         self._seen_twice: Any = wp.zeros((2, max(again, 1)), dtype=wp.float32, device=device)
 
     @property
@@ -86,6 +93,7 @@ class TurnKeeper(MapReader):
         """What the kernel takes beside the scene and the frame; ``steering`` changes with each frame."""
         return {
             "steering": Turns(),
+            "summing": False,
             "lighting": False,
             "again": 0,
             "out_spent": self._spent,
@@ -98,6 +106,7 @@ class TurnKeeper(MapReader):
         Whenever it is, this takes the interest map of two frames ago, and waits for it where the board does.
         """
         effort = self.effort
+        self._times_us.append(time_us)
         steering: Any = Turns()
         steering.looks = looks_of(effort.first_hit_rays, self._sight)
         steering.every, steering.turn = effort.every, self._number + 1
@@ -125,7 +134,7 @@ class TurnKeeper(MapReader):
         wp.copy(self._arrays["grades"], wp.array(grades, dtype=wp.uint8, device="cpu", copy=False))
         self._index, self._anew = index, False
         self._number += 1
-        return {"steering": steering, "lighting": False, "again": 0}, self._kept
+        return {"steering": steering, "summing": False, "lighting": False, "again": 0}, self._kept
 
     @property
     def seen_twice(self) -> npt.NDArray[np.float32]:
@@ -141,7 +150,9 @@ class TurnKeeper(MapReader):
             self._arrays[name].zero_()
 
     def _grade(self, interest: InterestMap) -> None:
-        """Trace more where brightness changes by a share of the threshold that matters, and around."""
+        """Trace more where brightness will soon have changed by the threshold, and around."""
         threshold = 0.5 * (interest.to_on + interest.to_off)
-        changes = np.abs(interest.change) > STILL * threshold
+        # The map's frame is `DELAY` frames ago, and its change since the one before that.
+        step_s = (self._times_us[1] - self._times_us[0]) * 1e-6
+        changes = np.abs(interest.change) * _SOON_S > threshold * step_s
         np.copyto(self._grades, largest_around(changes, self._padded))

@@ -221,7 +221,8 @@ class View:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
                 if self._options.in_turn:
-                    self._render(changed | {"corner_pass": False, "lighting": True}, self.width * self.height)
+                    for last in ("summing", "lighting"):
+                        self._render(changed | {"corner_pass": False, last: True}, self.width * self.height)
                 unfinished = self._steerer.finish()
             if self._options.look_again:
                 count = -(-self.width * self.height // self._options.look_again)

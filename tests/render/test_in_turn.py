@@ -11,8 +11,21 @@ import warp as wp
 
 from clsim.frames import RADIANCE, Frame, InterestBoard, InterestMap, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.light_layers import ALL_AROUND, HALF, LAYERS, OTHER_HALF, REACH, Layer, Lit, draw_out, light_on
-from clsim.render.turn_keeper import window_weights
+from clsim.render.light_layers import (
+    ALL_AROUND,
+    HALF,
+    LAYERS,
+    OTHER_HALF,
+    Layer,
+    Lit,
+    Row,
+    draw_out,
+    light_on,
+    move_layer,
+    put_on,
+    sum_rows,
+)
+from clsim.render.turn_keeper import weights_around
 from clsim.scene import Material, load_world
 from clsim.scene.driven import Driven
 
@@ -87,14 +100,15 @@ def test_paths_that_met_nothing_before_find_the_light_of_what_comes():
     np.testing.assert_allclose(late, first, rtol=1e-4)
 
 
-def test_light_that_changes_is_traced_more():
-    """Where a map tells of change, and around it, ``probe_spp`` paths are traced two frames later."""
+@pytest.mark.parametrize("fps", [60, 120, 480])
+def test_light_that_changes_is_traced_more(fps):
+    """Where a map tells that a sixth of a second is enough for an event, and around, two frames later, at any rate."""
     board = InterestBoard()
     half, change = np.full(SIZE[::-1], 0.2, np.float32), np.zeros(SIZE[::-1], np.float32)
-    change[5, 5] = -0.0101
+    change[5, 5], change[5, 11] = -0.2 * 6.1 / fps, 0.2 * 5.9 / fps
     for number in range(2):
         board.publish(InterestMap(number, half, half, change, np.zeros_like(change)))
-    tracer_paths = pictures([0] * 3, board)[1]
+    tracer_paths = pictures([k * 1_000_000 // fps for k in range(3)], board)[1]
     area = SIZE[0] * SIZE[1]
     # Four of the nine, or five, would have waited.
     assert tracer_paths[2] * area == pytest.approx(area / 2 + 9 * 4 - 4.5, abs=0.5)
@@ -134,50 +148,177 @@ def test_pictures_do_not_depend_on_threads_and_tiles():
     np.testing.assert_array_equal(one, other)
 
 
+SIDE = 13
+
+
 @wp.kernel
-def ask(
-    layers: wp.array2d(dtype=Layer), windows: wp.array2d(dtype=float), lit: Lit, turn: int, out: wp.array(dtype=wp.vec3)
-):
-    """Draw out each pixel's light, and find that on one thing in the middle, by all windows."""
+def sum_up(layers: wp.array2d(dtype=Layer), weights: wp.array(dtype=float), turn: int, rows: wp.array2d(dtype=Row)):
+    """Draw out each pixel's light, and sum it along rows."""
     for pixel in range(layers.shape[0]):
         draw_out(layers, pixel, turn)
+    for pixel in range(layers.shape[0]):
+        sum_rows(layers, weights, pixel, wp.static(SIDE), rows)
+
+
+@wp.kernel
+def ask(
+    layers: wp.array2d(dtype=Layer),
+    rows: wp.array2d(dtype=Row),
+    weights: wp.array(dtype=float),
+    lit: Lit,
+    pixel: int,
+    out: wp.array(dtype=wp.vec3),
+):
+    """Find the light on one thing, by all windows."""
     for by in range(3):
-        out[by] = light_on(layers, windows, by, layers.shape[0] // 2, 9, lit, 0.01)
+        out[by] = light_on(layers, rows, weights, by, pixel, wp.static(SIDE), lit, 0.01)
 
 
-@pytest.mark.parametrize("by", [ALL_AROUND, HALF, OTHER_HALF])
-def test_a_thing_is_lit_by_paths_that_began_on_its_surface(by):
-    """Against the sums in float64: two surfaces at right angles, some pixels without paths, light that changes."""
+def asked(values, turn, kept, normal, x):
+    """Return the light on a thing of that normal at column ``x`` of the middle row, by all windows ``[3, 3]``."""
+    layers = wp.array(values, dtype=Layer, device="cpu")
+    rows = wp.zeros((SIDE * SIDE, LAYERS), dtype=Row, device="cpu")
+    weights = wp.array(weights_around(kept), dtype=wp.float32, device="cpu")
+    lit = Lit()
+    lit.position, lit.normal, lit.depth = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*normal), 1.0
+    out = wp.zeros(3, dtype=wp.vec3, device="cpu")
+    wp.launch(sum_up, dim=1, inputs=[layers, weights, turn, rows], device="cpu")
+    wp.launch(ask, dim=1, inputs=[layers, rows, weights, lit, SIDE // 2 * SIDE + x, out], device="cpu")
+    return out.numpy()
+
+
+UP, AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("x", [6, 1])
+@pytest.mark.parametrize("kept", [8, 64])
+def test_a_thing_is_lit_by_paths_that_began_on_its_surface(kept, x):
+    """Against the sums in float64: two surfaces at right angles, some pixels without paths, light that changes.
+
+    A row counts where the pixel of the thing's column knows the surface.
+    """
     rng = np.random.default_rng(3)
-    side, turn = 9, 40
-    layers = wp.zeros((side * side, LAYERS), dtype=Layer, device="cpu")
-    values = layers.numpy()
-    up, ahead = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    for pixel in range(side * side):
-        for k, normal in enumerate((up, ahead)):
+    turn = 40
+    values = wp.zeros((SIDE * SIDE, LAYERS), dtype=Layer, device="cpu").numpy()
+    for pixel in range(SIDE * SIDE):
+        for k, normal in enumerate((UP, AHEAD)):
             count = int(rng.integers(0, 4))
             place = rng.normal(size=3) * (1 - normal) * 0.2
             values[pixel, k]["count"], values[pixel, k]["frames"] = count, count * int(rng.integers(0, turn))
             values[pixel, k]["total"], values[pixel, k]["rate"] = rng.random(3) * count, rng.normal(size=3) * 0.02
             values[pixel, k]["position"], values[pixel, k]["normal"] = place, normal
-            values[pixel, k]["weight"] = 0.5 * count
-    layers = wp.array(values, dtype=Layer, device="cpu")
-    lit = Lit()
-    lit.position, lit.normal, lit.depth = wp.vec3(0.0, 0.0, 0.0), wp.vec3(*up), 1.0
-    out = wp.zeros(3, dtype=wp.vec3, device="cpu")
-    windows = wp.array(window_weights(), dtype=wp.float32, device="cpu")
-    wp.launch(ask, dim=1, inputs=[layers, windows, lit, turn, out], device="cpu")
+            values[pixel, k]["weight"], values[pixel, k]["footprint_m"] = 0.5 * count, 0.01
+    out = asked(values, turn, kept, UP, x)
 
-    total, weight = np.zeros(3), 0.0
-    for dy in range(-REACH, REACH + 1):
-        for dx in range(-REACH, REACH + 1):
-            white = (dx + dy) % 2 == 0
-            if dx * dx + dy * dy > REACH**2 + 1 or by == (OTHER_HALF if white else HALF):
-                continue
-            layer = values[(4 + dy) * side + 4 + dx, 0]
-            share = np.exp(-(dx * dx + dy * dy) / (2 * (REACH / 2) ** 2))
-            known = layer["total"].astype(np.float64)
-            drawn = known + layer["rate"] * float(turn * layer["count"] - layer["frames"])
-            total += share * layer["weight"] * np.maximum(drawn, 0.2 * known) / max(layer["count"], 1)
-            weight += share * layer["weight"]
-    np.testing.assert_allclose(out.numpy()[by], total / weight, rtol=1e-5)
+    reach = 5 if kept == 8 else 3
+    for by in (ALL_AROUND, HALF, OTHER_HALF):
+        total, weight = np.zeros(3), 0.0
+        for dy in range(-reach, reach + 1):
+            for dx in range(max(-reach, -x), reach + 1):
+                white = (dx + dy) % 2 == 0
+                row = (SIDE // 2 + dy) * SIDE + x
+                if values[row, 0]["count"] == 0 or by == (OTHER_HALF if white else HALF):
+                    continue
+                layer = values[row + dx, 0]
+                share = np.exp(-(dx * dx + dy * dy) / (2 * (reach / 2) ** 2))
+                known = layer["total"].astype(np.float64)
+                drawn = known + layer["rate"] * float(turn * layer["count"] - layer["frames"])
+                total += share * layer["weight"] * np.maximum(drawn, 0.2 * known) / max(layer["count"], 1)
+                weight += share * layer["weight"]
+        np.testing.assert_allclose(out[by], total / weight, rtol=1e-5)
+
+
+@pytest.mark.parametrize("nearest", [1, 3, 4])
+def test_a_thing_that_no_path_of_its_column_met_is_lit_as_in_the_nearest_columns(nearest):
+    """To the left of the thing is a wall that it belongs to; where that is too far, the pixel's own paths count."""
+    values = wp.zeros((SIDE * SIDE, LAYERS), dtype=Layer, device="cpu").numpy()
+    x = SIDE // 2
+    for pixel in range(SIDE * SIDE):
+        wall = pixel % SIDE <= x - nearest
+        values[pixel, 0]["count"], values[pixel, 0]["weight"], values[pixel, 0]["footprint_m"] = 2, 2, 0.01
+        values[pixel, 0]["total"] = 2 * (pixel % SIDE) if wall else 200.0
+        values[pixel, 0]["normal"] = UP if wall else AHEAD
+    # What is known of the wall's last column is the mean of those columns that reach it, three on its left.
+    columns = np.arange(x - nearest - 3, x - nearest + 1)
+    share = np.exp(-((columns - columns[-1]) ** 2) / (2 * 1.5**2))
+    expected = 100.0 if nearest > 3 else np.sum(share * columns) / np.sum(share)
+    np.testing.assert_allclose(asked(values, 0, 64, UP, x)[ALL_AROUND], expected, rtol=1e-5)
+
+
+@wp.kernel
+def move(layers: wp.array2d(dtype=Layer), height: float, normal: wp.vec3):
+    """Show a pixel's surface at that height."""
+    move_layer(layers, 0, wp.vec3(0.5, height, 0.0), normal, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("height", "normal", "expected"),
+    [
+        (0.3, UP, (0.3, 1.0)),  # three pixels from the one, and seven from the other
+        (0.8, UP, (0.0, 0.8)),
+        (1.5, UP, (0.0, 1.0)),
+        (0.1, AHEAD, (0.0, 1.0)),
+    ],
+)
+def test_a_layer_goes_where_its_surface_goes(height, normal, expected):
+    """It is the nearest one within four pixels, if it is turned alike."""
+    values = wp.zeros((1, LAYERS), dtype=Layer, device="cpu").numpy()
+    for k in range(LAYERS):
+        values[0, k]["count"], values[0, k]["normal"], values[0, k]["position"] = 1, UP, (0.0, k, 0.0)
+    layers = wp.array(values, dtype=Layer, device="cpu")
+    wp.launch(move, dim=1, inputs=[layers, height, wp.vec3(*normal)], device="cpu")
+    np.testing.assert_allclose(layers.numpy()["position"][0, :, 1], expected)
+
+
+def test_a_wall_that_comes_nearer_is_lit_by_its_own_paths():
+    """It goes a pixel's width toward the camera in each frame, and few paths are traced: light is that of all paths."""
+    nears = Driven(hw.IDENTITY)
+    for time_s, depth_m in ((0.0, 0.0), (0.2, 1.0)):
+        nears.set(time_s, ((0.0, 0.0, depth_m), (0.0, 0.0, 0.0, 1.0), 1.0))
+    world = hw.world(
+        hw.quad((-4, -4, -2), (8, 0, 0), (0, 8, 0)),
+        hw.quad((-4, -4, 4.5), (0, 8, 0), (8, 0, 0)),
+        hw.quad((-0.5, 4, 1), (1, 0, 0), (0, 0, 1), material=1),
+        materials=(hw.GREY, Material(color=(0.0, 0.0, 0.0), emission=(50.0, 50.0, 50.0))),
+        view=hw.camera(hw.look_from((0, 0, 4), (0, 0, 0)), *SIZE),
+        motions=[nears, hw.IDENTITY, hw.IDENTITY],
+    )
+    times_us = [8333 * k for k in range(24)]
+    few, _ = pictures(times_us, world=world, spp=32, probe_spp=8, probe_every=8, frames=24)
+    for k in (8, 16, 23):
+        now = pictures([times_us[k]], world=world, spp=32, probe_spp=8)[0][0]
+        assert np.abs(np.log(few[k].sum(axis=0) / now.sum(axis=0))).max() < 0.1
+
+
+@wp.kernel
+def add_paths(layers: wp.array2d(dtype=Layer), light: wp.array(dtype=float), late: int, out: wp.array(dtype=float)):
+    """Trace one of eight paths in each frame; from the frame ``late`` on, in every fourth, another one comes."""
+    marks = wp.zeros(shape=64, dtype=wp.int32)
+    found = wp.zeros(shape=64, dtype=wp.float32)
+    kept = int(8)  # noqa: UP018, RUF046  Warp: a variable that changes must be born by a call
+    for turn in range(light.shape[0]):
+        now = wp.vec3(light[turn])
+        comes = turn >= late and turn % 4 == 0
+        for s in range(kept + 1):
+            joins = comes and s == kept
+            if joins or (turn == 0 and s < kept) or (turn > 0 and s == turn % kept):
+                marks[s] = put_on(
+                    layers, 0, marks[s], wp.vec3(found[s]), now, wp.vec3(), wp.vec3(0.0, 1.0, 0.0), 0.01, turn, 64,
+                    1.0, joins,
+                )  # fmt: skip
+                found[s] = now[0]
+        if comes:
+            kept += 1
+        draw_out(layers, 0, turn)
+        out[turn] = layers[0, 0].now[0] + layers[0, 1].now[0]
+
+
+def test_paths_that_come_later_take_nothing_from_a_change():
+    """While light changes steadily, what is known keeps step, however many paths come to know it meanwhile."""
+    frames, late = 500, 300
+    light = 1.0 + 0.01 * np.arange(frames)
+    layers = wp.zeros((1, LAYERS), dtype=Layer, device="cpu")
+    out = wp.zeros(frames, dtype=wp.float32, device="cpu")
+    given = wp.array(light, dtype=wp.float32, device="cpu")
+    wp.launch(add_paths, dim=1, inputs=[layers, given, late, out], device="cpu")
+    np.testing.assert_allclose(out.numpy()[late:], light[late:], atol=1e-3)
