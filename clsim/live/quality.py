@@ -153,12 +153,23 @@ CACHED: dict[Quality, Point] = {
 }
 """What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
 IN_TURN: dict[Quality, Point] = {
+    "draft": Point(
+        method="esim",
+        window=None,
+        sampling="in-turn",
+        probe_spp=1,
+        spp=8,
+        first_hit_rays=16,
+        sampler="sobol",
+        probe_every=8,
+        event_rule="linear-light",
+    ),
     "balanced": Point(
         method="esim",
         window=None,
         sampling="in-turn",
-        probe_spp=6,
-        spp=48,
+        probe_spp=4,
+        spp=32,
         first_hit_rays=32,
         sampler="sobol",
         probe_every=6,
@@ -178,7 +189,10 @@ IN_TURN: dict[Quality, Point] = {
 }
 """What those qualities are where things move before a camera that stands still, and light straight from lamps is found
 apart: paths are kept, and traced again in turn."""
-LAMPS_MOVE: dict[Quality, dict[str, int]] = {"accurate": {"probe_spp": 8, "first_hit_rays": 64}}
+LAMPS_MOVE: dict[Quality, dict[str, int]] = {
+    "balanced": {"spp": 8, "probe_spp": 2, "probe_every": 8, "first_hit_rays": 12},
+    "accurate": {"probe_spp": 8, "first_hit_rays": 64},
+}
 """What those have instead that keep paths where lamps move too: all is lit anew in each frame, and no look is kept."""
 ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
     "balanced": {"probe_spp": 1, "probe_every": 8, "spp": 16, "first_hit_rays": 48},

@@ -48,11 +48,11 @@ def test_a_still_scene_fires_nothing(sampling: str) -> None:
 
 def test_paths_go_where_events_are_near() -> None:
     """Without a map in reach, all frames but the first would be probed alone; with all maps marked, none would."""
-    summary = summary_of("moving-light", quality="balanced", frame_count=12, fps=60.0)
+    summary = summary_of("moving-light", quality="balanced", sampling="adaptive", frame_count=12, fps=60.0)
     pixels = SIZE[0] * SIZE[1]
-    assert summary["effort"] == {"probe_spp": 1, "spp": 6, "first_hit_rays": 12, "every": 8}
-    later = summary["paths"] - 6 * pixels
-    assert 4 * 11 / 8 * pixels < later < 0.8 * 6 * 11 * pixels
+    assert summary["effort"] == {"probe_spp": 1, "spp": 8, "first_hit_rays": 12, "every": 2}
+    later = summary["paths"] - 8 * pixels
+    assert 2 * 11 / 2 * pixels < later < 0.8 * 8 * 11 * pixels
     assert 12 * pixels < summary["first_hit_rays"] <= 12 * 16 * pixels
     assert 0 < summary["noise_share"] < 0.5
     assert summary["governor"] is None

@@ -130,10 +130,12 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
         (Light(slow=False), "draft", ("irradiance", 1, 4, 11)),
         (Light(), "balanced", ("irradiance", 6, 8, 11)),
         (Light(slow=False), "balanced", ("irradiance", 6, 4, 11)),
-        (Light(watched=True, lamps_move=True), "balanced", ("irradiance", 6, 8, 11)),
+        (Light(watched=True, lamps_move=True), "draft", ("irradiance", 1, 8, 11)),
+        (Light(watched=True, lamps_move=True), "balanced", ("esim", 8, 8, None)),
         (Light(), "accurate", ("irradiance", 32, 4, 11)),
         (Light(all_by_paths=True), "balanced", ("irradiance", 8, 2, 7)),
-        (Light(watched=True), "balanced", ("esim", 48, 6, None)),
+        (Light(watched=True), "draft", ("esim", 8, 8, None)),
+        (Light(watched=True), "balanced", ("esim", 32, 6, None)),
         (Light(stands_still=True), "balanced", ("esim", 4, 16, None)),
     ],
 )
@@ -280,10 +282,12 @@ def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() ->
     kept = plan_stages(options(scene="cornell", quality="accurate"))
     assert kept.render.in_turn and kept.detector.method == "esim" and kept.steered
     assert kept.render.spp == 64
-    assert plan_stages(options(scene="cornell")).render.spp == 48
+    assert plan_stages(options(scene="cornell")).render.spp == 32
     lamp_moves = plan_stages(options(scene="moving-light", quality="accurate")).render
     assert lamp_moves.in_turn and (lamp_moves.probe_spp, lamp_moves.first_hit_rays) == (8, 64)
-    assert not plan_stages(options(scene="moving-light")).render.in_turn
+    balanced = plan_stages(options(scene="moving-light")).render
+    assert balanced.in_turn and (balanced.spp, balanced.probe_spp, balanced.first_hit_rays) == (8, 2, 12)
+    assert not plan_stages(options(scene="moving-light", quality="draft")).render.in_turn
     for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
         assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
     assert not plan_stages(options(scene="cornell", quality="accurate"), driven=["camera"]).render.in_turn
