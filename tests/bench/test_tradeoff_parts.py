@@ -190,12 +190,14 @@ def test_draft_finds_other_light_more_often_where_things_go_far_from_frame_to_fr
     from clsim.live.options import LiveOptions
     from clsim.live.stages import plan_stages
 
-    world = load_world("moving-light")
+    cornell = load_world("cornell")
     for fps, driven, every in ((120.0, [], 8), (30.0, [], 4), (120.0, ["ball"], 4)):
-        live = plan_stages(LiveOptions("", quality="draft", fps=fps), world, driven=driven)
+        # An event that wants evidence goes without kept paths.
+        live = plan_stages(LiveOptions("", quality="draft", fps=fps, confidence=1.0), cornell, driven=driven)
         assert (live.render.probe_every, live.detector.window) == (every, 11)
         if not driven:
-            assert named_points(0, Light.of(world, fps))["draft"].rendering.probe_every == every
+            light = dataclasses.replace(Light.of(cornell, fps), watched=False)
+            assert named_points(0, light)["draft"].rendering.probe_every == every
 
 
 def test_means_fronts_and_knobs() -> None:
