@@ -24,6 +24,7 @@ from clsim.live.quality import (
     FOLLOWED,
     IN_TURN,
     LAMPS_MOVE,
+    MOVES_BY_PATHS,
     PLAIN,
     QUALITIES,
     Noise,
@@ -234,7 +235,8 @@ class LiveOptions:
         """Return the options for such light: a named quality keeps it on surfaces where it stands still.
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
-        paths, there are more of these, unless it is told how many; where it is not, and things move, there may
+        paths, there are more of these, unless it is told how many, and `draft` spends them by what is near an event
+        where things move; where it is not, and things move, there may
         be fewer, the more so where they go slowly. Where the camera watches what moves, paths are kept, unless they
         are found between frames too, a governor changes them, or an event wants evidence.
         """
@@ -254,7 +256,11 @@ class LiveOptions:
                 return in_turn
             if self.basis in LAMPS_MOVE:
                 return in_turn._with_instead(LAMPS_MOVE[self.basis]) if self.spp is None else in_turn
-        if self.basis in APART and not light.all_by_paths and (self.spp, self.probe_every) == (None, None):
+        if (self.spp, self.probe_every) != (None, None):
+            return self
+        if light.all_by_paths and self.pace == "max":
+            return self._with_instead(MOVES_BY_PATHS.get(self.basis, {}) if self.basis else {})
+        if self.basis in APART and not light.all_by_paths:
             slow = APART_SLOW.get(self.basis, {}) if light.slow else {}
             return replace(self, **APART[self.basis] | slow)
         return self

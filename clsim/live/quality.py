@@ -210,6 +210,18 @@ The rest changes slowly and has no sharp shadows: it is found seldom, and smooth
 """
 APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}, "balanced": {"probe_every": 8}}
 """What holds of them then instead where things go slowly too."""
+MOVES_BY_PATHS: dict[Quality, dict[str, Any]] = {
+    "draft": {
+        "sampling": "adaptive",
+        "probe_spp": 1,
+        "spp": 2,
+        "probe_every": 8,
+        "window": 11,
+        "first_hit_rays": 12,
+    },
+}
+"""What they have instead where things move and paths find all light: one path shows more noise the more frames there
+are."""
 SLOW_SHARE = 0.01
 """Share of the picture's width that things go in a frame, at most, where they go slowly."""
 FOLLOWED: frozenset[Quality] = frozenset(("balanced", "accurate", "exact"))

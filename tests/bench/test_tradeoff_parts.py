@@ -182,8 +182,8 @@ def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
             assert point.detector.config(world.sensor) == live.detector
     assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
     drafts = [named_points(0, light)["draft"] for light in LIGHTS]
-    assert [draft.rendering.probe_every for draft in drafts] == [8, 2, 64, 64, 8, 8]
-    assert [draft.detector.window for draft in drafts[:2]] == [11, 7]
+    assert [draft.rendering.probe_every for draft in drafts] == [8, 8, 64, 64, 8, 8]
+    assert [draft.detector.window for draft in drafts[:2]] == [11, 11]
 
 
 def test_draft_finds_other_light_more_often_where_things_go_far_from_frame_to_frame() -> None:
