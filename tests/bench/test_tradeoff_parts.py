@@ -140,12 +140,13 @@ def test_the_sweeps_have_each_point_once() -> None:
 
 
 def test_named_points_are_those_of_live_runs() -> None:
-    from clsim.live.quality import QUALITIES
+    from clsim.live.quality import MOVES_BY_PATHS, QUALITIES
 
     light = Light(all_by_paths=True)
     named = named_points(3, light)
     assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,), light))
-    for name, quality in QUALITIES.items():
+    for name, plain in QUALITIES.items():
+        quality = dataclasses.replace(plain, **MOVES_BY_PATHS.get(name, {}))
         rendering, detector = named[name].rendering, named[name].detector
         assert (rendering.noise, rendering.sampling) == (quality.noise, quality.sampling)
         for field in ("spp", "sampler", "first_hit_rays", "probe_every"):
