@@ -214,7 +214,7 @@ MOVES_BY_PATHS: dict[Quality, dict[str, Any]] = {
     "draft": {
         "sampling": "adaptive",
         "probe_spp": 1,
-        "spp": 2,
+        "spp": 3,
         "probe_every": 8,
         "window": 11,
         "first_hit_rays": 12,

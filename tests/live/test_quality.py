@@ -133,7 +133,7 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
         (Light(watched=True, lamps_move=True), "draft", ("irradiance", 1, 8, 11)),
         (Light(watched=True, lamps_move=True), "balanced", ("esim", 8, 8, None)),
         (Light(), "accurate", ("irradiance", 32, 4, 11)),
-        (Light(all_by_paths=True), "draft", ("irradiance", 2, 8, 11)),
+        (Light(all_by_paths=True), "draft", ("irradiance", 3, 8, 11)),
         (Light(all_by_paths=True), "balanced", ("irradiance", 8, 2, 7)),
         (Light(watched=True), "draft", ("esim", 8, 8, None)),
         (Light(watched=True), "balanced", ("esim", 32, 6, None)),
@@ -152,7 +152,7 @@ def test_draft_goes_by_events_where_paths_find_all_light() -> None:
     draft = options(quality="draft").settled(light).point
     assert (draft.sampling, draft.probe_spp, draft.first_hit_rays) == ("adaptive", 1, 12)
     assert options(quality="draft", first_hit_rays=4).settled(light).point.first_hit_rays == 4
-    for more in ({"pace": "real"}, {"spp": 2}, {"window": 7}, {"sampling": "uniform"}):
+    for more in ({"pace": "real"}, {"spp": 4}, {"window": 7}, {"sampling": "uniform"}):
         asked = options(quality="draft", **more)
         assert asked.settled(light).point == asked.point
     still = Light(all_by_paths=True, stands_still=True)
