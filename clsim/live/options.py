@@ -236,9 +236,9 @@ class LiveOptions:
 
         That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
         paths, there are more of these, unless it is told how many, and `draft` spends them by what is near an event
-        where things move; where it is not, and things move, there may
-        be fewer, the more so where they go slowly. Where the camera watches what moves, paths are kept, unless they
-        are found between frames too, a governor changes them, or an event wants evidence.
+        where things move, unless a governor changes them; where it is not, and things move, there may be fewer, the
+        more so where they go slowly. Where the camera watches what moves, paths are kept, unless they are found
+        between frames too, a governor changes them, or an event wants evidence.
         """
         free = (self.sampling, self.method, self.window, self.probe_spp)
         fits = self.noise != "independent" and self.first_hit_rays != 0
@@ -258,8 +258,8 @@ class LiveOptions:
                 return in_turn._with_instead(LAMPS_MOVE[self.basis]) if self.spp is None else in_turn
         if (self.spp, self.probe_every) != (None, None):
             return self
-        if light.all_by_paths and self.pace == "max":
-            return self._with_instead(MOVES_BY_PATHS.get(self.basis, {}) if self.basis else {})
+        if light.all_by_paths and self.basis in MOVES_BY_PATHS and self.pace == "max":
+            return self._with_instead(MOVES_BY_PATHS[self.basis])
         if self.basis in APART and not light.all_by_paths:
             slow = APART_SLOW.get(self.basis, {}) if light.slow else {}
             return replace(self, **APART[self.basis] | slow)

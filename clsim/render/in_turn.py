@@ -270,20 +270,13 @@ def make_in_turn(
                 if wp.static(keeps_looks):
                     seen_in[place] = wp.where(seen.guarded, 0, steering.generation)
             if again > 0:
-                all = wp.vec3()
-                one = wp.vec3()
-                other = wp.vec3()
+                found = wp.zeros(shape=3, dtype=wp.vec3)
                 for by in range(3):
-                    found = _reflected(lit, lit_things, layers, rows, weights, by, pixel, place, settings.width, angle)
-                    if by == ALL_AROUND:
-                        all = found
-                    if by == HALF:
-                        one = found
-                    if by == OTHER_HALF:
-                        other = found
-                off = _OFF * (one - other)
+                    e = _reflected(lit, lit_things, layers, rows, weights, by, pixel, place, settings.width, angle)
+                    found[by] = e
+                off = _OFF * (found[HALF] - found[OTHER_HALF])
                 now = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
-                then = all + wp.vec3(shown[0, place], shown[1, place], shown[2, place])
+                then = found[ALL_AROUND] + wp.vec3(shown[0, place], shown[1, place], shown[2, place])
                 out_twice[0, number] = sampling.brightness(now + off, settings.spectral)
                 out_twice[1, number] = sampling.brightness(then - off, settings.spectral)
                 continue

@@ -87,7 +87,7 @@ while time.monotonic() < end:
     else:
         time.sleep(0.002)
 np.save(sys.argv[2], np.concatenate(parts))
-os._exit(0)  # the reader's own thread still runs, and does not always survive the interpreter's end
+os._exit(0)  # all is saved, and the reader's own thread still runs: nothing is torn down beneath it
 """
 
 
