@@ -191,11 +191,6 @@ def plan_stages(
             "`sampling` in-turn needs `time` fixed and a scene whose camera stands still and where no light changes, "
             f"by itself or from outside, which does not hold of {world.name}; use adaptive"
         )
-    if point.sampling == "cached" and not light_stands_still(world):
-        raise InputError(
-            f"`sampling` cached needs a scene in which nothing but the camera moves and no light changes, but in "
-            f"{world.name} more does; use adaptive"
-        )
     detector = _detector_config(options, world)
     ideal = options.sensor is None or options.sensor.is_ideal
     render = RenderOptions(

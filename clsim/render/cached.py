@@ -22,15 +22,15 @@ from clsim.render import sampling
 from clsim.render.closer_look import SHARE_ERROR, error_allowed, fire, level_of, look_closer
 from clsim.render.film import Sample
 from clsim.render.first_hits import Seen
+from clsim.render.geometry import transform_vector
 from clsim.render.kept_light import Gathering, Lit, finished, gain, is_smooth, light_of, shown_in, wrong_by
-from clsim.render.light_cache import Cell
+from clsim.render.light_cache import Cell, Followed, layer_of
 from clsim.render.sampling import brightness
 from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.sobol import reverse_bits
+from clsim.render.stored_paths import OWN, Met
 from clsim.render.things import THINGS, Thing, lit_albedo, store_things
 
-_OWN = wp.constant(1 << 16)
-"""Number of a pixel's first path: beyond those of all first-hit rays."""
 _AGAIN = wp.constant(-3)
 """Number of the random numbers of a second look."""
 _OFF = wp.constant(0.5**0.5)
@@ -39,6 +39,7 @@ _OFF = wp.constant(0.5**0.5)
 
 def make_cached(
     sobol: bool,
+    anchored: bool,
     look: Any,
     shoot: Any,
     scene_type: Any,
@@ -70,6 +71,17 @@ def make_cached(
     what the frame shows, and of what they see, one somewhat brighter and one darker, by how far the light might be off.
     """
 
+    @wp.func
+    def met_by(scene: scene_type, sample: Sample) -> Met:
+        met = Met()
+        met.instance = sample.instance
+        if sample.instance >= 0:
+            met.triangle = sample.met_triangle
+            met.weights = sample.weights
+            met.front = sample.front
+            met.toward = transform_vector(scene.geometry.to_object[sample.instance], sample.toward)
+        return met
+
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
     def render_cached(
         scene: scene_type,
@@ -81,6 +93,7 @@ def make_cached(
         corners: wp.array(dtype=Sample),
         steering: Gathering,
         cells: wp.array(dtype=Cell),
+        followed: wp.array(dtype=Followed),
         own: wp.array(dtype=wp.vec3),
         traced: wp.array(dtype=int),
         learnt: wp.array(dtype=float),
@@ -94,6 +107,7 @@ def make_cached(
         out_positions: wp.array2d(dtype=wp.vec4),
         out_normals: wp.array2d(dtype=wp.vec4),
         out_lights: wp.array2d(dtype=wp.vec3),
+        out_met: wp.array2d(dtype=Met),
         out_spent: wp.array2d(dtype=int),
         out_shadows: wp.array(dtype=Shadow),
     ):
@@ -135,7 +149,7 @@ def make_cached(
                 )
                 if corner_pass:
                     break
-                lit = light_of(cells, things, seen.things, gathering, settings.spectral)
+                lit = light_of(cells, followed, things, seen.things, gathering, settings.spectral)
                 error = float(SHARE_ERROR)
                 told = steering.event.on > 0.0
                 if told and seen.counted:
@@ -178,14 +192,21 @@ def make_cached(
                 number = traced[pixel] + i
                 if wp.static(sobol):
                     stream.reversed_index = reverse_bits(wp.uint32(number))
-                stream.key = sampling.stream_key(sampling.absorb(state, _OWN + number))
+                stream.key = sampling.stream_key(sampling.absorb(state, OWN + number))
                 sample = shoot(scene, camera, settings, pixel, 0, stream)
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     reflected = sample.radiance - sample.emission
                     p = sample.position
-                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
                     n = sample.normal
-                    kind = wp.where(sample.in_coat, 1.0, 0.0) + wp.where(is_smooth(sample, steering), 2.0, 0.0)
+                    instance = int(-1)
+                    if wp.static(anchored):
+                        p = sample.rest
+                        n = sample.rest_normal
+                        instance = sample.instance
+                        out_met[i, pixel] = met_by(scene, sample)
+                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
+                    layer = layer_of(wp.where(sample.in_coat, 1, 0), instance)
+                    kind = float(2 * layer) + wp.where(is_smooth(sample, steering), 1.0, 0.0)
                     out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], kind)
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))
                     if not sample.in_coat:

@@ -83,6 +83,8 @@ def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample),
                 things[0].coat += 0.25 * corner.coat
     p = corners[nearest].position + corners[nearest + 1].position
     things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
+    r = corners[nearest].rest + corners[nearest + 1].rest
+    things[0].rest = 0.25 * (r + corners[nearest + row].rest + corners[nearest + row + 1].rest)
     n = corners[nearest].normal + corners[nearest + 1].normal
     things[0].normal = 0.25 * (n + corners[nearest + row].normal + corners[nearest + row + 1].normal)
     if things[0].lamp_all <= 0.0:

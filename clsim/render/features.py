@@ -49,6 +49,7 @@ class SceneFeatures:
         deforming_blur: the interval lasts, and something deforms.
         instants: rays are of several instants, and what moves has a place for each.
         deforming_instants: something deforms too, and has a shape for each.
+        deforms: something deforms.
     """
 
     two_level: bool
@@ -87,6 +88,7 @@ class SceneFeatures:
     deforming_blur: bool
     instants: bool
     deforming_instants: bool
+    deforms: bool
 
     @property
     def shading_rows(self) -> bool:
@@ -114,6 +116,7 @@ class Features(SceneFeatures):
         requests: a list tells which pixels are traced, and at which instants.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
+        replay: stored paths are traced again, and nothing else.
     """
 
     follow_specular: bool
@@ -130,6 +133,12 @@ class Features(SceneFeatures):
     coats: bool
     lamp_light: bool
     strategy: Strategy
+    replay: bool = False
+
+    @property
+    def anchored(self) -> bool:
+        """Whether cells of light lie on what moves."""
+        return self.light_cache and self.two_level
 
     @property
     def shadow_rays(self) -> bool:
@@ -210,6 +219,7 @@ def view_features(
     light_cache: bool = False,
     requests: bool = False,
     in_turn: bool = False,
+    replay: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     lamp_light = first_hits and lamps_apart(scene, strategy)
@@ -231,4 +241,5 @@ def view_features(
         coats=light_cache and "plastic" in scene.kinds and not scene.blends,
         lamp_light=lamp_light,
         strategy=strategy,
+        replay=replay,
     )

@@ -27,6 +27,10 @@ class Sample:
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``guarded`` is whether a way led through where something
     moves (`guards.py`). ``boxed`` is whether the first ray went into the box around an instance, or met a lamp.
+
+    Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
+    that place is, and how its triangle faces, while the instance rests. Of a path, ``met_triangle`` and ``weights``
+    tell that place too, and ``toward`` is the direction in which it was met; ``places`` are those of its trail.
     """
 
     radiance: wp.vec3
@@ -47,6 +51,13 @@ class Sample:
     lamp_lit: float
     guarded: bool
     boxed: bool
+    instance: int
+    rest: wp.vec3
+    rest_normal: wp.vec3
+    met_triangle: int
+    weights: wp.vec2
+    toward: wp.vec3
+    places: int
 
 
 @wp.struct

@@ -92,6 +92,12 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(only_look=False), inline=True)))
     glimpse_at = make_shoot_at(features, wp.func(make_tracer(only_look=True), inline=True))
 
+    if features.replay:
+        from clsim.render.stored_paths import make_replay
+
+        trace = wp.func(make_tracer(only_look=False), inline=True)
+        return make_replay(features, surface, trace, kernel_options())
+
     flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
     types = Scene, CameraState, Settings
     gather = make_gather(features.sobol, shoot, add, merge, *types)
@@ -119,6 +125,8 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         else:
             from clsim.render.steered import make_steered as make
         kept = (features.keeps_looks,) if features.in_turn else ()
+        if features.light_cache:
+            kept = (features.anchored,)
         return make(features.sobol, *kept, look, shoot, *types, kernel_options())
 
     return make_plain(gather, store, *types, kernel_options())

@@ -11,7 +11,7 @@ import warp as wp
 from clsim.render.closer_look import NextEvent
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks
-from clsim.render.light_cache import Asked, Cell, Kept, look_up
+from clsim.render.light_cache import Asked, Cell, Followed, Kept, layer_of, look_up
 from clsim.render.sampling import brightness
 from clsim.render.things import Thing
 
@@ -42,6 +42,7 @@ class Gathering:
         lamps: whether light straight from lamps is found apart, but for what is glossy.
         tells_shadows: whether it is told which rays reach the lamps.
         cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
+        anchored: whether cells lie on what moves.
         event: what pixels fire at, unless this is no frame that is seen, or is shown as it was known ``earlier``.
     """
 
@@ -56,6 +57,7 @@ class Gathering:
     lamps: bool
     tells_shadows: bool
     cell_angle: float
+    anchored: bool
     event: NextEvent
 
 
@@ -98,7 +100,12 @@ def is_smooth(sample: Sample, gathering: Gathering) -> bool:
 
 @wp.func
 def light_of(
-    cells: wp.array(dtype=Cell), things: wp.array(dtype=Thing), number: int, gathering: Gathering, weights: wp.vec3
+    cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
+    things: wp.array(dtype=Thing),
+    number: int,
+    gathering: Gathering,
+    weights: wp.vec3,
 ) -> Lit:
     """Look up the light of each thing that a pixel shows, in the middle of what it shows of it."""
     s = Lit()
@@ -107,6 +114,7 @@ def light_of(
     at = wp.vec3()
     facing = wp.vec3()
     looked_in = int(-1)
+    looked_on = int(-1)
     looked_for_smooth = bool(False)
     for k in range(number):
         first = things[k].first
@@ -114,7 +122,14 @@ def light_of(
         s.emission += radiance * things[k].share
         if first.hit:
             footprint_m = first.depth * gathering.looks.pixel_angle
-            apart_m = wp.length(things[k].position - at)
+            place = things[k].position
+            normal = first.normal
+            instance = int(-1)
+            if gathering.anchored:
+                place = things[k].rest
+                normal = first.rest_normal
+                instance = first.instance
+            apart_m = wp.length(place - at)
             s.covered += things[k].share
             smooth = is_smooth(first, gathering)
             s.from_lamps += wp.where(smooth, 0.0, things[k].share)
@@ -123,14 +138,17 @@ def light_of(
                 whole = things[k].albedo
                 if in_coat == 1:
                     whole = things[k].coat
-                apart = apart_m > _CLOSE * footprint_m or wp.dot(first.normal, facing) < _SAME_NORMAL
+                apart = apart_m > _CLOSE * footprint_m or wp.dot(normal, facing) < _SAME_NORMAL
+                apart = apart or instance != looked_on
                 if apart or in_coat != looked_in or smooth != looked_for_smooth:
-                    at = things[k].position
-                    facing = first.normal
+                    at = place
+                    facing = normal
+                    looked_on = instance
                     looked_in = in_coat
                     looked_for_smooth = smooth
                     width_m = first.depth * gathering.cell_angle
-                    kept = look_up(cells, gathering.asked, at, facing, in_coat, smooth, width_m)
+                    layer = layer_of(in_coat, instance)
+                    kept = look_up(cells, followed, gathering.asked, at, facing, layer, smooth, width_m)
                 s.known = wp.min(s.known, kept.known)
                 if in_coat == 0 and not smooth:
                     s.finely += kept.finely * things[k].share

@@ -12,6 +12,10 @@ The average becomes better with every frame, and so it changes; that must fire n
 it knew before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
 
 How well a cell knows its light follows from how different the paths are that it averages.
+
+Where something else than the camera moves, or light changes, cells lie on what moves, and some paths are stored in
+them and traced again (`stored_paths.py`). What these find now, beside what they found when others were averaged, tells
+how the light has changed since: `Followed` has both.
 """
 
 import warp as wp
@@ -29,6 +33,10 @@ _ALIGNED = wp.constant(0.9999)
 """Where a surface faces along an axis so nearly, it lies within one layer of cells."""
 _ENOUGH = wp.constant(0.02)
 """Share of the coarser levels below which they are not asked."""
+_WANTED_STORED = wp.constant(64.0)
+"""Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
+_LEAST_REFERENCE = wp.constant(0.1)
+"""Part of the light that stored paths know at least where it follows them in proportion."""
 _PROBES = wp.constant(64)
 BLOCK = 16
 """Cells side by side on a surface that have neighbouring rows."""
@@ -61,6 +69,28 @@ class Cell:
 
 
 @wp.struct
+class Followed:
+    """What stored paths tell of a cell.
+
+    Attributes:
+        light: mean of what they find now, irradiance over π.
+        count: number of them.
+        reference: mean of what they told of the places of all paths of the cell, each when it was traced.
+        update: number of the last update in which any was stored here.
+        before, count_before: light and number without those.
+        reference_before: the reference before the cell's last update.
+    """
+
+    light: wp.vec3
+    count: float
+    reference: wp.vec3
+    update: int
+    before: wp.vec3
+    count_before: float
+    reference_before: wp.vec3
+
+
+@wp.struct
 class Kept:
     """What the cells know of the light at a point.
 
@@ -73,6 +103,7 @@ class Kept:
         off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
             chance, which is always the same. Where nobody asked, 0.
         off_before: the same of the light before.
+        followed: the light as stored paths find it now; 0 where none was near.
     """
 
     light: wp.vec3
@@ -82,6 +113,7 @@ class Kept:
     finely: float
     off: float
     off_before: float
+    followed: wp.vec3
 
 
 @wp.struct
@@ -96,6 +128,7 @@ class Asked:
         wanted: paths with which a level counts as much as all coarser ones; these blur light, fine ones are noisy.
         wanted_if_smooth: the same where light is smooth.
         tells_error: whether it is told how far the light might be off.
+        follows: whether stored paths tell how the light has changed.
     """
 
     finest: int
@@ -105,6 +138,7 @@ class Asked:
     wanted: float
     wanted_if_smooth: float
     tells_error: bool
+    follows: bool
 
 
 @wp.func
@@ -125,9 +159,15 @@ def face_of(normal: wp.vec3) -> int:
 
 
 @wp.func
-def grid_of(size: int, face: int, in_coat: int) -> wp.uint64:
-    """Return what tells the cells of this size and face from others, for `key_of`."""
-    return sampling.absorb(wp.uint64(face + 6 * in_coat), size)
+def grid_of(size: int, face: int, layer: int) -> wp.uint64:
+    """Return what tells the cells of this size, face and layer from others, for `key_of`."""
+    return sampling.absorb(wp.uint64(face + 6 * layer), size)
+
+
+@wp.func
+def layer_of(in_coat: int, instance: int) -> int:
+    """Return the number of the cells on that instance, −1 for the whole world, or of those that coats reflect."""
+    return in_coat + 2 * (instance + 1)
 
 
 @wp.func
@@ -211,18 +251,34 @@ def _off(key: wp.int64, light: wp.vec3, error: float) -> float:
 
 
 @wp.func
+def _changed(light: wp.vec3, reference: wp.vec3, now: wp.vec3) -> wp.vec3:
+    """Return the light that was averaged where stored paths told of ``reference``, as it is where they tell of ``now``.
+
+    By their ratio, so that a lamp that goes out leaves nothing behind; where they know too little, by the difference.
+    """
+    after = wp.vec3()
+    for c in range(3):
+        if reference[c] > _LEAST_REFERENCE * light[c]:
+            after[c] = light[c] * now[c] / reference[c]
+        else:
+            after[c] = wp.max(light[c] + now[c] - reference[c], 0.0)
+    return after
+
+
+@wp.func
 def look_up(
     cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
     asked: Asked,
     position: wp.vec3,
     normal: wp.vec3,
-    in_coat: int,
+    layer: int,
     smooth: bool,
     width_m: float,
 ) -> Kept:
     """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
 
-    Where ``in_coat`` is 1, it is the light that a coat reflects; else 0. ``smooth`` is as in `Asked`.
+    The ``layer`` is one of `layer_of`. ``smooth`` is as in `Asked`.
     """
     kept = Kept()
     least = wp.where(smooth, asked.finest_if_smooth, 0)
@@ -234,6 +290,12 @@ def look_up(
     face = face_of(normal)
     left = float(1.0)
     left_before = float(1.0)
+    now = wp.vec3()
+    now_before = wp.vec3()
+    reference = wp.vec3()
+    reference_before = wp.vec3()
+    left_now = wp.where(asked.follows, 1.0, 0.0)
+    left_now_before = wp.where(asked.follows, 1.0, 0.0)
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
     for level in range(_LEVELS):
@@ -247,13 +309,19 @@ def look_up(
         if wp.abs(normal[axis]) > _ALIGNED:
             corner[axis] = wp.floor(at[axis] + 0.5)
             part[axis] = 0.0
-        grid = grid_of(size + level, face, in_coat)
+        grid = grid_of(size + level, face, layer)
         light = wp.vec3(0.0, 0.0, 0.0)
         count = float(0.0)
         off = float(0.0)
         before = wp.vec3(0.0, 0.0, 0.0)
         off_before = float(0.0)
         count_before = float(0.0)
+        found = wp.vec3()
+        found_before = wp.vec3()
+        told = wp.vec3()
+        told_before = wp.vec3()
+        paths = float(0.0)
+        paths_before = float(0.0)
         for i in range(corners):
             dx = float(i & 1)
             dy = float((i >> 1) & 1)
@@ -271,6 +339,19 @@ def look_up(
                         cell.error_before = cell.error
                     before += cell.before * (weight * cell.count_before)
                     count_before += weight * cell.count_before
+                    if asked.follows:
+                        by = followed[row]
+                        found += by.light * (weight * by.count)
+                        paths += weight * by.count
+                        told += by.reference * (weight * cell.count)
+                        if by.update != asked.last_update:
+                            by.before = by.light
+                            by.count_before = by.count
+                        if cell.update != asked.last_update:
+                            by.reference_before = by.reference
+                        found_before += by.before * (weight * by.count_before)
+                        paths_before += weight * by.count_before
+                        told_before += by.reference_before * (weight * cell.count_before)
                     if asked.tells_error:
                         off += _off(cell.key, cell.light, cell.error) * (weight * cell.count)
                         off_before += _off(cell.key, cell.before, cell.error_before) * (weight * cell.count_before)
@@ -281,21 +362,39 @@ def look_up(
                 kept.finely = share
             kept.light += light * (share / count)
             kept.off += off * (share / count)
+            reference += told * (share / count)
             left = left - share
         if count_before > 0.0 and level >= finest_before and left_before >= _ENOUGH:
             share = left_before * count_before / (count_before + wanted)
             kept.before += before * (share / count_before)
             kept.off_before += off_before * (share / count_before)
+            reference_before += told_before * (share / count_before)
             left_before = left_before - share
-        if left < _ENOUGH and left_before < _ENOUGH:
+        if paths > 0.0 and left_now >= _ENOUGH:
+            share = left_now * paths / (paths + _WANTED_STORED)
+            now += found * (share / paths)
+            left_now = left_now - share
+        if paths_before > 0.0 and left_now_before >= _ENOUGH:
+            share = left_now_before * paths_before / (paths_before + _WANTED_STORED)
+            now_before += found_before * (share / paths_before)
+            left_now_before = left_now_before - share
+        if wp.max(left, left_now) < _ENOUGH and wp.max(left_before, left_now_before) < _ENOUGH:
             break
         side_m = side_m * 2.0
     kept.known = 1.0 - left
+    told_now = asked.follows and left_now < 1.0
+    if told_now:
+        kept.followed = now / (1.0 - left_now)
     if kept.known > 0.0:
         kept.light = kept.light / kept.known
+        if told_now:
+            kept.light = _changed(kept.light, reference / kept.known, kept.followed)
         kept.off = kept.off / (kept.known * wp.max(_bright(kept.light), 1.0e-20))
     kept.known_before = left_before < 1.0
     if kept.known_before:
         kept.before = kept.before / (1.0 - left_before)
+        if asked.follows and left_now_before < 1.0:
+            told_then = reference_before / (1.0 - left_before)
+            kept.before = _changed(kept.before, told_then, now_before / (1.0 - left_now_before))
         kept.off_before = kept.off_before / ((1.0 - left_before) * wp.max(_bright(kept.before), 1.0e-20))
     return kept

@@ -14,9 +14,11 @@ from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.first_hits import Looks
 from clsim.render.kept_light import Gathering
 from clsim.render.launch import record
-from clsim.render.light_cache import BLOCK, LEVELS, Asked, Cell
+from clsim.render.light_cache import BLOCK, LEVELS, Asked, Cell, Followed
 from clsim.render.light_updates import SUMS, build_updates
+from clsim.render.path_store import PathStore
 from clsim.render.shadow_rays import Shadow
+from clsim.render.stored_paths import Met
 from clsim.scene import Sensor
 
 KNOWN = 0.04
@@ -58,7 +60,7 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
     empty: dict[str, Any] = {"steering": Gathering()}
     shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
-    for name, kind in (("cells", Cell), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32), *shadows):
+    for name, kind in (("cells", Cell), ("followed", Followed), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32), *shadows):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
     return empty
 
@@ -115,6 +117,7 @@ class LightKeeper:
         pace_hz: float | None,
         event: Any,
         look_again: int,
+        store: PathStore | None,
         device: Any,
     ) -> None:
         """Allocate a table without cells.
@@ -127,6 +130,7 @@ class LightKeeper:
             pace_hz: see `RenderOptions.light_hz`.
             event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
             look_again: see there too.
+            store: paths that follow the light, None where nothing but the camera moves.
             device: Warp's device.
         """
         pixels = width * height
@@ -136,6 +140,7 @@ class LightKeeper:
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self._device = device
+        self._store = store
         self._sight = sight
         self._pace_hz = pace_hz
         self._tick = 0
@@ -146,7 +151,7 @@ class LightKeeper:
         self._finest = _finest_of(effort)
         self._passes = _PASSES_OF_FIRST
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
-        self._keys, self._sums, self._cells = self._table(
+        self._keys, self._sums, self._cells, self._told = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
         )
         self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
@@ -170,6 +175,7 @@ class LightKeeper:
         return {
             "steering": Gathering(),
             "cells": self._cells,
+            "followed": self._told[2],
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
@@ -191,6 +197,8 @@ class LightKeeper:
         """
         effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
+        if self._store is not None:
+            self._store.follow(self._told)
         asked = self._asked()
         asked.finest_before = self._finest
         if self._learns:
@@ -220,6 +228,7 @@ class LightKeeper:
         self._gathering.lamps = self._sight.lamps
         if self._frames < self._passes and self._finds_all:
             self._gathering.finely = _NEVER
+        self._gathering.anchored = self._store is not None
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
         self._gathering.earlier = self._learns and self._pace_hz is not None
@@ -227,7 +236,7 @@ class LightKeeper:
             self._times_us = [*self._times_us[-1:], time_us]
             self._shadows.reverse()
         self._gathering.tells_shadows = self._pace_hz is not None
-        changed = {"steering": self._gathering, "cells": self._cells, "again": 0, **self._found}
+        changed = {"steering": self._gathering, "cells": self._cells, "followed": self._told[2], "again": 0, **self._found}
         changed["out_shadows"] = self._shadows[1]
         return changed, effort.spp if self._learns else 0
 
@@ -237,7 +246,7 @@ class LightKeeper:
         own, learnt = self._own, self._learnt
         if self._gathering.earlier:
             own, learnt = self._own_before, self._learnt_before
-        light = {"cells": self._cells, "own": self._own, "own_before": own, "learnt": learnt}
+        light = {"cells": self._cells, "followed": self._told[2], "own": self._own, "own_before": own, "learnt": learnt}
         shadows = {"shadows_before": self._shadows[0], "shadows_after": self._shadows[1]}
         return {"steering": self._gathering} | light | shadows
 
@@ -259,7 +268,10 @@ class LightKeeper:
         return np.asarray(np.all(alike, axis=0) & (after["triangle"] > 0), np.bool_)
 
     def forget(self) -> None:
-        """Empty all cells: the light is another one."""
+        """Empty all cells: the light is another one; or, where paths follow the light, trace these again."""
+        if self._store is not None:
+            self._store.forget()
+            return
         self._found_more = False
         for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._learnt_twice):
             each.zero_()
@@ -281,8 +293,12 @@ class LightKeeper:
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
+        self._found_paths = int(paths)
         if self._frames == 1:
             self._passes = self._passes_of_first()
+        if self._store is not None:
+            # As long as all is where these paths met it.
+            self._learn()
         return self._frames < self._passes
 
     @property
@@ -302,6 +318,7 @@ class LightKeeper:
         """Return which cells are asked for the light as it is known; for no update is there a gain."""
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
+        asked.follows = self._store is not None
         asked.wanted, asked.wanted_if_smooth = _wanted_of(self._sight, self._finest), _WANTED
         return asked
 
@@ -324,18 +341,32 @@ class LightKeeper:
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
-        self._add.set_param_by_name("sums", self._sums)
+        if self._store is not None:
+            found = {name: self._found[f"out_{name}"] for name in ("positions", "met")}
+            found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
+            self._store.store(found, self._told, self._update, self._found_paths)
+            self.paths += self._store.take_count()
+        asked = self._asked()
+        asked.last_update = -1
+        table = {"sums": self._sums, "cells": self._cells, "followed": self._told[2], "reference_sums": self._told[1]}
+        for launch, names in ((self._add, [*table]), (self._average, [*table])):
+            for name in names:
+                launch.set_param_by_name(name, table[name])
+        self._add.set_param_by_name("asked", asked)
         self._add.launch()
-        self._average.set_param_by_name("sums", self._sums)
-        self._average.set_param_by_name("cells", self._cells)
         self._average.launch()
 
-    def _table(self, rows: int) -> tuple[Any, Any, Any]:
-        """Return free rows: their keys, their sums, and what those who look read."""
+    def _table(self, rows: int) -> tuple[Any, Any, Any, Any]:
+        """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
         keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
         sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
         cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)
-        return keys, sums, cells
+        return keys, sums, cells, self._store.table(rows) if self._store else self._nothing_told()
+
+    def _nothing_told(self) -> tuple[Any, Any, Any]:
+        sums: Any = wp.zeros((1, 1), dtype=wp.int64, device=self._device)
+        followed: Any = wp.zeros(1, dtype=Followed, device=self._device)
+        return sums, sums, followed
 
     def _make_room(self, paths: int) -> None:
         """Allocate what the paths of a frame find, and record the launches that keep it."""
@@ -344,22 +375,25 @@ class LightKeeper:
         normals: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
         lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
         rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
-        self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights}
+        met: Any = wp.zeros(shape if self._store else (1, 1), dtype=Met, device=self._device)
+        self._rows = rows
+        self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights, "out_met": met}
         found = {"spent": self._spent, "positions": positions}
-        table = {"sums": self._sums, "cells": self._cells}
+        table = {"sums": self._sums, "cells": self._cells, "followed": self._told[2], "reference_sums": self._told[1]}
         kernels = build_updates()
         self._open = record(
             kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
-            keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
+            keys=self._keys, cells=self._cells, followed=self._told[2], out_rows=rows, out_used=self._used,
         )  # fmt: skip
         self._add = record(
-            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums
+            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, asked=self._asked(), normals=normals, **table
         )
-        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
+        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, follows=self._store is not None, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)
         self._open.set_param_by_name("cells", self._cells)
+        self._open.set_param_by_name("followed", self._told[2])
         self._open.launch()
 
     def _is_full(self) -> bool:
@@ -375,10 +409,13 @@ class LightKeeper:
         used = int(self._used.numpy()[0])
         rows = self._cells.shape[0]
         larger: bool = 2 * rows <= _LARGEST_TABLE
-        sums, source = self._sums, self._cells
-        self._keys, self._sums, self._cells = self._table(2 * rows if larger else rows)
+        sums, source, told = self._sums, self._cells, self._told
+        self._keys, self._sums, self._cells, self._told = self._table(2 * rows if larger else rows)
+        moved_to: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         to = [self._keys, self._sums, self._cells, self._used]
-        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to], device=self._device)
+        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to, moved_to], device=self._device)
+        if self._store is not None:
+            self._store.move(moved_to, told, self._told)
         return larger or bool(self._used.numpy()[0] < used)

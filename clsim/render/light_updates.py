@@ -10,7 +10,19 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from clsim.render.compiler import kernel_options, one_at_a_time
-from clsim.render.light_cache import LEVELS, Asked, Cell, face_of, find_or_make, grid_of, in_cells, key_of, size_of
+from clsim.render.light_cache import (
+    LEVELS,
+    Asked,
+    Cell,
+    Followed,
+    face_of,
+    find_or_make,
+    grid_of,
+    in_cells,
+    key_of,
+    look_up,
+    size_of,
+)
 
 wp.set_module_options(kernel_options())
 
@@ -33,14 +45,15 @@ def open_cells(
     update: int,
     keys: wp.array(dtype=wp.int64),
     cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
     out_rows: wp.array3d(dtype=int),
     out_used: wp.array(dtype=int),
 ):
     """Find or make the cells of each path that are ``asked``, and keep what they knew so far.
 
     A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
-    largest width of the finest cells there [m] last, 0 where a path met nothing. ``normals`` have a number last, to
-    which 1 is added in a coat, and 2 where light is smooth.
+    largest width of the finest cells there [m] last, 0 where a path met nothing. ``normals`` have a number last: twice
+    that of the layer, and 1 more where light is smooth.
     """
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
@@ -50,10 +63,10 @@ def open_cells(
             side_m = wp.pow(2.0, float(size))
             n = normals[i, pixel]
             face = face_of(wp.vec3(n[0], n[1], n[2]))
-            in_coat = int(n[3]) & 1
-            finest = wp.where(int(n[3]) > 1, wp.max(asked.finest, asked.finest_if_smooth), asked.finest)
+            layer = int(n[3]) // 2
+            finest = wp.where(int(n[3]) % 2 == 1, wp.max(asked.finest, asked.finest_if_smooth), asked.finest)
             for level in range(_LEVELS):
-                grid = grid_of(size + level, face, in_coat)
+                grid = grid_of(size + level, face, layer)
                 at = in_cells(wp.vec3(p[0], p[1], p[2]), side_m)
                 key = key_of(grid, face // 2, wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
                 row = int(-1)
@@ -67,6 +80,8 @@ def open_cells(
                     cells[row].error_before = cells[row].error
                     cells[row].update = update
                     cells[row].key = key
+                    if asked.follows:
+                        followed[row].reference_before = followed[row].reference
                 side_m = side_m * 2.0
 
 
@@ -75,13 +90,26 @@ def add_to_cells(
     positions: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
+    asked: Asked,
+    normals: wp.array2d(dtype=wp.vec4),
+    cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
+    reference_sums: wp.array2d(dtype=wp.int64),
 ):
-    """Add each path's irradiance to its cells; a thread is a pixel."""
+    """Add each path's irradiance to its cells, and what stored paths tell there; a thread is a pixel."""
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             light = lights[i, pixel]
+            told = wp.vec3()
+            if asked.follows:
+                p = positions[i, pixel]
+                n = normals[i, pixel]
+                place = wp.vec3(p[0], p[1], p[2])
+                facing = wp.vec3(n[0], n[1], n[2])
+                smooth = int(n[3]) % 2 == 1
+                told = look_up(cells, followed, asked, place, facing, int(n[3]) // 2, smooth, p[3]).followed
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
                 if row >= 0:
@@ -90,6 +118,10 @@ def add_to_cells(
                         value = wp.clamp(light[channel], 0.0, _LARGEST)
                         bright += value / 3.0
                         wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
+                        if asked.follows:
+                            wp.atomic_add(
+                                reference_sums, row, channel, wp.int64(wp.clamp(told[channel], 0.0, _LARGEST) * _UNIT)
+                            )
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                     wp.atomic_add(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
 
@@ -99,7 +131,10 @@ def average(
     positions: wp.array2d(dtype=wp.vec4),
     rows: wp.array3d(dtype=int),
     sums: wp.array2d(dtype=wp.int64),
+    reference_sums: wp.array2d(dtype=wp.int64),
+    follows: bool,
     cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
 ):
     """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
     pixel = wp.tid()
@@ -112,6 +147,13 @@ def average(
                     total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
                     cells[row].light = total / (_UNIT * count)
                     cells[row].count = count
+                    if follows:
+                        told = wp.vec3(
+                            float(reference_sums[row, 0]),
+                            float(reference_sums[row, 1]),
+                            float(reference_sums[row, 2]),
+                        )
+                        followed[row].reference = told / (_UNIT * count)
                     bright = (total[0] + total[1] + total[2]) / (3.0 * _UNIT * count)
                     squares = float(sums[row, _SQUARES]) / (_UNIT * count)
                     # One path tells nothing of how different others are: its light may be any.
@@ -129,14 +171,20 @@ def move_cells(
     sums: wp.array2d(dtype=wp.int64),
     cells: wp.array(dtype=Cell),
     out_used: wp.array(dtype=int),
+    out_rows: wp.array(dtype=int),
 ):
-    """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``."""
+    """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``.
+
+    ``out_rows`` tells where each is now, −1 where it was not copied.
+    """
     row = wp.tid()
     cell = source[row]
+    out_rows[row] = -1
     if cell.key != wp.int64(0) and cell.update >= oldest:
         to = find_or_make(keys, cell.key, out_used)
         if to >= 0:
             cells[to] = cell
+            out_rows[row] = to
             for field in range(wp.static(SUMS)):
                 sums[to, field] = source_sums[row, field]
 

@@ -84,6 +84,8 @@ class RenderOptions:
     Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
     little is known, ``probe_spp`` elsewhere.
     """
+    stored_paths: int = 128
+    """Paths that are stored in a cell of light, and traced again where what they met has moved."""
     in_turn: bool = False
     """Whether paths are kept, and traced again in turn, so that few in a frame are worth ``spp``.
 
@@ -172,7 +174,9 @@ class RenderOptions:
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
-    def features(self, scene: SceneFeatures, camera: Camera, requests: bool = False) -> Features:
+    def features(
+        self, scene: SceneFeatures, camera: Camera, requests: bool = False, replay: bool = False
+    ) -> Features:
         """Return what the kernel has with which a camera looks at such a scene, at all pixels or those of requests."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
         return view_features(
@@ -186,6 +190,7 @@ class RenderOptions:
             self.light_cache,
             requests,
             self.in_turn,
+            replay,
         )
 
     def features_of(self, world: World) -> Features:

@@ -22,7 +22,9 @@ from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE
 from clsim.render.light_tree import make_receiver
 from clsim.render.path_lights import Carried
+from clsim.render.rest import make_rest
 from clsim.render.sobol import make_sampler
+from clsim.render.trails import PLACES, note_light, note_place
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
@@ -55,6 +57,7 @@ def make_trace(
         about_lamps: what a surface ``emitted``, the density with which it would have been drawn, and `make_weight`'s.
     """
     uniform2 = make_sampler(features.sobol)
+    rest_of = make_rest(features)
     receiver = make_receiver(features)
     outgoing, scatter, agree, side = about_scattering
     emitted, triangle_pdf, weight = about_lamps
@@ -108,6 +111,9 @@ def make_trace(
                     left = dimmed(absorption, hit.t)
                     carried.throughput = wp.cw_mul(carried.throughput, left)
                     tint = wp.cw_mul(tint, left)
+            if wp.static(features.replay):
+                note_place(scene.geometry, stream.row, depth, origin, direction, hit)
+                sample.places = wp.min(depth + 1, PLACES)
             if hit.triangle < 0:
                 sample = ending(scene, sample, hit, origin, direction, time, carried, looking, passed_m)
                 break
@@ -127,6 +133,15 @@ def make_trace(
                 sample.hit = True
                 sample.depth = passed_m
                 sample.normal = kept_normal
+                if wp.static(features.anchored):
+                    sample.instance = hit.instance
+                    rest, rest_normal = rest_of(scene.geometry, hit, point.front, time)
+                    sample.rest = rest
+                    sample.rest_normal = rest_normal
+                    if wp.static(not only_look):
+                        sample.met_triangle = hit.triangle
+                        sample.weights = wp.vec2(hit.weight0, hit.weight1)
+                        sample.toward = direction
                 sample.albedo = albedo
                 if wp.static(features.coats):
                     sample.coat = coat
@@ -189,6 +204,8 @@ def make_trace(
                         dimension, time,
                     )  # fmt: skip
                     sample.radiance += sent.radiance
+                    if wp.static(features.replay):
+                        note_light(scene.geometry, stream.row, depth, sent.towards)
                     if wp.static(features.lamp_light):
                         sample.lamp_all = sent.lamp_all
                         sample.lamp_lit = sent.lamp_lit

@@ -20,6 +20,7 @@ from clsim.render.lights import LightSample
 from clsim.render.materials import Bsdf
 from clsim.render.sobol import make_sampler
 from clsim.render.towards_light import looks_ahead
+from clsim.render.trails import MOST_M
 
 
 @wp.struct
@@ -51,12 +52,14 @@ class Sent:
         lamp_all: luminance of the lamps' light if nothing stood between, over the density of that place on them.
         lamp_lit: what of it arrives.
         guarded: the ray to the light comes near something that moves.
+        towards: the place of the light, for a path whose trail is noted.
     """
 
     radiance: wp.vec3
     lamp_all: float
     lamp_lit: float
     guarded: bool
+    towards: wp.vec3
 
 
 def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: Any) -> Any:
@@ -97,6 +100,9 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
                     sample.normal = wp.normalize(origin + direction * hit.t - centre)
                     if wp.static(features.first_hits):
                         sample.position = origin + direction * hit.t
+                        sample.instance = -1
+                        sample.rest = sample.position
+                        sample.rest_normal = sample.normal
                         sample.emission = sample.radiance
         if wp.static(features.environment):
             if not met_sphere:
@@ -168,6 +174,8 @@ def make_asking(
                 # What is black tells as well whether the lamps' light arrives there.
                 lit_here = sent.lamp_all > 0.0
             if lit_here:
+                if wp.static(features.replay):
+                    sent.towards = light.origin + light.direction * wp.min(light.distance, MOST_M)
                 if wp.static(not ahead):
                     light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
                 if wp.static(only_look and features.keeps_looks):

@@ -16,7 +16,7 @@ from clsim.render.film import Sample
 from clsim.render.first_hits import Looks, Seen
 from clsim.render.kept_light import Gathering, Lit, light_of, seen_light
 from clsim.render.lamp_light import same_light
-from clsim.render.light_cache import Cell
+from clsim.render.light_cache import Cell, Followed
 from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.things import THINGS, Thing, store_things
 
@@ -162,6 +162,7 @@ def make_retraced(
         count: int,
         steering: Gathering,
         cells: wp.array(dtype=Cell),
+        followed: wp.array(dtype=Followed),
         own: wp.array(dtype=wp.vec3),
         own_before: wp.array(dtype=wp.vec3),
         learnt: wp.array(dtype=float),
@@ -191,7 +192,7 @@ def make_retraced(
                 seen = look_around(
                     scene, camera, settings, pixel, instants[request], looks, seen, shadows, corners, things
                 )
-                lit = light_of(cells, things, seen.things, steering, settings.spectral)
+                lit = light_of(cells, followed, things, seen.things, steering, settings.spectral)
                 looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, SHARE_ERROR, False)
             shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
             store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)

@@ -91,11 +91,15 @@ def uniform_of(word: wp.uint64, index: int) -> float:
 
 @wp.struct
 class Stream:
-    """The random numbers of one sample: ``key`` for independent ones, the rest for Sobol's sequence."""
+    """The random numbers of one sample: ``key`` for independent ones, the next two for Sobol's sequence.
+
+    ``row`` is the number of a stored path (`stored_paths.py`).
+    """
 
     key: wp.uint64
     scrambling: wp.uint64
     reversed_index: wp.uint32
+    row: int
 
 
 @wp.func

@@ -26,7 +26,7 @@ from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.smallest import smallest_of
 from clsim.render.texture_levels import add_levels
-from clsim.render.upload_geometry import GeometryData
+from clsim.render.upload_geometry import GeometryData, Places
 from clsim.render.upload_lights import LightData
 from clsim.render.upload_materials import upload_materials
 from clsim.scene import Motion, World
@@ -131,6 +131,15 @@ class SceneData:
                 self.scene.geometry = geometry
                 self.guards.follow(*self._geometry.moving_boxes)
             return self.guards
+
+    @property
+    def instance_count(self) -> int:
+        """How many instances rays meet."""
+        return len(self.instance_objects)
+
+    def places(self) -> Places:
+        """Return where all that moves is now."""
+        return self._geometry.places(self._time_s)
 
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""

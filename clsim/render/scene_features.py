@@ -86,9 +86,9 @@ def camera_watches(world: World) -> bool:
 
 
 def check_kept_light(world: World, light_cache: bool) -> None:
-    """Raise InputError where light shall be kept on surfaces and does not stand still."""
-    if light_cache and not light_stands_still(world):
-        raise InputError("light is kept on surfaces only where nothing but the camera moves")
+    """Raise InputError where light shall be kept on surfaces and cannot be."""
+    if light_cache and not light_stands_still(world) and world.camera.shutter_s > 0:
+        raise InputError("light is kept on surfaces before a camera that exposes only where nothing else moves")
 
 
 def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:
@@ -135,6 +135,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         deforming_blur=interval_s > 0 and deforming,
         instants=instants and (deforming or objects_move(world)),
         deforming_instants=instants and deforming,
+        deforms=deforming,
     )
 
 

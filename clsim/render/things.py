@@ -39,6 +39,7 @@ class Thing:
             `lit_albedo`, and all but emission are 0 where nothing was hit.
         lamp_all, lamp_lit: sums of what its rays' ways to lamps carry.
         from_lamps: the part of ``emission`` that is light straight from lamps, once that was added.
+        rest: as the position, while what is seen rests.
     """
 
     first: Sample
@@ -53,6 +54,7 @@ class Thing:
     lamp_all: float
     lamp_lit: float
     from_lamps: wp.vec3
+    rest: wp.vec3
 
 
 @wp.func
@@ -123,6 +125,7 @@ def add_to_thing(things: wp.array(dtype=Thing), k: int, sample: Sample, coats: b
         if coats:
             things[k].coat += sample.coat
         things[k].position += sample.position
+        things[k].rest += sample.rest
         things[k].normal += sample.normal
         things[k].depth += sample.depth
 
@@ -147,6 +150,7 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
             if coats:
                 things[k].coat = things[k].coat / mine
             things[k].position = things[k].position / mine
+            things[k].rest = things[k].rest / mine
             things[k].normal = things[k].normal / mine
             things[k].depth = things[k].depth / mine
         else:
@@ -158,6 +162,7 @@ def finish_things(things: wp.array(dtype=Thing), number: int, straight: bool, ar
                 if coats:
                     things[k].coat = first.coat
                 things[k].position = first.position
+                things[k].rest = first.rest
                 things[k].normal = first.normal
                 things[k].depth = first.depth
 
@@ -172,6 +177,7 @@ def go_on_with_things(things: wp.array(dtype=Thing), number: int):
         things[k].albedo = things[k].albedo * mine
         things[k].coat = things[k].coat * mine
         things[k].position = things[k].position * mine
+        things[k].rest = things[k].rest * mine
         things[k].normal = things[k].normal * mine
         things[k].depth = things[k].depth * mine
 

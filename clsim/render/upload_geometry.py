@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -25,6 +26,27 @@ _MOST_INSTANTS = 64
 """Instants at a time where something moves: boxes of things hold all places that they have meanwhile."""
 _MOST_VERTICES = 1 << 18
 """Vertices of what deforms, all its shapes together: they take memory."""
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where instances that move are.
+
+    Attributes:
+        time: when that is [s].
+        count: how many instances there are, also such that never move.
+        moving: which of them these are ``[n]``.
+        deforming: which of these deform ``[n]``.
+        poses: where they are ``[n, 4, 4]``.
+        boxes: lower and upper corners of the boxes around them, from the origin ``[n, 2, 3]``.
+    """
+
+    time: float | None
+    count: int
+    moving: npt.NDArray[np.int64]
+    deforming: npt.NDArray[np.bool_]
+    poses: _F64
+    boxes: _F64
 
 
 class GeometryData:
@@ -117,7 +139,17 @@ class GeometryData:
         geometry.instance_count = len(placement.instances)
         geometry.sphere_count = len(sphere_lights)
         self._origin_m = placement.origin_m
+        geometry.rest_vertices = array(geometry.vertices.numpy(), wp.vec3, device)
+        scales = [abs(np.linalg.det(each.motion.pose(0.0)[:3, :3])) ** (1 / 3) for each in placement.instances]
+        geometry.rest_scales = array(np.array(scales, np.float32), wp.float32, device)
+        geometry.trails = wp.zeros((1, 1), dtype=wp.vec3, device=device)
+        self._deforms = np.array([deforms(placement.meshes[placement.instances[i].mesh]) for i in self.moving], bool)
         self._create_places(times_s)
+
+    def places(self, time_s: float | None) -> Places:
+        """Return where all that moves was put last, which was for that time."""
+        boxes = np.stack(self.moving_boxes, axis=1)
+        return Places(time_s, len(self._instances), self.moving, self._deforms, self._moving_poses, boxes)
 
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
@@ -134,6 +166,7 @@ class GeometryData:
             poses, steps = self._poses(times_s)
             lowers, uppers = self._bounds(poses, steps)
             self.moving_boxes = lowers[self.moving], uppers[self.moving]
+            self._moving_poses = poses[0, self.moving]
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
             # A tree that is only fitted makes rays ever slower as objects disperse. To build it anew takes .4 µs an
@@ -157,6 +190,7 @@ class GeometryData:
         poses, steps = self._poses(times_s)
         lowers, uppers = self._bounds(poses, steps)
         self.moving_boxes = lowers[self.moving], uppers[self.moving]
+        self._moving_poses = poses[0, self.moving]
         self.middle_m = (lowers.min(axis=0) + uppers.max(axis=0)) / 2
         self.radius_m = float(np.linalg.norm(uppers.max(axis=0) - lowers.min(axis=0)) / 2)
         if self._features.two_level:

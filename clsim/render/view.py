@@ -29,6 +29,7 @@ from clsim.scene.world import Spectral
 
 if TYPE_CHECKING:
     from clsim.render.light_keeper import LightKeeper
+    from clsim.render.path_store import PathStore
     from clsim.render.truth import TruthPass
     from clsim.render.turn_keeper import TurnKeeper
 
@@ -135,8 +136,9 @@ class View:
                 from clsim.render.light_keeper import LightKeeper, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
+                store = None if data.still else self._path_store(options)
                 self._steerer = LightKeeper(
-                    *size, effort, sight, options.light_hz, event, options.look_again, self._device
+                    *size, effort, sight, options.light_hz, event, options.look_again, store, self._device
                 )
             elif options.in_turn:
                 from clsim.render.turn_keeper import TurnKeeper
@@ -315,6 +317,13 @@ class View:
         self.cancel()
         self._tiles.close()
         self._targets.clear()
+
+    def _path_store(self, options: RenderOptions) -> PathStore:
+        """Return what stores paths that follow the light."""
+        from clsim.render.path_store import PathStore
+
+        kernel = build_kernel(options.features(self._data.features, self._data.world.camera, replay=True), self._data.tree)
+        return PathStore(kernel, self._data, self._settings, options.stored_paths, options.threads)
 
     def _stand_at(self, pose: Matrix) -> None:
         """Keep no paths from where the camera was, unless it still is there."""

@@ -1,0 +1,299 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, RUF046
+"""Paths that are stored in cells of light, and traced again with the same random numbers when what they met has moved.
+
+Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
+of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. The mean of
+what they find now, beside the mean that they found when others were averaged, tells how the light has changed.
+
+A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
+where lights have changed.
+
+Sums are of whole numbers, so that their order is without effect.
+"""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from clsim.render import sampling
+from clsim.render.compiler import kernel_options, one_at_a_time
+from clsim.render.geometry import make_placement, transform_vector
+from clsim.render.kernel_input import Scene, Settings
+from clsim.render.lamp_light import AT_NONE
+from clsim.render.light_cache import LEVELS, Followed
+from clsim.render.sobol import make_sampler, reverse_bits
+from clsim.render.things import lit_albedo
+from clsim.render.trails import trail_crosses
+
+wp.set_module_options(kernel_options())
+
+FOLLOWED_SUMS = 8
+"""Of R, G and B, the number of paths, and the same of those that were stored in the last update alone."""
+_COUNT, _JOINED = wp.constant(3), wp.constant(4)
+_LEVELS = wp.constant(LEVELS)
+_STORED_AT = wp.constant(2)
+"""Level of the cells that tell how many paths are stored, of those that are asked."""
+_PATHS = wp.constant(1)
+"""Of what a pixel spent: first-hit rays, and these."""
+OWN = wp.constant(1 << 16)
+"""Number of a pixel's first path: beyond those of all first-hit rays."""
+_UNIT = wp.constant(4294967296.0)
+_LARGEST = wp.constant(65536.0)
+_OFF = wp.constant(3.0e-5)
+"""How far before its place a path begins, as a part of the largest coordinate."""
+
+
+@wp.struct
+class Met:
+    """Where a path of a pixel met the first surface that is no mirror; ``toward`` is in the instance's space."""
+
+    instance: int
+    triangle: int
+    weights: wp.vec2
+    front: bool
+    toward: wp.vec3
+
+
+@wp.struct
+class StoredPath:
+    """A path that is traced again.
+
+    Attributes:
+        met: where it begins.
+        pixel, number: of the path whose random numbers it has.
+        rows: of its cells, −1 for none.
+        light: irradiance over π that it found last.
+        places: of its trail.
+    """
+
+    met: Met
+    pixel: int
+    number: int
+    rows: wp.vec4i
+    light: wp.vec3
+    places: int
+
+
+def choose_paths(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    traced: wp.array(dtype=int),
+    met: wp.array2d(dtype=Met),
+    rows: wp.array3d(dtype=int),
+    most: int,
+    update: int,
+    sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+    paths: wp.array(dtype=StoredPath),
+    out_count: wp.array(dtype=int),
+):
+    """Store paths of the last frame whose cells hold fewer than ``most``; a thread is a pixel.
+
+    ``traced`` tells how many paths each pixel has traced, those of that frame included.
+    """
+    pixel = wp.tid()
+    count = spent[_PATHS, pixel]
+    for i in range(count):
+        if positions[i, pixel][3] > 0.0 and met[i, pixel].instance >= 0:
+            level = int(_STORED_AT)
+            if rows[i, level, pixel] < 0:
+                level = int(_LEVELS - 1)
+            row = rows[i, level, pixel]
+            if row >= 0:
+                if int(sums[row, _COUNT]) < most:
+                    slot = wp.atomic_add(out_count, 0, 1)
+                    path = StoredPath()
+                    path.met = met[i, pixel]
+                    path.pixel = pixel
+                    path.number = traced[pixel] - count + i
+                    path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
+                    paths[slot] = path
+                    for k in range(_LEVELS):
+                        cell = path.rows[k]
+                        if cell >= 0:
+                            if followed[cell].update != update:
+                                followed[cell].update = update
+                                for c in range(4):
+                                    sums[cell, _JOINED + c] = wp.int64(0)
+
+
+@wp.func
+def _whole(value: float) -> wp.int64:
+    return wp.int64(wp.clamp(value, 0.0, _LARGEST) * _UNIT)
+
+
+def add_paths(
+    first: int,
+    joining: bool,
+    joined_from: int,
+    paths: wp.array(dtype=StoredPath),
+    found: wp.array(dtype=wp.vec3),
+    traced_again: wp.array(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+):
+    """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
+
+    A thread is a path, from ``first`` on. Those from ``joined_from`` on were stored in the last update.
+    """
+    i = first + wp.tid()
+    if traced_again[i] > 0:
+        for k in range(_LEVELS):
+            row = paths[i].rows[k]
+            if row >= 0:
+                for c in range(3):
+                    change = _whole(found[i][c])
+                    if not joining:
+                        change = change - _whole(paths[i].light[c])
+                    wp.atomic_add(sums, row, c, change)
+                    if i >= joined_from:
+                        wp.atomic_add(sums, row, _JOINED + c, change)
+                if joining:
+                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
+                    wp.atomic_add(sums, row, _JOINED + 3, wp.int64(1))
+        paths[i].light = found[i]
+
+
+@wp.func
+def _mean(sums: wp.array2d(dtype=wp.int64), row: int, without_joined: bool) -> wp.vec4:
+    """Return the mean that a cell's paths found, and their number."""
+    mean = wp.vec4()
+    count = sums[row, _COUNT]
+    if without_joined:
+        count = count - sums[row, _JOINED + 3]
+    if count > wp.int64(0):
+        for c in range(3):
+            total = sums[row, c]
+            if without_joined:
+                total = total - sums[row, _JOINED + c]
+            mean[c] = float(total) / (_UNIT * float(count))
+        mean[3] = float(count)
+    return mean
+
+
+def average_paths(
+    first: int,
+    paths: wp.array(dtype=StoredPath),
+    traced_again: wp.array(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Tell the cells of paths that were traced again what these find on average; all write the same."""
+    i = first + wp.tid()
+    if traced_again[i] > 0:
+        for k in range(_LEVELS):
+            row = paths[i].rows[k]
+            if row >= 0:
+                now = _mean(sums, row, False)
+                before = _mean(sums, row, True)
+                followed[row].light = wp.vec3(now[0], now[1], now[2])
+                followed[row].count = now[3]
+                followed[row].before = wp.vec3(before[0], before[1], before[2])
+                followed[row].count_before = before[3]
+
+
+def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
+    """Let paths know where their cells are now; a thread is a path."""
+    i = wp.tid()
+    for k in range(_LEVELS):
+        row = paths[i].rows[k]
+        if row >= 0:
+            paths[i].rows[k] = rows[row]
+
+
+def move_followed(
+    rows: wp.array(dtype=int),
+    source_sums: wp.array2d(dtype=wp.int64),
+    source_references: wp.array2d(dtype=wp.int64),
+    source: wp.array(dtype=Followed),
+    sums: wp.array2d(dtype=wp.int64),
+    references: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Copy what is known of cells to where these are now; a thread is a row of ``source``."""
+    row = wp.tid()
+    to = rows[row]
+    if to >= 0:
+        followed[to] = source[row]
+        for field in range(wp.static(FOLLOWED_SUMS)):
+            sums[to, field] = source_sums[row, field]
+        for field in range(3):
+            references[to, field] = source_references[row, field]
+
+
+class Storing(NamedTuple):
+    """The kernels above."""
+
+    choose_paths: Any
+    add_paths: Any
+    average_paths: Any
+    move_rows: Any
+    move_followed: Any
+
+
+@one_at_a_time
+def build_storing() -> Storing:
+    """Return the kernels that store paths, which are the same for all scenes."""
+    each = choose_paths, add_paths, average_paths, move_rows, move_followed
+    return Storing(*map(wp.kernel(enable_backward=False), each))
+
+
+def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
+    """Return the kernel that traces paths again; a thread is ``pixels`` paths.
+
+    ``boxes`` are ``box_count`` pairs of corners of where something was or is that has moved, ``moved`` tells which
+    instances have, and if ``all_again``, all is traced. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    """
+    uniform2 = make_sampler(features.sobol)
+    to_world_at, _, _ = make_placement(features)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
+    def replay(
+        scene: Scene,
+        settings: Settings,
+        first_pixel: int,
+        pixels: int,
+        first_path: int,
+        all_again: bool,
+        boxes: wp.array(dtype=wp.vec3),
+        box_count: int,
+        moved: wp.array(dtype=int),
+        paths: wp.array(dtype=StoredPath),
+        out_found: wp.array(dtype=wp.vec3),
+        out_traced: wp.array(dtype=int),
+    ):
+        begin = first_path + first_pixel + wp.tid() * pixels
+        for i in range(begin, begin + pixels):
+            path = paths[i]
+            again = all_again or moved[path.met.instance] > 0
+            if not again:
+                again = trail_crosses(scene.geometry.trails, i, path.places, boxes, box_count)
+            out_traced[i] = wp.where(again, 1, 0)
+            if again:
+                state = sampling.absorb(settings.stream, path.pixel)
+                stream = sampling.Stream()
+                if wp.static(features.sobol):
+                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -2))
+                    stream.reversed_index = reverse_bits(wp.uint32(path.number))
+                stream.key = sampling.stream_key(sampling.absorb(state, OWN + path.number))
+                stream.row = i
+                time = float(0.0)
+                if wp.static(features.camera_blur or features.motion_blur):
+                    time = settings.opens + settings.lasts * uniform2(stream, sampling.TIME)[0]
+                met = path.met
+                point = surface(scene.geometry, met.instance, met.triangle, met.weights[0], met.weights[1], time)
+                toward = wp.normalize(transform_vector(to_world_at(scene.geometry, met.instance, time), met.toward))
+                normal = wp.where(met.front, point.normal, -point.normal)
+                facing = wp.dot(toward, normal)
+                if facing > 0.0:
+                    # What deforms may have turned away: it is seen from the same side.
+                    toward = toward - 2.0 * facing * normal
+                back = _OFF * (1.0 + point.reach_m) / wp.max(wp.abs(facing), 0.05)
+                sample = trace(scene, point.position - toward * back, toward, time, settings, stream, AT_NONE, 0.0)
+                light = wp.vec3()
+                if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    light = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))
+                out_found[i] = light
+                paths[i].places = sample.places
+
+    return replay
