@@ -244,7 +244,7 @@ class LiveOptions:
         fits = self.noise != "independent" and self.first_hit_rays != 0
         if not fits or free != (None,) * len(free):
             return self
-        if self.basis in CACHED and (light.stands_still or (self.time == "fixed" and self.confidence == 0)):
+        if self.basis in CACHED and (light.stands_still or self.confidence == 0):
             kept = replace(self, sampling="cached")
             if light.all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
                 kept = kept._with_instead(ALL_BY_PATHS[self.basis])

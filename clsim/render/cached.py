@@ -40,6 +40,7 @@ _OFF = wp.constant(0.5**0.5)
 def make_cached(
     sobol: bool,
     anchored: bool,
+    moves: bool,
     look: Any,
     shoot: Any,
     scene_type: Any,
@@ -79,7 +80,9 @@ def make_cached(
             met.triangle = sample.met_triangle
             met.weights = sample.weights
             met.front = sample.front
-            met.toward = transform_vector(scene.geometry.to_object[sample.instance], sample.toward)
+            met.toward = sample.toward
+            if wp.static(moves):
+                met.toward = transform_vector(scene.geometry.to_object[sample.instance], sample.toward)
         return met
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)

@@ -50,6 +50,7 @@ class SceneFeatures:
         instants: rays are of several instants, and what moves has a place for each.
         deforming_instants: something deforms too, and has a shape for each.
         deforms: something deforms.
+        light_changes: more than the camera moves, or some light changes by itself.
     """
 
     two_level: bool
@@ -89,6 +90,7 @@ class SceneFeatures:
     instants: bool
     deforming_instants: bool
     deforms: bool
+    light_changes: bool
 
     @property
     def shading_rows(self) -> bool:
@@ -137,8 +139,8 @@ class Features(SceneFeatures):
 
     @property
     def anchored(self) -> bool:
-        """Whether cells of light lie on what moves."""
-        return self.light_cache and self.two_level
+        """Whether cells of light lie on what moves, and paths are stored in them."""
+        return self.light_cache and self.light_changes
 
     @property
     def shadow_rays(self) -> bool:

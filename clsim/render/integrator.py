@@ -126,7 +126,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             from clsim.render.steered import make_steered as make
         kept = (features.keeps_looks,) if features.in_turn else ()
         if features.light_cache:
-            kept = (features.anchored,)
+            kept = features.anchored, features.two_level
         return make(features.sobol, *kept, look, shoot, *types, kernel_options())
 
     return make_plain(gather, store, *types, kernel_options())

@@ -31,8 +31,8 @@ _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
 _ALIGNED = wp.constant(0.9999)
 """Where a surface faces along an axis so nearly, it lies within one layer of cells."""
-_ENOUGH = wp.constant(0.02)
-"""Share of the coarser levels below which they are not asked."""
+_SURE = wp.constant(2.0)
+"""Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
 _WANTED_STORED = wp.constant(64.0)
 """Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
 _LEAST_REFERENCE = wp.constant(0.1)
@@ -54,7 +54,7 @@ class Cell:
         update: number of the last update that added to it.
         before: the light before that.
         count_before: number of paths before that.
-        error: standard error of the light, as a part of it.
+        error: standard error of the brightness of the light.
         error_before: that of the light before.
     """
 
@@ -79,6 +79,7 @@ class Followed:
         update: number of the last update in which any was stored here.
         before, count_before: light and number without those.
         reference_before: the reference before the cell's last update.
+        step: by how much the light has changed in the step to the frame ``stepped``, from what it was ``last``.
     """
 
     light: wp.vec3
@@ -88,6 +89,9 @@ class Followed:
     before: wp.vec3
     count_before: float
     reference_before: wp.vec3
+    step: wp.vec3
+    last: wp.vec3
+    stepped: int
 
 
 @wp.struct
@@ -129,6 +133,8 @@ class Asked:
         wanted_if_smooth: the same where light is smooth.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.
+        frame: number of the last frame, …
+        to_go: … and the share of the step to it that is left: in it, light changes along a line.
     """
 
     finest: int
@@ -139,6 +145,8 @@ class Asked:
     wanted_if_smooth: float
     tells_error: bool
     follows: bool
+    frame: int
+    to_go: float
 
 
 @wp.func
@@ -244,10 +252,10 @@ def _bright(light: wp.vec3) -> float:
 
 
 @wp.func
-def _off(key: wp.int64, light: wp.vec3, error: float) -> float:
-    """Return by how much the light of a cell with that key might be off."""
+def _off(key: wp.int64, error: float) -> float:
+    """Return by how much the brightness of a cell with that key might be off."""
     odd = sampling.mix64(wp.uint64(key)) & wp.uint64(1)
-    return _bright(light) * wp.where(odd == wp.uint64(1), error, -error)
+    return wp.where(odd == wp.uint64(1), error, -error)
 
 
 @wp.func
@@ -262,6 +270,66 @@ def _changed(light: wp.vec3, reference: wp.vec3, now: wp.vec3) -> wp.vec3:
             after[c] = light[c] * now[c] / reference[c]
         else:
             after[c] = wp.max(light[c] + now[c] - reference[c], 0.0)
+    return after
+
+
+@wp.struct
+class Level:
+    """What the cells of one size know of the light at a point, or those of several sizes.
+
+    Attributes:
+        light: irradiance over π.
+        reference: what stored paths told when that was averaged.
+        off: by how much its brightness might be off, in each cell up or down by chance.
+        variance: of what one path finds, in brightness.
+        paths: number of paths near the point.
+    """
+
+    light: wp.vec3
+    reference: wp.vec3
+    off: float
+    variance: float
+    paths: float
+
+
+@wp.func
+def _add_cell(level: Level, weight: float, light: wp.vec3, count: float, error: float, key: wp.int64) -> Level:
+    """Return a level with one of the cells around a point; sums are weighted by the number of paths."""
+    after = level
+    paths = weight * count
+    after.light += light * paths
+    after.paths += paths
+    after.variance += error * error * count * paths
+    after.off += _off(key, error) * paths
+    return after
+
+
+@wp.func
+def _finer(coarse: Level, sums: Level) -> Level:
+    """Return what coarser cells know, and those of the next finer size, of which there are ``sums``.
+
+    The finer ones blur less and know fewer paths. They are trusted by as much as they differ from the coarser ones
+    beyond what chance explains: with b² what is left, and v the variance of their mean, they have the weight
+    b² / (b² + v), as Wiener's filter has it.
+    """
+    after = coarse
+    if sums.paths > 0.0:
+        each = 1.0 / sums.paths
+        known = coarse.paths + sums.paths
+        # Of few paths the variance is badly known: what is told by the more paths of coarser cells has more weight.
+        variance = (coarse.variance * coarse.paths + sums.variance) / known
+        light = sums.light * each
+        differs = _bright(light) - _bright(coarse.light)
+        chance = variance * each
+        beyond = wp.max(differs * differs - _SURE * chance, 0.0)
+        share = float(1.0)
+        if coarse.paths > 0.0:
+            share = beyond / wp.max(beyond + chance, 1.0e-30)
+        after.light = coarse.light + (light - coarse.light) * share
+        after.reference = coarse.reference + (sums.reference * each - coarse.reference) * share
+        after.off = coarse.off + (sums.off * each - coarse.off) * share
+        after.variance = variance
+        after.paths = known
     return after
 
 
@@ -286,40 +354,31 @@ def look_up(
     finest_before = wp.max(asked.finest_before, least)
     wanted = wp.where(smooth, asked.wanted_if_smooth, asked.wanted)
     size = size_of(width_m)
-    side_m = wp.pow(2.0, float(size))
+    side_m = wp.pow(2.0, float(size + _LEVELS - 1))
     face = face_of(normal)
+    axis = face // 2
     left = float(1.0)
-    left_before = float(1.0)
+    whole = Level()
+    whole_before = Level()
     now = wp.vec3()
     now_before = wp.vec3()
-    reference = wp.vec3()
-    reference_before = wp.vec3()
-    left_now = wp.where(asked.follows, 1.0, 0.0)
-    left_now_before = wp.where(asked.follows, 1.0, 0.0)
+    told = float(0.0)
+    told_before = float(0.0)
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
-    for level in range(_LEVELS):
-        if level < finest and level < finest_before:
-            side_m = side_m * 2.0
-            continue
+    level = int(_LEVELS - 1)
+    while level >= wp.min(finest, finest_before):
         at = in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
         corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
         part = at - corner
-        axis = face // 2
         if wp.abs(normal[axis]) > _ALIGNED:
             corner[axis] = wp.floor(at[axis] + 0.5)
             part[axis] = 0.0
         grid = grid_of(size + level, face, layer)
-        light = wp.vec3(0.0, 0.0, 0.0)
-        count = float(0.0)
-        off = float(0.0)
-        before = wp.vec3(0.0, 0.0, 0.0)
-        off_before = float(0.0)
-        count_before = float(0.0)
+        sums = Level()
+        sums_before = Level()
         found = wp.vec3()
         found_before = wp.vec3()
-        told = wp.vec3()
-        told_before = wp.vec3()
         paths = float(0.0)
         paths_before = float(0.0)
         for i in range(corners):
@@ -331,70 +390,57 @@ def look_up(
                 row = _find(cells, key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
                 if row >= 0:
                     cell = cells[row]
-                    light += cell.light * (weight * cell.count)
-                    count += weight * cell.count
+                    sums = _add_cell(sums, weight, cell.light, cell.count, cell.error, cell.key)
                     if cell.update != asked.last_update:
                         cell.before = cell.light
                         cell.count_before = cell.count
                         cell.error_before = cell.error
-                    before += cell.before * (weight * cell.count_before)
-                    count_before += weight * cell.count_before
+                    sums_before = _add_cell(
+                        sums_before, weight, cell.before, cell.count_before, cell.error_before, cell.key
+                    )
                     if asked.follows:
                         by = followed[row]
-                        found += by.light * (weight * by.count)
-                        paths += weight * by.count
-                        told += by.reference * (weight * cell.count)
                         if by.update != asked.last_update:
                             by.before = by.light
                             by.count_before = by.count
+                        if by.stepped == asked.frame:
+                            by.light -= by.step * asked.to_go
+                            by.before -= by.step * asked.to_go
                         if cell.update != asked.last_update:
                             by.reference_before = by.reference
+                        found += by.light * (weight * by.count)
+                        paths += weight * by.count
+                        sums.reference += by.reference * (weight * cell.count)
                         found_before += by.before * (weight * by.count_before)
                         paths_before += weight * by.count_before
-                        told_before += by.reference_before * (weight * cell.count_before)
-                    if asked.tells_error:
-                        off += _off(cell.key, cell.light, cell.error) * (weight * cell.count)
-                        off_before += _off(cell.key, cell.before, cell.error_before) * (weight * cell.count_before)
+                        sums_before.reference += by.reference_before * (weight * cell.count_before)
         # By the same rule in both, so that what was known before is what the last frame showed.
-        if count > 0.0 and level >= finest and left >= _ENOUGH:
-            share = left * count / (count + wanted)
+        if level >= finest:
+            whole = _finer(whole, sums)
+            left = left * wanted / (sums.paths + wanted)
             if level == finest:
-                kept.finely = share
-            kept.light += light * (share / count)
-            kept.off += off * (share / count)
-            reference += told * (share / count)
-            left = left - share
-        if count_before > 0.0 and level >= finest_before and left_before >= _ENOUGH:
-            share = left_before * count_before / (count_before + wanted)
-            kept.before += before * (share / count_before)
-            kept.off_before += off_before * (share / count_before)
-            reference_before += told_before * (share / count_before)
-            left_before = left_before - share
-        if paths > 0.0 and left_now >= _ENOUGH:
-            share = left_now * paths / (paths + _WANTED_STORED)
-            now += found * (share / paths)
-            left_now = left_now - share
-        if paths_before > 0.0 and left_now_before >= _ENOUGH:
-            share = left_now_before * paths_before / (paths_before + _WANTED_STORED)
-            now_before += found_before * (share / paths_before)
-            left_now_before = left_now_before - share
-        if wp.max(left, left_now) < _ENOUGH and wp.max(left_before, left_now_before) < _ENOUGH:
-            break
-        side_m = side_m * 2.0
+                kept.finely = sums.paths / (sums.paths + wanted)
+        if level >= finest_before:
+            whole_before = _finer(whole_before, sums_before)
+        if paths > 0.0:
+            share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
+            now += (found / paths - now) * share
+            told += paths
+        if paths_before > 0.0:
+            share = wp.where(told_before > 0.0, paths_before / (paths_before + _WANTED_STORED), 1.0)
+            now_before += (found_before / paths_before - now_before) * share
+            told_before += paths_before
+        side_m = side_m * 0.5
+        level = level - 1
     kept.known = 1.0 - left
-    told_now = asked.follows and left_now < 1.0
-    if told_now:
-        kept.followed = now / (1.0 - left_now)
-    if kept.known > 0.0:
-        kept.light = kept.light / kept.known
-        if told_now:
-            kept.light = _changed(kept.light, reference / kept.known, kept.followed)
-        kept.off = kept.off / (kept.known * wp.max(_bright(kept.light), 1.0e-20))
-    kept.known_before = left_before < 1.0
-    if kept.known_before:
-        kept.before = kept.before / (1.0 - left_before)
-        if asked.follows and left_now_before < 1.0:
-            told_then = reference_before / (1.0 - left_before)
-            kept.before = _changed(kept.before, told_then, now_before / (1.0 - left_now_before))
-        kept.off_before = kept.off_before / ((1.0 - left_before) * wp.max(_bright(kept.before), 1.0e-20))
+    kept.light = whole.light
+    kept.followed = now
+    if told > 0.0 and whole.paths > 0.0:
+        kept.light = _changed(whole.light, whole.reference, now)
+    kept.off = whole.off / wp.max(_bright(kept.light), 1.0e-20)
+    kept.known_before = whole_before.paths > 0.0
+    kept.before = whole_before.light
+    if told_before > 0.0 and kept.known_before:
+        kept.before = _changed(whole_before.light, whole_before.reference, now_before)
+    kept.off_before = whole_before.off / wp.max(_bright(kept.before), 1.0e-20)
     return kept

@@ -62,6 +62,7 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
     for name, kind in (("cells", Cell), ("followed", Followed), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32), *shadows):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
+    empty["light_passed"] = empty["passed"]
     return empty
 
 
@@ -199,15 +200,21 @@ class LightKeeper:
         self._learns = self._is_time(time_us)
         if self._store is not None:
             self._store.follow(self._told)
+        # Where paths follow the light, what is learnt of it is known at the end of a frame, and shown from the next
+        # frame on that learns.
+        follows = self._store is not None and self._frames > 0
         asked = self._asked()
         asked.finest_before = self._finest
+        if self._store is not None:
+            asked.frame = self._store.frame
         if self._learns:
             self._learn()
             asked.finest = self._finest = _finest_of(effort)
-            # The first frame is rendered more than once, and what it learns is no gain over a frame before.
-            asked.last_update = self._update if self._frames >= self._passes else -1
             if effort.spp != self._found["out_lights"].shape[0]:
                 self._make_room(effort.spp)
+        if self._learns or follows:
+            # The first frame is rendered more than once, and what it learns is no gain over a frame before.
+            asked.last_update = self._update if self._frames >= self._passes else -1
             if self._pace_hz is not None:
                 wp.copy(self._own_before, self._own)
                 wp.copy(self._learnt_before, self._learnt)
@@ -231,7 +238,7 @@ class LightKeeper:
         self._gathering.anchored = self._store is not None
         self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
         self._gathering.asked = asked
-        self._gathering.earlier = self._learns and self._pace_hz is not None
+        self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None
         if self._times_us[-1:] != [time_us]:
             self._times_us = [*self._times_us[-1:], time_us]
             self._shadows.reverse()
@@ -341,20 +348,16 @@ class LightKeeper:
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
-        if self._store is not None:
-            found = {name: self._found[f"out_{name}"] for name in ("positions", "met")}
-            found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
-            self._store.store(found, self._told, self._update, self._found_paths)
-            self.paths += self._store.take_count()
-        asked = self._asked()
-        asked.last_update = -1
-        table = {"sums": self._sums, "cells": self._cells, "followed": self._told[2], "reference_sums": self._told[1]}
-        for launch, names in ((self._add, [*table]), (self._average, [*table])):
-            for name in names:
-                launch.set_param_by_name(name, table[name])
-        self._add.set_param_by_name("asked", asked)
+        self._add.set_param_by_name("sums", self._sums)
         self._add.launch()
+        self._average.set_param_by_name("sums", self._sums)
+        self._average.set_param_by_name("cells", self._cells)
         self._average.launch()
+        if self._store is not None:
+            found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
+            found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
+            self._store.store(found, self._asked(), self._cells, self._told, self._update, self._found_paths)
+            self.paths += self._store.take_count()
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, Any]:
         """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
@@ -379,16 +382,16 @@ class LightKeeper:
         self._rows = rows
         self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights, "out_met": met}
         found = {"spent": self._spent, "positions": positions}
-        table = {"sums": self._sums, "cells": self._cells, "followed": self._told[2], "reference_sums": self._told[1]}
+        table = {"sums": self._sums, "cells": self._cells}
         kernels = build_updates()
         self._open = record(
             kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
             keys=self._keys, cells=self._cells, followed=self._told[2], out_rows=rows, out_used=self._used,
         )  # fmt: skip
         self._add = record(
-            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, asked=self._asked(), normals=normals, **table
+            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums
         )
-        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, follows=self._store is not None, **table)
+        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)

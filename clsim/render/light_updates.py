@@ -20,7 +20,6 @@ from clsim.render.light_cache import (
     grid_of,
     in_cells,
     key_of,
-    look_up,
     size_of,
 )
 
@@ -90,26 +89,13 @@ def add_to_cells(
     positions: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
-    asked: Asked,
-    normals: wp.array2d(dtype=wp.vec4),
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
-    reference_sums: wp.array2d(dtype=wp.int64),
 ):
-    """Add each path's irradiance to its cells, and what stored paths tell there; a thread is a pixel."""
+    """Add each path's irradiance to its cells; a thread is a pixel."""
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
             light = lights[i, pixel]
-            told = wp.vec3()
-            if asked.follows:
-                p = positions[i, pixel]
-                n = normals[i, pixel]
-                place = wp.vec3(p[0], p[1], p[2])
-                facing = wp.vec3(n[0], n[1], n[2])
-                smooth = int(n[3]) % 2 == 1
-                told = look_up(cells, followed, asked, place, facing, int(n[3]) // 2, smooth, p[3]).followed
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
                 if row >= 0:
@@ -118,10 +104,6 @@ def add_to_cells(
                         value = wp.clamp(light[channel], 0.0, _LARGEST)
                         bright += value / 3.0
                         wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
-                        if asked.follows:
-                            wp.atomic_add(
-                                reference_sums, row, channel, wp.int64(wp.clamp(told[channel], 0.0, _LARGEST) * _UNIT)
-                            )
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                     wp.atomic_add(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
 
@@ -131,10 +113,7 @@ def average(
     positions: wp.array2d(dtype=wp.vec4),
     rows: wp.array3d(dtype=int),
     sums: wp.array2d(dtype=wp.int64),
-    reference_sums: wp.array2d(dtype=wp.int64),
-    follows: bool,
     cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
 ):
     """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
     pixel = wp.tid()
@@ -147,20 +126,13 @@ def average(
                     total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
                     cells[row].light = total / (_UNIT * count)
                     cells[row].count = count
-                    if follows:
-                        told = wp.vec3(
-                            float(reference_sums[row, 0]),
-                            float(reference_sums[row, 1]),
-                            float(reference_sums[row, 2]),
-                        )
-                        followed[row].reference = told / (_UNIT * count)
                     bright = (total[0] + total[1] + total[2]) / (3.0 * _UNIT * count)
                     squares = float(sums[row, _SQUARES]) / (_UNIT * count)
                     # One path tells nothing of how different others are: its light may be any.
                     error = float(1.0)
                     if count > 1.0 and bright > 0.0:
                         error = wp.sqrt(wp.max(squares - bright * bright, 0.0) / (count - 1.0)) / bright
-                    cells[row].error = wp.min(error, 1.0)
+                    cells[row].error = wp.min(error, 1.0) * bright
 
 
 def move_cells(

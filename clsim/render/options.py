@@ -84,8 +84,10 @@ class RenderOptions:
     Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
     little is known, ``probe_spp`` elsewhere.
     """
-    stored_paths: int = 128
+    stored_paths: int = int(__import__("os").environ.get("CK", "128"))
     """Paths that are stored in a cell of light, and traced again where what they met has moved."""
+    follow_every: int = int(__import__("os").environ.get("CE", "4"))
+    """Frames in which each of these is traced again once, in turn, where lamps move; in between it changes steadily."""
     in_turn: bool = False
     """Whether paths are kept, and traced again in turn, so that few in a frame are worth ``spp``.
 

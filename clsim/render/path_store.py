@@ -26,9 +26,12 @@ class PathStore:
     Attributes:
         paths: how many were traced again so far.
         stored: how many there are.
+        frame: number of the last frame.
     """
 
-    def __init__(self, kernel: Any, data: SceneData, settings: Any, most: int, threads: int | None) -> None:
+    def __init__(
+        self, kernel: Any, data: SceneData, settings: Any, most: int, every: int, threads: int | None
+    ) -> None:
         """Make room for none.
 
         Args:
@@ -36,11 +39,13 @@ class PathStore:
             data: what is rendered.
             settings: the `Settings` of the frames.
             most: paths that are stored in a cell.
+            every: frames in which each path is traced once, in turn, where lamps move.
             threads: that trace; None takes one a core.
         """
-        self._data, self._settings, self._most = data, settings, most
+        self._data, self._settings, self._most, self._every = data, settings, most, every
         self._device = data.device
         self.paths = self.stored = self._taken = 0
+        self.frame = 0
         self._first_joined = 0
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
         self._boxes: Any = wp.zeros(4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
@@ -72,37 +77,61 @@ class PathStore:
         followed: Any = wp.zeros(rows, dtype=Followed, device=self._device)
         return sums, references, followed
 
-    def store(self, found: dict[str, Any], table: tuple[Any, Any, Any], update: int, paths: int) -> None:
-        """Store paths of a frame of which there are ``paths``, and trace them."""
-        sums, _, followed = table
+    def store(
+        self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any, Any], update: int, paths: int
+    ) -> None:
+        """Store some paths of a frame of which there are ``paths``, trace them, and note what they tell of the others.
+
+        Args:
+            found: of the frame's paths: how many each pixel ``spent`` and ever ``traced``, their ``positions`` and
+                ``normals``, what they ``met``, and the ``rows`` of their cells.
+            asked: which cells tell of the light.
+            cells: all cells.
+            table: what is known of them here.
+            update: number of the update that added the frame's paths to them.
+            paths: how many there are.
+        """
+        sums, references, followed = table
         if self.stored + paths > len(self._paths):
             self._allocate(max(2 * len(self._paths), self.stored + paths))
         kernels = build_storing()
         spent, traced = found["spent"], found["traced"]
         wp.launch(
             kernels.choose_paths, dim=len(traced), device=self._device,
-            inputs=[spent, found["positions"], traced, found["met"], found["rows"], self._most, update, sums, followed,
-                    self._paths, self._count],
+            inputs=[spent, found["positions"], traced, found["met"], found["rows"], self._most, update, cells, sums,
+                    followed, self._paths, self._count],
         )  # fmt: skip
         self._first_joined, self.stored = self.stored, int(self._count.numpy()[0])
-        self._trace(self._first_joined, True)
-        self._add(self._first_joined, True, table)
+        self._trace(self._first_joined, every=1)
+        self._add(self._first_joined, table, joining=True)
+        began = [spent, found["positions"]]
+        wp.launch(
+            kernels.add_references, dim=len(traced), device=self._device,
+            inputs=[*began, found["normals"], found["rows"], asked, cells, followed, references],
+        )  # fmt: skip
+        wp.launch(
+            kernels.average_references, dim=len(traced), device=self._device,
+            inputs=[*began, found["rows"], cells, references, followed],
+        )  # fmt: skip
 
     def follow(self, table: tuple[Any, Any, Any]) -> None:
         """Trace again what may have changed since the last frame."""
+        self.frame += 1
         places = self._data.places()
         boxes, moved = _moved_boxes(self._last, places)
-        lights = self._all_again or (self._data.features.lamps_move and bool(len(moved) and places.time != self._last.time))
+        steady = self._data.features.lamps_move and not self._all_again and self._every > 1
+        lights = self._all_again or (self._data.features.lamps_move and places.time != self._last.time)
         self._last = places
-        if not lights and not moved.any():
+        if not (lights or steady or moved.any()):
             return
+        every = 1 if self._all_again else self._every if lights or steady else 0
         self._all_again = False
         if len(boxes):
             rows = boxes.reshape(-1, 3).astype(np.float32)
             wp.copy(self._boxes, wp.array(rows, dtype=wp.vec3, device=self._device), count=len(rows))
         self._moved.assign(moved.astype(np.int32))
-        self._trace(0, lights, len(boxes))
-        self._add(0, False, table)
+        self._trace(0, every, len(boxes))
+        self._add(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any, Any], table: tuple[Any, Any, Any]) -> None:
         """Go along with cells that were moved to other ``rows``."""
@@ -111,27 +140,30 @@ class PathStore:
             wp.launch(kernels.move_rows, dim=self.stored, inputs=[self._paths, rows], device=self._device)
         wp.launch(kernels.move_followed, dim=len(rows), inputs=[rows, *before, *table], device=self._device)
 
-    def _trace(self, first: int, all_again: bool, boxes: int = 0) -> None:
+    def _trace(self, first: int, every: int, boxes: int = 0) -> None:
         count = self.stored - first
         if count <= 0:
             return
         changed = {
-            "scene": self._data.scene, "settings": self._settings, "first_path": first, "all_again": all_again,
+            "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every, "turn": self.frame,
             "box_count": boxes, "boxes": self._boxes, "moved": self._moved, "paths": self._paths,
             "out_found": self._found, "out_traced": self._traced,
         }  # fmt: skip
         self._tiles.run(count, changed)
 
-    def _add(self, first: int, joining: bool, table: tuple[Any, Any, Any]) -> None:
+    def _add(
+        self, first: int, table: tuple[Any, Any, Any], *, joining: bool = False, steady: bool = False
+    ) -> None:
         count = self.stored - first
         if count <= 0:
             return
         sums, _, followed = table
         kernels = build_storing()
-        inputs = [first, joining, self._first_joined, self._paths, self._found, self._traced, sums]
+        of = [first, joining, steady]
+        inputs = [*of, self._first_joined, self._paths, self._found, self._traced, self.frame, sums, followed]
         wp.launch(kernels.add_paths, dim=count, inputs=inputs, device=self._device)
         wp.launch(
-            kernels.average_paths, dim=count, inputs=[first, self._paths, self._traced, sums, followed],
+            kernels.average_paths, dim=count, inputs=[*of, self._paths, self._traced, sums, followed],
             device=self._device,
         )  # fmt: skip
         self.paths += int(self._traced.numpy()[first : self.stored].sum())
@@ -153,7 +185,7 @@ class PathStore:
     def _record(self, tile: int) -> Any:
         return record(
             self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first_pixel=0, pixels=1,
-            first_path=0, all_again=False, boxes=self._boxes, box_count=0, moved=self._moved, paths=self._paths,
+            first_path=0, every=0, turn=0, boxes=self._boxes, box_count=0, moved=self._moved, paths=self._paths,
             out_found=self._found, out_traced=self._traced,
         )  # fmt: skip
 

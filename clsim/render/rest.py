@@ -1,4 +1,5 @@
-# Warp: wp.static drops a branch only where it stands alone.
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018
 """Where a place on a surface is while what it lies on rests: the same for all times, as a Warp function."""
 
 from typing import Any
@@ -22,6 +23,9 @@ def make_rest(features: Features) -> Any:
         p1 = hit.vertex1
         p2 = hit.vertex2
         normal = hit.normal
+        scale = float(1.0)
+        if wp.static(features.two_level):
+            scale = geometry.rest_scales[hit.instance]
         if wp.static(features.deforms):
             first = geometry.mesh_first_vertex[mesh_at(geometry, hit.instance, time)]
             p0 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle]]
@@ -29,6 +33,6 @@ def make_rest(features: Features) -> Any:
             p2 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle + 2]]
             normal = wp.normalize(wp.cross(p1 - p0, p2 - p0))
         place = p0 * hit.weight0 + p1 * hit.weight1 + p2 * (1.0 - hit.weight0 - hit.weight1)
-        return place * geometry.rest_scales[hit.instance], wp.where(front, normal, -normal)
+        return place * scale, wp.where(front, normal, -normal)
 
     return rest_of

@@ -57,6 +57,7 @@ def make_retraced(
     first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
     is that in which the last frame is seen (``cached.py``); ``passed``, float ``[instants]``, is the share of the time
     from the frame before to the last one that has passed, −1 where that is not asked, and the shadows are theirs.
+    ``light_passed`` is the same for kept light, which changes along a line.
     ``wide_lamps`` is whether first-hit rays ask lamps that have a size.
     """
 
@@ -169,6 +170,7 @@ def make_retraced(
         shadows_before: wp.array(dtype=Shadow),
         shadows_after: wp.array(dtype=Shadow),
         passed: wp.array(dtype=float),
+        light_passed: wp.array(dtype=float),
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
@@ -178,6 +180,8 @@ def make_retraced(
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             pixel = pixels[request]
+            gathering = steering
+            gathering.asked.to_go = 1.0 - light_passed[instants[request]]
             looks = steering.looks
             lit = Lit()
             seen = Seen()
@@ -192,7 +196,7 @@ def make_retraced(
                 seen = look_around(
                     scene, camera, settings, pixel, instants[request], looks, seen, shadows, corners, things
                 )
-                lit = light_of(cells, followed, things, seen.things, steering, settings.spectral)
+                lit = light_of(cells, followed, things, seen.things, gathering, settings.spectral)
                 looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, SHARE_ERROR, False)
             shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
             store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)

@@ -245,6 +245,9 @@ class Retracer:
             keeper = view.light_keeper
             passed = self._passed(instants_s, keeper.step_us)
             changed |= keeper.shown | {"passed": wp.array(passed, dtype=wp.float32, device=self._device)}
+            start_us, end_us = keeper.step_us or (0, 0)
+            shares = np.clip((instants_s * 1e6 - start_us) / max(end_us - start_us, 1), 0.0, 1.0)
+            changed["light_passed"] = wp.array(shares, dtype=wp.float32, device=self._device)
         elif view is not None:
             changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
         if not self._tiles.run(len(pixels), changed):

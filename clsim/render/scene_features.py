@@ -136,6 +136,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         instants=instants and (deforming or objects_move(world)),
         deforming_instants=instants and deforming,
         deforms=deforming,
+        light_changes=not light_stands_still(world),
     )
 
 

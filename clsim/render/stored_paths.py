@@ -21,7 +21,7 @@ from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.geometry import make_placement, transform_vector
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE
-from clsim.render.light_cache import LEVELS, Followed
+from clsim.render.light_cache import LEVELS, Asked, Cell, Followed, look_up
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.things import lit_albedo
 from clsim.render.trails import trail_crosses
@@ -38,6 +38,8 @@ _PATHS = wp.constant(1)
 """Of what a pixel spent: first-hit rays, and these."""
 OWN = wp.constant(1 << 16)
 """Number of a pixel's first path: beyond those of all first-hit rays."""
+_LONGEST_AGE = wp.constant(64)
+"""Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
 _OFF = wp.constant(3.0e-5)
@@ -63,7 +65,10 @@ class StoredPath:
         met: where it begins.
         pixel, number: of the path whose random numbers it has.
         rows: of its cells, −1 for none.
-        light: irradiance over π that it found last.
+        light: irradiance over π that it finds, as far as is known.
+        found: the same when it was traced last, …
+        age: … and how many frames ago that was.
+        rate: by how much that changes in a frame.
         places: of its trail.
     """
 
@@ -72,6 +77,9 @@ class StoredPath:
     number: int
     rows: wp.vec4i
     light: wp.vec3
+    found: wp.vec3
+    age: int
+    rate: wp.vec3
     places: int
 
 
@@ -83,12 +91,13 @@ def choose_paths(
     rows: wp.array3d(dtype=int),
     most: int,
     update: int,
+    cells: wp.array(dtype=Cell),
     sums: wp.array2d(dtype=wp.int64),
     followed: wp.array(dtype=Followed),
     paths: wp.array(dtype=StoredPath),
     out_count: wp.array(dtype=int),
 ):
-    """Store paths of the last frame whose cells hold fewer than ``most``; a thread is a pixel.
+    """Store paths of the last frame, chosen by chance, so that their cells hold some ``most``; a thread is a pixel.
 
     ``traced`` tells how many paths each pixel has traced, those of that frame included.
     """
@@ -101,12 +110,16 @@ def choose_paths(
                 level = int(_LEVELS - 1)
             row = rows[i, level, pixel]
             if row >= 0:
-                if int(sums[row, _COUNT]) < most:
+                number = traced[pixel] - count + i
+                wanted = float(most) - float(sums[row, _COUNT])
+                there = cells[row].count - cells[row].count_before
+                chance = sampling.uniform_of(sampling.absorb(wp.uint64(pixel), number), 0)
+                if chance * there < wanted:
                     slot = wp.atomic_add(out_count, 0, 1)
                     path = StoredPath()
                     path.met = met[i, pixel]
                     path.pixel = pixel
-                    path.number = traced[pixel] - count + i
+                    path.number = number
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     paths[slot] = path
                     for k in range(_LEVELS):
@@ -123,26 +136,50 @@ def _whole(value: float) -> wp.int64:
     return wp.int64(wp.clamp(value, 0.0, _LARGEST) * _UNIT)
 
 
+@wp.func
+def _advanced(path: StoredPath, found: wp.vec3, traced_again: bool, steady: bool) -> StoredPath:
+    """Return a path after another frame: as it was found, or by the rate at which it changed before."""
+    after = path
+    if traced_again:
+        after.rate = wp.vec3()
+        if steady and path.age < _LONGEST_AGE:
+            after.rate = (found - path.found) / float(path.age + 1)
+        after.light = found
+        after.found = found
+        after.age = 0
+    else:
+        after.age = path.age + 1
+        for c in range(3):
+            after.light[c] = wp.max(path.light[c] + path.rate[c], 0.0)
+    return after
+
+
 def add_paths(
     first: int,
     joining: bool,
+    steady: bool,
     joined_from: int,
     paths: wp.array(dtype=StoredPath),
     found: wp.array(dtype=wp.vec3),
     traced_again: wp.array(dtype=int),
+    frame: int,
     sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
 ):
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
-    A thread is a path, from ``first`` on. Those from ``joined_from`` on were stored in the last update.
+    A thread is a path, from ``first`` on. Those from ``joined_from`` on were stored in the last update. Changes are
+    those of the step to a ``frame``; where they are ``steady``, lamps move and are followed in turn: those that were
+    not traced again change as they did before.
     """
     i = first + wp.tid()
-    if traced_again[i] > 0:
+    if traced_again[i] > 0 or steady:
+        path = _advanced(paths[i], found[i], traced_again[i] > 0, steady and not joining)
         for k in range(_LEVELS):
-            row = paths[i].rows[k]
+            row = path.rows[k]
             if row >= 0:
                 for c in range(3):
-                    change = _whole(found[i][c])
+                    change = _whole(path.light[c])
                     if not joining:
                         change = change - _whole(paths[i].light[c])
                     wp.atomic_add(sums, row, c, change)
@@ -151,7 +188,12 @@ def add_paths(
                 if joining:
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                     wp.atomic_add(sums, row, _JOINED + 3, wp.int64(1))
-        paths[i].light = found[i]
+                else:
+                    # Until the mean is told, the light is that of the frame before.
+                    followed[row].last = followed[row].light
+                    followed[row].stepped = frame
+        path.places = paths[i].places
+        paths[i] = path
 
 
 @wp.func
@@ -173,23 +215,80 @@ def _mean(sums: wp.array2d(dtype=wp.int64), row: int, without_joined: bool) -> w
 
 def average_paths(
     first: int,
+    joining: bool,
+    steady: bool,
     paths: wp.array(dtype=StoredPath),
     traced_again: wp.array(dtype=int),
     sums: wp.array2d(dtype=wp.int64),
     followed: wp.array(dtype=Followed),
 ):
-    """Tell the cells of paths that were traced again what these find on average; all write the same."""
+    """Tell the cells of paths whose light may have changed what these find on average; all write the same."""
     i = first + wp.tid()
-    if traced_again[i] > 0:
+    if traced_again[i] > 0 or steady:
         for k in range(_LEVELS):
             row = paths[i].rows[k]
             if row >= 0:
                 now = _mean(sums, row, False)
                 before = _mean(sums, row, True)
-                followed[row].light = wp.vec3(now[0], now[1], now[2])
+                light = wp.vec3(now[0], now[1], now[2])
+                if not joining:
+                    followed[row].step = light - followed[row].last
+                followed[row].light = light
                 followed[row].count = now[3]
                 followed[row].before = wp.vec3(before[0], before[1], before[2])
                 followed[row].count_before = before[3]
+
+
+@wp.func
+def _told(
+    cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
+) -> wp.vec3:
+    """Return the light where a path began, as stored paths find it."""
+    place = wp.vec3(position[0], position[1], position[2])
+    facing = wp.vec3(normal[0], normal[1], normal[2])
+    kind = int(normal[3])
+    return look_up(cells, followed, asked, place, facing, kind // 2, kind % 2 == 1, position[3]).followed
+
+
+def add_references(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    normals: wp.array2d(dtype=wp.vec4),
+    rows: wp.array3d(dtype=int),
+    asked: Asked,
+    cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
+    references: wp.array2d(dtype=wp.int64),
+):
+    """Note in its cells what stored paths tell where each path of the last frame began; a thread is a pixel."""
+    pixel = wp.tid()
+    for i in range(spent[_PATHS, pixel]):
+        if positions[i, pixel][3] > 0.0:
+            told = _told(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+            for level in range(_LEVELS):
+                row = rows[i, level, pixel]
+                if row >= 0:
+                    for c in range(3):
+                        wp.atomic_add(references, row, c, _whole(told[c]))
+
+
+def average_references(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    rows: wp.array3d(dtype=int),
+    cells: wp.array(dtype=Cell),
+    references: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
+    pixel = wp.tid()
+    for i in range(spent[_PATHS, pixel]):
+        if positions[i, pixel][3] > 0.0:
+            for level in range(_LEVELS):
+                row = rows[i, level, pixel]
+                if row >= 0:
+                    total = wp.vec3(float(references[row, 0]), float(references[row, 1]), float(references[row, 2]))
+                    followed[row].reference = total / (_UNIT * cells[row].count)
 
 
 def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
@@ -227,6 +326,8 @@ class Storing(NamedTuple):
     choose_paths: Any
     add_paths: Any
     average_paths: Any
+    add_references: Any
+    average_references: Any
     move_rows: Any
     move_followed: Any
 
@@ -234,15 +335,16 @@ class Storing(NamedTuple):
 @one_at_a_time
 def build_storing() -> Storing:
     """Return the kernels that store paths, which are the same for all scenes."""
-    each = choose_paths, add_paths, average_paths, move_rows, move_followed
+    each = choose_paths, add_paths, average_paths, add_references, average_references, move_rows, move_followed
     return Storing(*map(wp.kernel(enable_backward=False), each))
 
 
 def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
     """Return the kernel that traces paths again; a thread is ``pixels`` paths.
 
-    ``boxes`` are ``box_count`` pairs of corners of where something was or is that has moved, ``moved`` tells which
-    instances have, and if ``all_again``, all is traced. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    ``boxes`` are ``box_count`` pairs of corners of where something was or is that has moved, and ``moved`` tells which
+    instances have. Of all paths one in ``every`` is traced whatever it meets, none where that is 0, and which ones
+    that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
     """
     uniform2 = make_sampler(features.sobol)
     to_world_at, _, _ = make_placement(features)
@@ -254,7 +356,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         first_pixel: int,
         pixels: int,
         first_path: int,
-        all_again: bool,
+        every: int,
+        turn: int,
         boxes: wp.array(dtype=wp.vec3),
         box_count: int,
         moved: wp.array(dtype=int),
@@ -265,7 +368,9 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         begin = first_path + first_pixel + wp.tid() * pixels
         for i in range(begin, begin + pixels):
             path = paths[i]
-            again = all_again or moved[path.met.instance] > 0
+            again = moved[path.met.instance] > 0
+            if every > 0:
+                again = again or (i + turn) % every == 0
             if not again:
                 again = trail_crosses(scene.geometry.trails, i, path.places, boxes, box_count)
             out_traced[i] = wp.where(again, 1, 0)
@@ -282,7 +387,10 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                     time = settings.opens + settings.lasts * uniform2(stream, sampling.TIME)[0]
                 met = path.met
                 point = surface(scene.geometry, met.instance, met.triangle, met.weights[0], met.weights[1], time)
-                toward = wp.normalize(transform_vector(to_world_at(scene.geometry, met.instance, time), met.toward))
+                toward = met.toward
+                if wp.static(features.two_level):
+                    to_world = to_world_at(scene.geometry, met.instance, time)
+                    toward = wp.normalize(transform_vector(to_world, met.toward))
                 normal = wp.where(met.front, point.normal, -point.normal)
                 facing = wp.dot(toward, normal)
                 if facing > 0.0:

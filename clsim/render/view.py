@@ -323,7 +323,7 @@ class View:
         from clsim.render.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, self._data.world.camera, replay=True), self._data.tree)
-        return PathStore(kernel, self._data, self._settings, options.stored_paths, options.threads)
+        return PathStore(kernel, self._data, self._settings, options.stored_paths, options.follow_every, options.threads)
 
     def _stand_at(self, pose: Matrix) -> None:
         """Keep no paths from where the camera was, unless it still is there."""
