@@ -14,9 +14,9 @@ import numpy.typing as npt
 from clsim.bench.tradeoff_measure import run_point
 from clsim.bench.tradeoff_settings import named_points
 from clsim.events import EventBatch
-from clsim.live.light import Light
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Quality
+from clsim.live.stages import plan_stages
 from clsim.live.time_steps import check_time
 from clsim.opencl.device import choose_device
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, World, load_world
@@ -153,11 +153,11 @@ def measure_edge(scene: EdgeScene, quality: Quality, fps: float, time: str = "au
         without pairs), ``bias_px`` (speed times their mean Δt) and ``cpu_us_per_pixel_second``.
     """
     world, edge, camera = scene.world, scene.edge, scene.world.camera
-    light = Light.of(world, fps)
-    if LiveOptions("", quality=quality, time=time).settled(light).time != "fixed":
+    stages = plan_stages(LiveOptions("", fps=fps, quality=quality, time=time), world)
+    if stages.options.time != "fixed":
         found, cpu_s = _run_between(scene, quality, fps, time, seed)
     else:
-        point = named_points(seed, light)[quality]
+        point = named_points(seed)[quality]
         config = point.detector.config(world.sensor)
         options = point.options(fps, scene.frames, world.sensor)
         run = run_point(world, options, config, choose_device(), lambda: None)

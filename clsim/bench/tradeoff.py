@@ -22,7 +22,6 @@ from clsim.bench.tradeoff_summary import summarise
 from clsim.detect.config import EventRule
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.live.light import Light
 from clsim.opencl.device import Device, choose_device
 from clsim.render import RenderOptions
 from clsim.render.devices import usable_cores
@@ -104,8 +103,7 @@ class Sweep:
         self.fps = options.fps or self.world.fps
         self.device: Device = choose_device()
         self.cache = options.cache
-        light = Light.of(self.world, self.fps)
-        chosen = quick_points(options.seeds[0], light) if quick else full_points(options.seeds, light)
+        chosen = quick_points(options.seeds[0]) if quick else full_points(options.seeds)
         self.points = list(options.points) or chosen
         spp = options.reference_spp or (1024 if quick else 4096)
         self.reference_options = Rendering(spp, "common", REFERENCE_SEED, "sobol").options(self.fps, self.frames)

@@ -7,8 +7,6 @@ from typing import Any
 
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method, Precision
 from clsim.live import quality
-from clsim.live.light import Light
-from clsim.live.options import LiveOptions
 from clsim.render import RenderOptions
 from clsim.scene import Sensor
 
@@ -38,6 +36,8 @@ class Rendering:
     first_hit_rays: int = 0
     probe_every: int = 1
     """Frames in which all pixels are probed once, in turn; if sampling is adaptive, some in each."""
+    stored_paths: int = 64
+    follow_every: int = 4
 
     def options(self, fps: float, frames: int) -> RenderOptions:
         """Return the renderer's options for so many frames."""
@@ -50,7 +50,8 @@ class Rendering:
             probe_every=self.probe_every,
             first_hit_rays=self.first_hit_rays,
             light_cache=self.sampling == "cached",
-            in_turn=self.sampling == "in-turn",
+            stored_paths=self.stored_paths,
+            follow_every=self.follow_every,
             fps=fps,
             frames=frames,
         )
@@ -144,18 +145,9 @@ class Point:
         return asdict(self.rendering) | asdict(self.detector)
 
 
-LIGHTS = (
-    *(Light(still, by_paths) for still in (False, True) for by_paths in (False, True)),
-    Light(watched=True),
-    Light(watched=True, lamps_move=True),
-)
-"""Those in which a quality has other settings."""
-
-
-def named_points(seed: int, light: Light = LIGHTS[0]) -> dict[str, Point]:
-    """Return the points that ``clsim live --quality`` names, in scenes with such light."""
-    runs = {name: LiveOptions("", quality=name, time="fixed").settled(light) for name in quality.QUALITIES}
-    return {name: _of_live(run.point, seed) for name, run in runs.items()}
+def named_points(seed: int) -> dict[str, Point]:
+    """Return the points that ``clsim live --quality`` names."""
+    return {name: _of_live(point, seed) for name, point in quality.QUALITIES.items()}
 
 
 def _of_live(live: quality.Point, seed: int) -> Point:
@@ -169,6 +161,8 @@ def _of_live(live: quality.Point, seed: int) -> Point:
         probe_spp=live.probe_spp if live.sampling != "uniform" else None,
         first_hit_rays=live.first_hit_rays,
         probe_every=live.probe_every,
+        stored_paths=live.stored_paths,
+        follow_every=live.follow_every,
     )
     config = DetectorConfig(live.method, window=live.window)
     values: dict[str, Any] = {
@@ -182,12 +176,12 @@ def _of_live(live: quality.Point, seed: int) -> Point:
     return Point(rendering, DetectorSetting(live.method, event_rule=live.event_rule, **used))
 
 
-def full_points(seeds: tuple[int, ...], light: Light = LIGHTS[0]) -> list[Point]:
+def full_points(seeds: tuple[int, ...]) -> list[Point]:
     """Return all points of the sweep: plain renderings, first-hit rays with uniform and adaptive sampling, knobs."""
-    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed, light)))
+    return list(dict.fromkeys(point for seed in seeds for point in _points_of_a_seed(seed)))
 
 
-def _points_of_a_seed(seed: int, light: Light) -> list[Point]:
+def _points_of_a_seed(seed: int) -> list[Point]:
     renderings = [Rendering(spp, "common", seed) for spp in (2, 8, 32, 128)]
     renderings += [Rendering(spp, "independent", seed) for spp in (32, 512)]
     renderings += [Rendering(spp, "common", seed, "sobol") for spp in (8, 32)]
@@ -205,15 +199,15 @@ def _points_of_a_seed(seed: int, light: Light) -> list[Point]:
         *(Point(rendering, detector) for rendering in renderings for detector in (ESIM, BASE)),
         *(Point(rendering, IRRADIANCE) for rendering in looking),
         *(Point(base, detector) for detector in (*turned, DetectorSetting("wlr-esim", window=13, stride=1, history=1))),
-        *named_points(seed, light).values(),
+        *named_points(seed).values(),
     ]
 
 
-def quick_points(seed: int, light: Light = LIGHTS[0]) -> list[Point]:
+def quick_points(seed: int) -> list[Point]:
     """Return a dozen points: the base with one knob turned at a time, and what it is to be compared with."""
     some, more = Rendering(8, "common", seed), Rendering(32, "common", seed)
     fresh = Rendering(32, "independent", seed)
-    named = named_points(seed, light)
+    named = named_points(seed)
     return [
         Point(some, ESIM),
         Point(some, BASE),

@@ -127,8 +127,7 @@ SAMPLING = Annotated[
     Sampling | None,
     advanced(
         help="The same for every pixel; or as much as tells whether an event fires; or (cached) with light kept on "
-        "surfaces, where nothing but the camera moves; or (in-turn) with paths kept and traced again in turn, where "
-        "the camera stands still. [the quality's]"
+        "surfaces. [the quality's]"
     ),
 ]
 PROBE_SPP = Annotated[

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.tradeoff_settings import LIGHTS, named_points
+from clsim.bench.tradeoff_settings import named_points
 from clsim.cli.figure import new_figure
 from clsim.cli.label_places import place_labels
 from clsim.errors import InputError
@@ -154,7 +154,7 @@ def _label_points(panel: Any, results: dict[str, Any], value: str) -> None:
 
 def _quality(row: dict[str, Any]) -> str:
     """Return what ``clsim live --quality`` calls a setting, or nothing."""
-    for name, point in itertools.chain.from_iterable(named_points(0, light).items() for light in LIGHTS):
+    for name, point in named_points(0).items():
         if all(row[key] == value for key, value in point.as_dict().items() if key != "seed"):
             return name
     return ""

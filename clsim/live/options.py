@@ -13,18 +13,11 @@ from clsim.errors import InputError
 from clsim.events.files import LABELLED
 from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
-from clsim.live.light import Light
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
-    ALL_BY_PATHS,
-    APART,
-    APART_SLOW,
-    CACHED,
+    ANEW,
     DEFAULT,
     FOLLOWED,
-    IN_TURN,
-    LAMPS_MOVE,
-    MOVES_BY_PATHS,
     PLAIN,
     QUALITIES,
     Noise,
@@ -70,8 +63,7 @@ class LiveOptions:
     sampling: Sampling | None = None
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
-    Or, cached, as many as make known the light that is kept on surfaces; None takes that where light stands still.
-    Or, in-turn, some of those that are kept from frame to frame, where the camera stands still."""
+    Or, cached, as many as make known the light that is kept on surfaces."""
     probe_spp: int | None = None
     """Light paths that every pixel gets, where sampling is adaptive."""
     probe_every: int | None = None
@@ -197,13 +189,14 @@ class LiveOptions:
     def point(self) -> Point:
         """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
 
-        Where no quality is named, what rules the default's adaptive sampling out makes it uniform. Whether a scene's
-        light stands still is not known here: see `settled`.
+        A method that finds light anew, or the sampling, takes the settings of that. Where no quality is named, noise of
+        their own or no first-hit rays make samples uniform.
         """
         basis = self.basis
-        others = {"cached": CACHED, "in-turn": IN_TURN}.get(self.sampling or "", {})
-        named = PLAIN if basis is None else (QUALITIES | others)[basis]
-        if self.quality is None and (self.noise == "independent" or self.first_hit_rays == 0):
+        plain = self.noise == "independent" or self.first_hit_rays == 0
+        anew = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
+        named = PLAIN if basis is None else (QUALITIES | ANEW if anew else QUALITIES)[basis]
+        if self.quality is None and plain:
             named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})
         if self.probe_every is None and (point.noise != "common" or point.first_hit_rays == 0):
@@ -215,59 +208,17 @@ class LiveOptions:
             point = replace(point, event_rule="interpolated")
         return point
 
-    def settled(self, light: Light) -> LiveOptions:
-        """Return the options for a scene of such light, in which it is said when brightness is found, and how."""
-        return self._timed(light)._lit(light)
-
-    def _timed(self, light: Light) -> LiveOptions:
+    def settled(self, fast: bool) -> LiveOptions:
         """Return the options with a time that is not auto.
 
-        It is adaptive where things go fast with a quality that follows them, if nothing is given that goes without.
+        It is adaptive where things go ``fast`` with a quality that follows them, if nothing is given that goes without.
         """
         if self.time != "auto":
             return self
-        if light.fast and self.basis in FOLLOWED and self.pace == "max" and self.sampling != "in-turn":
+        if fast and self.basis in FOLLOWED and self.pace == "max":
             with contextlib.suppress(InputError):
                 return replace(self, time="adaptive")
         return replace(self, time="fixed")
-
-    def _lit(self, light: Light) -> LiveOptions:
-        """Return the options for such light: a named quality keeps it on surfaces where it stands still.
-
-        That is so unless a setting is given that goes without it, or the sampling itself. Where all light is found by
-        paths, there are more of these, unless it is told how many, and `draft` spends them by what is near an event
-        where things move, unless a governor changes them; where it is not, and things move, there may be fewer, the
-        more so where they go slowly. Where the camera watches what moves, paths are kept, unless they are found
-        between frames too, a governor changes them, or an event wants evidence.
-        """
-        free = (self.sampling, self.method, self.window, self.probe_spp)
-        fits = self.noise != "independent" and self.first_hit_rays != 0
-        if not fits or free != (None,) * len(free):
-            return self
-        if self.basis in CACHED and (light.stands_still or self.confidence == 0):
-            kept = replace(self, sampling="cached")
-            if light.all_by_paths and self.basis in ALL_BY_PATHS and (self.spp, self.probe_every) == (None, None):
-                kept = kept._with_instead(ALL_BY_PATHS[self.basis])
-            return kept
-        plain = self.time == "fixed" and self.pace == "max" and self.confidence == 0
-        if light.watched and plain and not light.all_by_paths and self.basis in IN_TURN:
-            in_turn = replace(self, sampling="in-turn")
-            if not light.lamps_move:
-                return in_turn
-            if self.basis in LAMPS_MOVE:
-                return in_turn._with_instead(LAMPS_MOVE[self.basis]) if self.spp is None else in_turn
-        if (self.spp, self.probe_every) != (None, None):
-            return self
-        if light.all_by_paths and self.basis in MOVES_BY_PATHS and self.pace == "max":
-            return self._with_instead(MOVES_BY_PATHS[self.basis])
-        if self.basis in APART and not light.all_by_paths:
-            slow = APART_SLOW.get(self.basis, {}) if light.slow else {}
-            return replace(self, **APART[self.basis] | slow)
-        return self
-
-    def _with_instead(self, others: Mapping[str, Any]) -> LiveOptions:
-        """Return the options with those settings, but for what was given."""
-        return replace(self, **{name: value for name, value in others.items() if getattr(self, name) is None})
 
     @property
     def basis(self) -> Quality | None:
@@ -275,9 +226,7 @@ class LiveOptions:
         if self.quality is not None:
             return self.quality
         return (
-            DEFAULT
-            if self.method is None or self.sampling in ("adaptive", "cached", "in-turn") or self.pace == "real"
-            else None
+            DEFAULT if self.method is None or self.sampling in ("adaptive", "cached") or self.pace == "real" else None
         )
 
     @property
@@ -350,7 +299,7 @@ class LiveOptions:
         point = self.point
         if point.sampling == "uniform" and self.probe_spp is not None:
             raise InputError(
-                f"`probe_spp` {self.probe_spp} is for `sampling` adaptive, cached or in-turn, but sampling is uniform"
+                f"`probe_spp` {self.probe_spp} is for `sampling` adaptive or cached, but sampling is uniform"
             )
         if point.probe_every > 1:
             self._need_first_hit_rays(f"`probe_every` {point.probe_every}")

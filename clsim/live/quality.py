@@ -8,7 +8,7 @@ from typing import Any, Literal
 from clsim.detect.config import DetectorConfig, EventRule, Gate, Method
 
 Quality = Literal["draft", "balanced", "accurate", "exact", "published"]
-Sampling = Literal["uniform", "adaptive", "cached", "in-turn"]
+Sampling = Literal["uniform", "adaptive", "cached"]
 Sampler = Literal["pcg", "sobol"]
 Noise = Literal["common", "independent"]
 
@@ -23,8 +23,7 @@ class Point:
     sampling: Sampling
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
-    ``cached`` keeps light on surfaces, where nothing but the camera moves; few paths will do where it is known.
-    ``in-turn`` keeps paths where the camera stands still, and traces some of them again in each frame.
+    ``cached`` keeps light on surfaces, and paths that follow it where something moves; few will do where it is known.
     """
     probe_spp: int
     """Light paths that every pixel gets, where sampling is adaptive or cached."""
@@ -40,6 +39,10 @@ class Point:
     gate: Gate = "radiance"
     """Where a method that has gates solves a regression."""
     event_rule: EventRule = "interpolated"
+    stored_paths: int = 64
+    """Paths that follow the light in a cell of it; see `clsim.render.RenderOptions`."""
+    follow_every: int = 4
+    """Frames in which each of these is traced again once where lamps move; see there too."""
 
     def text(self) -> str:
         """Return the settings in a few words, for people."""
@@ -54,8 +57,6 @@ class Point:
         parts.append(self.sampler)
         if self.sampling == "cached":
             parts.append("light kept on surfaces")
-        if self.sampling == "in-turn":
-            parts.append("paths traced again in turn")
         if self.noise != "common":
             parts.append(f"{self.noise} noise")
         if self.gate != "radiance" and "gate" not in unused:
@@ -67,39 +68,44 @@ class Point:
 
 PLAIN = Point(method="esim-ad", window=None, sampling="uniform", probe_spp=1, spp=8, first_hit_rays=0, sampler="pcg")
 """What runs where a method is named but no quality."""
+
+
+def _cached(
+    spp: int, probe_spp: int, probe_every: int, first_hit_rays: int, stored_paths: int, follow_every: int
+) -> Point:
+    return Point(
+        method="esim",
+        window=None,
+        sampling="cached",
+        probe_spp=probe_spp,
+        spp=spp,
+        first_hit_rays=first_hit_rays,
+        sampler="sobol",
+        probe_every=probe_every,
+        event_rule="linear-light",
+        stored_paths=stored_paths,
+        follow_every=follow_every,
+    )
+
+
+def _adaptive(spp: int, probe_spp: int, probe_every: int, first_hit_rays: int) -> Point:
+    return Point(
+        method="irradiance",
+        window=7,
+        sampling="adaptive",
+        probe_spp=probe_spp,
+        spp=spp,
+        first_hit_rays=first_hit_rays,
+        sampler="sobol",
+        probe_every=probe_every,
+        event_rule="linear-light",
+    )
+
+
 QUALITIES: dict[Quality, Point] = {
-    "draft": Point(
-        method="irradiance",
-        window=7,
-        sampling="uniform",
-        probe_spp=1,
-        spp=1,
-        first_hit_rays=8,
-        sampler="sobol",
-        probe_every=2,
-        event_rule="linear-light",
-    ),
-    "balanced": Point(
-        method="irradiance",
-        window=7,
-        sampling="adaptive",
-        probe_spp=1,
-        spp=8,
-        first_hit_rays=12,
-        sampler="sobol",
-        probe_every=2,
-        event_rule="linear-light",
-    ),
-    "accurate": Point(
-        method="irradiance",
-        window=7,
-        sampling="adaptive",
-        probe_spp=4,
-        spp=64,
-        first_hit_rays=64,
-        sampler="sobol",
-        event_rule="linear-light",
-    ),
+    "draft": _cached(2, 1, 64, 8, stored_paths=64, follow_every=8),
+    "balanced": _cached(8, 1, 16, 32, stored_paths=128, follow_every=4),
+    "accurate": _cached(32, 2, 4, 256, stored_paths=256, follow_every=1),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"
     ),
@@ -116,114 +122,12 @@ QUALITIES: dict[Quality, Point] = {
         event_rule="frame",
     ),
 }
-CACHED: dict[Quality, Point] = {
-    "draft": Point(
-        method="esim",
-        window=None,
-        sampling="cached",
-        probe_spp=1,
-        spp=2,
-        first_hit_rays=8,
-        sampler="sobol",
-        probe_every=64,
-        event_rule="linear-light",
-    ),
-    "balanced": Point(
-        method="esim",
-        window=None,
-        sampling="cached",
-        probe_spp=1,
-        spp=4,
-        first_hit_rays=32,
-        sampler="sobol",
-        probe_every=16,
-        event_rule="linear-light",
-    ),
-    "accurate": Point(
-        method="esim",
-        window=None,
-        sampling="cached",
-        probe_spp=2,
-        spp=32,
-        first_hit_rays=256,
-        sampler="sobol",
-        probe_every=4,
-        event_rule="linear-light",
-    ),
+ANEW: dict[Quality, Point] = {
+    "draft": _adaptive(2, 1, 2, 8),
+    "balanced": _adaptive(8, 1, 2, 12),
+    "accurate": _adaptive(64, 4, 1, 64),
 }
-"""What those qualities are where light stands still, for nothing but the camera moves: it is kept on surfaces."""
-IN_TURN: dict[Quality, Point] = {
-    "draft": Point(
-        method="esim",
-        window=None,
-        sampling="in-turn",
-        probe_spp=1,
-        spp=8,
-        first_hit_rays=16,
-        sampler="sobol",
-        probe_every=8,
-        event_rule="linear-light",
-    ),
-    "balanced": Point(
-        method="esim",
-        window=None,
-        sampling="in-turn",
-        probe_spp=4,
-        spp=32,
-        first_hit_rays=32,
-        sampler="sobol",
-        probe_every=6,
-        event_rule="linear-light",
-    ),
-    "accurate": Point(
-        method="esim",
-        window=None,
-        sampling="in-turn",
-        probe_spp=16,
-        spp=64,
-        first_hit_rays=128,
-        sampler="sobol",
-        probe_every=2,
-        event_rule="linear-light",
-    ),
-}
-"""What those qualities are where things move before a camera that stands still, and light straight from lamps is found
-apart: paths are kept, and traced again in turn."""
-LAMPS_MOVE: dict[Quality, dict[str, int]] = {
-    "balanced": {"spp": 8, "probe_spp": 2, "probe_every": 8, "first_hit_rays": 12},
-    "accurate": {"probe_spp": 8, "first_hit_rays": 64},
-}
-"""What those have instead that keep paths where lamps move too: all is lit anew in each frame, and no look is kept."""
-ALL_BY_PATHS: dict[Quality, dict[str, int]] = {
-    "balanced": {"probe_spp": 1, "probe_every": 8, "spp": 16, "first_hit_rays": 48},
-    "accurate": {"probe_spp": 8, "probe_every": 1, "spp": 64},
-}
-"""What they have instead where paths find all light that is kept, also straight from lamps."""
-APART: dict[Quality, dict[str, Any]] = {
-    "draft": {"probe_every": 4, "window": 11},
-    "balanced": {"probe_every": 4, "window": 11, "spp": 6},
-    "accurate": {"probe_every": 4, "window": 11, "spp": 32},
-}
-"""What else holds of them where things move and light straight from lamps is found apart.
-
-The rest changes slowly and has no sharp shadows: it is found seldom, and smoothed more.
-"""
-APART_SLOW: dict[Quality, dict[str, Any]] = {"draft": {"probe_every": 8}, "balanced": {"probe_every": 8}}
-"""What holds of them then instead where things go slowly too."""
-MOVES_BY_PATHS: dict[Quality, dict[str, Any]] = {
-    "draft": {
-        "sampling": "adaptive",
-        "probe_spp": 1,
-        "spp": 3,
-        "probe_every": 8,
-        "window": 11,
-        "first_hit_rays": 12,
-    },
-}
-"""What they have instead where things move and paths find all light: one path shows more noise the more frames there
-are."""
-SLOW_SHARE = 0.01
-"""Share of the picture's width that things go in a frame, at most, where they go slowly."""
+"""What those qualities are where light is not kept but found anew in each frame, a baseline."""
 FOLLOWED: frozenset[Quality] = frozenset(("balanced", "accurate", "exact"))
 """Which of them trace pixels between frames too where things go fast, unless it is told when brightness is found."""
 DEFAULT: Quality = "balanced"
@@ -231,8 +135,8 @@ DEFAULT: Quality = "balanced"
 
 
 def setting_names() -> tuple[str, ...]:
-    """Return the names of the settings that a point has."""
-    return tuple(field.name for field in fields(Point))
+    """Return the names of the settings of a point that can be given."""
+    return tuple(field.name for field in fields(Point) if field.name not in ("stored_paths", "follow_every"))
 
 
 def with_given(point: Point, given: dict[str, Any]) -> Point:

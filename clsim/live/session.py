@@ -214,7 +214,7 @@ def open_live(
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
     # Pixels that share light found anew, or a window, with their neighbours need these looked at again too.
-    kept = stages.render.light_cache or stages.render.in_turn
+    kept = stages.render.light_cache
     by_paths = not stages.render.first_hit_rays
     second_look: Looks | None = None
     if not config.facts.windowed and (kept or by_paths):

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
-from clsim.live.base_rate import BASE_FPS, base_fps, camera_px_s
-from clsim.live.light import FAST_PX, Light
+from clsim.live.base_rate import BASE_FPS, base_fps, camera_px_s, fastest_px_s
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Detector
 from clsim.live.schedule import Schedule, truth_every
@@ -28,7 +27,8 @@ if TYPE_CHECKING:
     from clsim.sensor import Specimen
     from clsim.sensor.settings import Optics, SensorSettings
 
-
+FAST_PX = 2.0
+"""Way from frame to frame beyond which frames alone miss too much of what is seen [pixels]."""
 _FOLLOWED = (
     f"things go more than {FAST_PX:g} pixels from frame to frame, so pixels are traced between frames too; "
     "`time` fixed leaves that out"
@@ -173,24 +173,19 @@ def plan_stages(
     Where ``lights_set`` says that lights change from outside, their light does not stand still. What ``driven`` names
     is moved from outside: it may go fast, and the camera need not stand still.
     """
-    from clsim.render import RenderOptions, check_device, lamps_move, light_stands_still
+    from clsim.render import RenderOptions, check_device, lamps_move
 
     if world is None:
         world = alone(load_options_world(options))
     by_frames = options.time in ("auto", "fixed") or lamps_move(world)
     fps = options.fps or (world.fps if by_frames else base_fps(world))
-    light = Light.of(world, fps, driven, lights_set=lights_set)
-    unasked, options = options.time == "auto", options.settled(light)
+    fast = _goes_fast(world, fps, driven) and not lights_set
+    unasked, options = options.time == "auto", options.settled(fast)
     notes = (_FOLLOWED,) if unasked and options.time == "adaptive" else ()
     told = unasked and options.pace == "max" and CAMERA not in driven
     missed_by = _missed_by_frames(camera_px_s(world) / fps, fps) if told else ()
     point = options.point
-    steered = point.sampling in ("adaptive", "in-turn")
-    if point.sampling == "in-turn" and not (light.watched and options.time == "fixed"):
-        raise InputError(
-            "`sampling` in-turn needs `time` fixed and a scene whose camera stands still and where no light changes, "
-            f"by itself or from outside, which does not hold of {world.name}; use adaptive"
-        )
+    steered = point.sampling == "adaptive"
     detector = _detector_config(options, world)
     ideal = options.sensor is None or options.sensor.is_ideal
     render = RenderOptions(
@@ -199,7 +194,8 @@ def plan_stages(
         probe_every=point.probe_every,
         first_hit_rays=point.first_hit_rays,
         light_cache=point.sampling == "cached",
-        in_turn=point.sampling == "in-turn",
+        stored_paths=point.stored_paths,
+        follow_every=point.follow_every,
         light_hz=None if options.time == "fixed" else BASE_FPS,
         fires_at=detector.fires_at if ideal and point.sampling == "cached" and options.time == "fixed" else None,
         fps=fps,
@@ -228,6 +224,15 @@ def plan_stages(
         retracing = Retracing(tolerance_us, way_px(options.time), render)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
     return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes, missed_by)
+
+
+def _goes_fast(world: World, fps: float, driven: Collection[str]) -> bool:
+    """Whether rigid things go so far from frame to frame, before a camera that stands still, that much is missed."""
+    from clsim.render import camera_watches
+
+    # Before such a camera few pixels change. One that exposes sees no instants between frames.
+    watched = camera_watches(world) and not driven and world.camera.shutter_s == 0
+    return watched and fastest_px_s(world) / fps > FAST_PX
 
 
 def _missed_by_frames(camera_px: float, fps: float) -> tuple[str, ...]:

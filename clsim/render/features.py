@@ -112,7 +112,6 @@ class Features(SceneFeatures):
         variances: the planes of variances are wanted.
         first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
         light_cache: first hits take their light from what is kept on surfaces.
-        in_turn: paths are kept, and traced again in turn.
         coats: what the coats of plastics reflect is kept apart from the light on their bases.
         lamp_light: light straight from lamps is found apart from paths, in closed form but for shadows.
         requests: a list tells which pixels are traced, and at which instants.
@@ -130,7 +129,6 @@ class Features(SceneFeatures):
     variances: bool
     first_hits: bool
     light_cache: bool
-    in_turn: bool
     requests: bool
     coats: bool
     lamp_light: bool
@@ -146,11 +144,6 @@ class Features(SceneFeatures):
     def shadow_rays(self) -> bool:
         """Whether it is told which rays of a pixel reach the lamps: all do or do not, and the light is kept."""
         return self.light_cache and self.lamp_light and self.sharp and not self.alpha
-
-    @property
-    def keeps_looks(self) -> bool:
-        """Whether what first-hit rays saw is kept while nothing that moves comes near: the camera stands still."""
-        return self.in_turn and self.sharp and not self.lamps_move
 
     @property
     def sharp(self) -> bool:
@@ -194,7 +187,7 @@ class Features(SceneFeatures):
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
             (self.light_cache, "light kept on surfaces"),
-            (self.in_turn, "paths kept and traced again in turn"),
+            (self.anchored, "stored paths that follow the light"),
             (self.coats, "light of coats kept apart"),
             (self.lamp_light, "light straight from lamps in closed form"),
         )
@@ -220,14 +213,14 @@ def view_features(
     first_hits: bool = False,
     light_cache: bool = False,
     requests: bool = False,
-    in_turn: bool = False,
     replay: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     lamp_light = first_hits and lamps_apart(scene, strategy)
+    about_kept_light = {name: getattr(scene, name) and light_cache for name in ("light_changes", "deforms")}
     return Features(
         # Of how many lamps there are, other kernels know nothing, and are the same ones.
-        **(vars(scene) | {"few_lamps": lamp_light}),
+        **(vars(scene) | {"few_lamps": lamp_light} | about_kept_light),
         follow_specular=follow_specular and scene.mirrors,
         camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
         projection=camera.lens.model,
@@ -238,7 +231,6 @@ def view_features(
         variances=variances and not requests,
         first_hits=first_hits,
         light_cache=light_cache,
-        in_turn=in_turn,
         requests=requests,
         coats=light_cache and "plastic" in scene.kinds and not scene.blends,
         lamp_light=lamp_light,

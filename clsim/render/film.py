@@ -25,8 +25,8 @@ class Sample:
     ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
 
     ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
-    ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``guarded`` is whether a way led through where something
-    moves (`guards.py`). ``boxed`` is whether the first ray went into the box around an instance, or met a lamp.
+    ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
+    the box around an instance, or met a lamp.
 
     Where cells lie on what moves, ``instance`` is what was hit, −1 for none; ``rest`` and ``rest_normal`` are where
     that place is, and how its triangle faces, while the instance rests. Of a path, ``met_triangle`` and ``weights``
@@ -49,7 +49,6 @@ class Sample:
     lamp: bool
     lamp_all: float
     lamp_lit: float
-    guarded: bool
     boxed: bool
     instance: int
     rest: wp.vec3

@@ -78,8 +78,7 @@ class Seen:
 
     ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
     ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
-    them, they are 0, and its first bit is for all of the pixel. ``guarded`` is whether a ray led through where
-    something moves (`guards.py`).
+    them, they are 0, and its first bit is for all of the pixel.
     """
 
     things: int
@@ -88,7 +87,6 @@ class Seen:
     counted: bool
     by_colour: bool
     shadow: Shadow
-    guarded: bool
 
 
 @wp.func
@@ -330,7 +328,6 @@ def make_look(
         skipped = int(0)
         more_light = float(0.0)
         shadow = Shadow()
-        guarded = bool(False)
         if wp.static(shadow_rays):
             if edge.alone and (edge.plain or edge.flat):
                 shadow.triangle = corners[nearest].triangle
@@ -374,7 +371,6 @@ def make_look(
             if corner >= 0 or places or edge.flat:
                 width = 0.0
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
-            guarded = guarded or sample.guarded
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
@@ -407,7 +403,6 @@ def make_look(
             scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,
             shadows, more_light, shadow, things,
         )  # fmt: skip
-        seen.guarded = guarded
         return seen
 
     return look

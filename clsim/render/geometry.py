@@ -53,10 +53,9 @@ class Geometry:
     Without motion blur instances have ``to_world`` and ``to_object``, one after the other for each instant, with it
     ``places``, likewise for each key of the interval, and so have spheres, with ``sphere_steps``. Where deforming
     meshes blur, each has a mesh for each key, which differ in their vertices alone, and ``instance_mesh`` goes on for
-    each key. ``normals`` and ``uvs`` are empty where there are ``shading_rows``. ``guards`` holds the lower and the
-    upper corner of each box that something moving may take (`guards.py`). ``rest_vertices`` are all vertices as they
-    were at first, and ``rest_scales`` tell how much larger instances are in the world. ``trails`` take down where
-    stored paths go (`stored_paths.py`).
+    each key. ``normals`` and ``uvs`` are empty where there are ``shading_rows``. ``rest_vertices`` are all vertices
+    as they were at first, and ``rest_scales`` tell how much larger instances are in the world. ``trails`` take down
+    where stored paths go (`stored_paths.py`).
     """
 
     mesh_handles: wp.array(dtype=wp.uint64)
@@ -78,8 +77,6 @@ class Geometry:
     spheres: wp.array(dtype=wp.vec4)
     sphere_steps: wp.array(dtype=wp.vec3)
     sphere_count: int
-    guards: wp.array(dtype=wp.vec3)
-    guard_count: int
     rest_vertices: wp.array(dtype=wp.vec3)
     rest_scales: wp.array(dtype=float)
     trails: wp.array2d(dtype=wp.vec3)

@@ -120,13 +120,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
         make: Any
         if features.light_cache:
             from clsim.render.cached import make_cached as make
-        elif features.in_turn:
-            from clsim.render.in_turn import make_in_turn as make
         else:
             from clsim.render.steered import make_steered as make
-        kept = (features.keeps_looks,) if features.in_turn else ()
-        if features.light_cache:
-            kept = features.anchored, features.two_level
+        kept = (features.anchored, features.two_level and not features.motion_blur) if features.light_cache else ()
         return make(features.sobol, *kept, look, shoot, *types, kernel_options())
 
     return make_plain(gather, store, *types, kernel_options())

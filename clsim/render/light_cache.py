@@ -14,8 +14,8 @@ it knew before the last frame's paths, and `look_up` gives both: their ratio is 
 How well a cell knows its light follows from how different the paths are that it averages.
 
 Where something else than the camera moves, or light changes, cells lie on what moves, and some paths are stored in
-them and traced again (`stored_paths.py`). What these find now, beside what they found when others were averaged, tells
-how the light has changed since: `Followed` has both.
+them and traced again (`stored_paths.py`). What these find now, beside what they found at first, tells how the light has
+changed since: `Followed` has that, and what is averaged is the light as it was then.
 """
 
 import warp as wp
@@ -35,8 +35,6 @@ _SURE = wp.constant(2.0)
 """Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
 _WANTED_STORED = wp.constant(64.0)
 """Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
-_LEAST_REFERENCE = wp.constant(0.1)
-"""Part of the light that stored paths know at least where it follows them in proportion."""
 _PROBES = wp.constant(64)
 BLOCK = 16
 """Cells side by side on a surface that have neighbouring rows."""
@@ -70,27 +68,28 @@ class Cell:
 
 @wp.struct
 class Followed:
-    """What stored paths tell of a cell.
+    """How the light of a cell has changed: it is ``factor`` times what was averaged, and ``more``; stored paths tell.
 
     Attributes:
+        factor: by which the light has changed since paths were first stored here.
+        more: light that came where next to none was.
+        count: number of stored paths; 0 tells of no change.
         light: mean of what they find now, irradiance over π.
-        count: number of them.
-        reference: mean of what they told of the places of all paths of the cell, each when it was traced.
-        update: number of the last update in which any was stored here.
-        before, count_before: light and number without those.
-        reference_before: the reference before the cell's last update.
-        step: by how much the light has changed in the step to the frame ``stepped``, from what it was ``last``.
+        base: what that would be if nothing had changed.
+        step: by how much the factor has changed in the step to the frame ``stepped``.
+        last, base_last, count_last: light, base and number before the last change of any.
+        stepped: number of a frame.
     """
 
-    light: wp.vec3
+    factor: wp.vec3
+    more: wp.vec3
     count: float
-    reference: wp.vec3
-    update: int
-    before: wp.vec3
-    count_before: float
-    reference_before: wp.vec3
+    light: wp.vec3
+    base: wp.vec3
     step: wp.vec3
     last: wp.vec3
+    base_last: wp.vec3
+    count_last: float
     stepped: int
 
 
@@ -107,7 +106,6 @@ class Kept:
         off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
             chance, which is always the same. Where nobody asked, 0.
         off_before: the same of the light before.
-        followed: the light as stored paths find it now; 0 where none was near.
     """
 
     light: wp.vec3
@@ -117,7 +115,6 @@ class Kept:
     finely: float
     off: float
     off_before: float
-    followed: wp.vec3
 
 
 @wp.struct
@@ -258,35 +255,18 @@ def _off(key: wp.int64, error: float) -> float:
     return wp.where(odd == wp.uint64(1), error, -error)
 
 
-@wp.func
-def _changed(light: wp.vec3, reference: wp.vec3, now: wp.vec3) -> wp.vec3:
-    """Return the light that was averaged where stored paths told of ``reference``, as it is where they tell of ``now``.
-
-    By their ratio, so that a lamp that goes out leaves nothing behind; where they know too little, by the difference.
-    """
-    after = wp.vec3()
-    for c in range(3):
-        if reference[c] > _LEAST_REFERENCE * light[c]:
-            after[c] = light[c] * now[c] / reference[c]
-        else:
-            after[c] = wp.max(light[c] + now[c] - reference[c], 0.0)
-    return after
-
-
 @wp.struct
 class Level:
     """What the cells of one size know of the light at a point, or those of several sizes.
 
     Attributes:
         light: irradiance over π.
-        reference: what stored paths told when that was averaged.
         off: by how much its brightness might be off, in each cell up or down by chance.
         variance: of what one path finds, in brightness.
         paths: number of paths near the point.
     """
 
     light: wp.vec3
-    reference: wp.vec3
     off: float
     variance: float
     paths: float
@@ -326,7 +306,6 @@ def _finer(coarse: Level, sums: Level) -> Level:
         if coarse.paths > 0.0:
             share = beyond / wp.max(beyond + chance, 1.0e-30)
         after.light = coarse.light + (light - coarse.light) * share
-        after.reference = coarse.reference + (sums.reference * each - coarse.reference) * share
         after.off = coarse.off + (sums.off * each - coarse.off) * share
         after.variance = variance
         after.paths = known
@@ -360,10 +339,9 @@ def look_up(
     left = float(1.0)
     whole = Level()
     whole_before = Level()
-    now = wp.vec3()
-    now_before = wp.vec3()
+    factor = wp.vec3(1.0, 1.0, 1.0)
+    more = wp.vec3()
     told = float(0.0)
-    told_before = float(0.0)
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
     level = int(_LEVELS - 1)
@@ -377,10 +355,9 @@ def look_up(
         grid = grid_of(size + level, face, layer)
         sums = Level()
         sums_before = Level()
-        found = wp.vec3()
-        found_before = wp.vec3()
+        factors = wp.vec3()
+        extra = wp.vec3()
         paths = float(0.0)
-        paths_before = float(0.0)
         for i in range(corners):
             dx = float(i & 1)
             dy = float((i >> 1) & 1)
@@ -400,20 +377,11 @@ def look_up(
                     )
                     if asked.follows:
                         by = followed[row]
-                        if by.update != asked.last_update:
-                            by.before = by.light
-                            by.count_before = by.count
                         if by.stepped == asked.frame:
-                            by.light -= by.step * asked.to_go
-                            by.before -= by.step * asked.to_go
-                        if cell.update != asked.last_update:
-                            by.reference_before = by.reference
-                        found += by.light * (weight * by.count)
+                            by.factor -= by.step * asked.to_go
+                        factors += by.factor * (weight * by.count)
+                        extra += by.more * (weight * by.count)
                         paths += weight * by.count
-                        sums.reference += by.reference * (weight * cell.count)
-                        found_before += by.before * (weight * by.count_before)
-                        paths_before += weight * by.count_before
-                        sums_before.reference += by.reference_before * (weight * cell.count_before)
         # By the same rule in both, so that what was known before is what the last frame showed.
         if level >= finest:
             whole = _finer(whole, sums)
@@ -424,23 +392,15 @@ def look_up(
             whole_before = _finer(whole_before, sums_before)
         if paths > 0.0:
             share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
-            now += (found / paths - now) * share
+            factor += (factors / paths - factor) * share
+            more += (extra / paths - more) * share
             told += paths
-        if paths_before > 0.0:
-            share = wp.where(told_before > 0.0, paths_before / (paths_before + _WANTED_STORED), 1.0)
-            now_before += (found_before / paths_before - now_before) * share
-            told_before += paths_before
         side_m = side_m * 0.5
         level = level - 1
     kept.known = 1.0 - left
-    kept.light = whole.light
-    kept.followed = now
-    if told > 0.0 and whole.paths > 0.0:
-        kept.light = _changed(whole.light, whole.reference, now)
-    kept.off = whole.off / wp.max(_bright(kept.light), 1.0e-20)
+    kept.light = wp.cw_mul(whole.light, factor) + more
+    kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
     kept.known_before = whole_before.paths > 0.0
-    kept.before = whole_before.light
-    if told_before > 0.0 and kept.known_before:
-        kept.before = _changed(whole_before.light, whole_before.reference, now_before)
-    kept.off_before = whole_before.off / wp.max(_bright(kept.before), 1.0e-20)
+    kept.before = wp.cw_mul(whole_before.light, factor) + more
+    kept.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
     return kept

@@ -60,7 +60,14 @@ def nothing_shown(device: Any) -> dict[str, Any]:
     """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
     empty: dict[str, Any] = {"steering": Gathering()}
     shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
-    for name, kind in (("cells", Cell), ("followed", Followed), ("own", wp.vec3), ("own_before", wp.vec3), ("learnt", wp.float32), *shadows):
+    for name, kind in (
+        ("cells", Cell),
+        ("followed", Followed),
+        ("own", wp.vec3),
+        ("own_before", wp.vec3),
+        ("learnt", wp.float32),
+        *shadows,
+    ):
         empty[name] = wp.zeros(1, dtype=kind, device=device)
     empty["light_passed"] = empty["passed"]
     return empty
@@ -176,7 +183,7 @@ class LightKeeper:
         return {
             "steering": Gathering(),
             "cells": self._cells,
-            "followed": self._told[2],
+            "followed": self._told[1],
             "own": self._own,
             "traced": self._traced,
             "learnt": self._learnt,
@@ -243,7 +250,13 @@ class LightKeeper:
             self._times_us = [*self._times_us[-1:], time_us]
             self._shadows.reverse()
         self._gathering.tells_shadows = self._pace_hz is not None
-        changed = {"steering": self._gathering, "cells": self._cells, "followed": self._told[2], "again": 0, **self._found}
+        changed = {
+            "steering": self._gathering,
+            "cells": self._cells,
+            "followed": self._told[1],
+            "again": 0,
+            **self._found,
+        }
         changed["out_shadows"] = self._shadows[1]
         return changed, effort.spp if self._learns else 0
 
@@ -253,7 +266,7 @@ class LightKeeper:
         own, learnt = self._own, self._learnt
         if self._gathering.earlier:
             own, learnt = self._own_before, self._learnt_before
-        light = {"cells": self._cells, "followed": self._told[2], "own": self._own, "own_before": own, "learnt": learnt}
+        light = {"cells": self._cells, "followed": self._told[1], "own": self._own, "own_before": own, "learnt": learnt}
         shadows = {"shadows_before": self._shadows[0], "shadows_after": self._shadows[1]}
         return {"steering": self._gathering} | light | shadows
 
@@ -349,27 +362,28 @@ class LightKeeper:
         while self._is_full() and self._grow():
             self._open_cells()
         self._add.set_param_by_name("sums", self._sums)
+        self._add.set_param_by_name("followed", self._told[1])
         self._add.launch()
         self._average.set_param_by_name("sums", self._sums)
         self._average.set_param_by_name("cells", self._cells)
         self._average.launch()
         if self._store is not None:
-            found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
+            found = {name: self._found[f"out_{name}"] for name in ("positions", "met")}
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
-            self._store.store(found, self._asked(), self._cells, self._told, self._update, self._found_paths)
+            self._store.store(found, self._cells, self._told, self._found_paths)
             self.paths += self._store.take_count()
 
-    def _table(self, rows: int) -> tuple[Any, Any, Any, Any]:
+    def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
         """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
         keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
         sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
         cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)
         return keys, sums, cells, self._store.table(rows) if self._store else self._nothing_told()
 
-    def _nothing_told(self) -> tuple[Any, Any, Any]:
+    def _nothing_told(self) -> tuple[Any, Any]:
         sums: Any = wp.zeros((1, 1), dtype=wp.int64, device=self._device)
         followed: Any = wp.zeros(1, dtype=Followed, device=self._device)
-        return sums, sums, followed
+        return sums, followed
 
     def _make_room(self, paths: int) -> None:
         """Allocate what the paths of a frame find, and record the launches that keep it."""
@@ -386,17 +400,17 @@ class LightKeeper:
         kernels = build_updates()
         self._open = record(
             kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
-            keys=self._keys, cells=self._cells, followed=self._told[2], out_rows=rows, out_used=self._used,
+            keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
         )  # fmt: skip
         self._add = record(
-            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows, sums=self._sums
-        )
+            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows,
+            follows=self._store is not None, followed=self._told[1], sums=self._sums,
+        )  # fmt: skip
         self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
 
     def _open_cells(self) -> None:
         self._open.set_param_by_name("keys", self._keys)
         self._open.set_param_by_name("cells", self._cells)
-        self._open.set_param_by_name("followed", self._told[2])
         self._open.launch()
 
     def _is_full(self) -> bool:
@@ -414,11 +428,11 @@ class LightKeeper:
         larger: bool = 2 * rows <= _LARGEST_TABLE
         sums, source, told = self._sums, self._cells, self._told
         self._keys, self._sums, self._cells, self._told = self._table(2 * rows if larger else rows)
-        moved_to: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
+        moved: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
         oldest = 0 if larger else max(0, self._update - _REMEMBERED)
         self._used.zero_()
         to = [self._keys, self._sums, self._cells, self._used]
-        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to, moved_to], device=self._device)
+        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to, moved], device=self._device)
         if self._store is not None:
-            self._store.move(moved_to, told, self._told)
+            self._store.move(moved, told, self._told)
         return larger or bool(self._used.numpy()[0] < used)

@@ -32,6 +32,8 @@ _PATHS = wp.constant(1)
 """Of what a pixel spent: first-hit rays, and these."""
 _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
+_LEAST_FACTOR = wp.constant(0.05)
+"""Where light has become less than this part of what it was, it tells nothing of that."""
 _LARGEST = wp.constant(65536.0)
 """Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
 
@@ -44,7 +46,6 @@ def open_cells(
     update: int,
     keys: wp.array(dtype=wp.int64),
     cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
     out_rows: wp.array3d(dtype=int),
     out_used: wp.array(dtype=int),
 ):
@@ -79,8 +80,6 @@ def open_cells(
                     cells[row].error_before = cells[row].error
                     cells[row].update = update
                     cells[row].key = key
-                    if asked.follows:
-                        followed[row].reference_before = followed[row].reference
                 side_m = side_m * 2.0
 
 
@@ -89,16 +88,29 @@ def add_to_cells(
     positions: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
+    follows: bool,
+    followed: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
 ):
-    """Add each path's irradiance to its cells; a thread is a pixel."""
+    """Add each path's irradiance to its cells; a thread is a pixel.
+
+    Where the light is followed, it is what the path would have found before it changed.
+    """
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
-            light = lights[i, pixel]
+            found = lights[i, pixel]
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
-                if row >= 0:
+                light = found
+                known = bool(True)
+                if row >= 0 and follows:
+                    by = followed[row]
+                    if by.count > 0.0:
+                        known = by.factor[0] + by.factor[1] + by.factor[2] > _LEAST_FACTOR
+                        for c in range(3):
+                            light[c] = (found[c] - by.more[c]) / wp.max(by.factor[c], _LEAST_FACTOR)
+                if row >= 0 and known:
                     bright = float(0.0)
                     for channel in range(3):
                         value = wp.clamp(light[channel], 0.0, _LARGEST)
@@ -121,7 +133,7 @@ def average(
         if positions[i, pixel][3] > 0.0:
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
-                if row >= 0:
+                if row >= 0 and sums[row, _COUNT] > wp.int64(0):
                     count = float(sums[row, _COUNT])
                     total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
                     cells[row].light = total / (_UNIT * count)

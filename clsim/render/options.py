@@ -81,19 +81,12 @@ class RenderOptions:
     light_cache: bool = False
     """Whether light is kept on surfaces and becomes better from frame to frame, so that few paths will do.
 
-    Needs first-hit rays, common noise and a world in which nothing but the camera moves. ``spp`` paths are traced where
-    little is known, ``probe_spp`` elsewhere.
+    Needs first-hit rays and common noise. ``spp`` paths are traced where little is known, ``probe_spp`` elsewhere.
     """
-    stored_paths: int = int(__import__("os").environ.get("CK", "128"))
-    """Paths that are stored in a cell of light, and traced again where what they met has moved."""
-    follow_every: int = int(__import__("os").environ.get("CE", "4"))
+    stored_paths: int = 64
+    """Where more than the camera moves: paths stored in a cell of light, traced again where what they met has moved."""
+    follow_every: int = 4
     """Frames in which each of these is traced again once, in turn, where lamps move; in between it changes steadily."""
-    in_turn: bool = False
-    """Whether paths are kept, and traced again in turn, so that few in a frame are worth ``spp``.
-
-    Needs first-hit rays, common noise and a camera that stands still. Of ``spp`` paths ``probe_spp`` are traced where
-    light changes, and one in each ``probe_every``-th frame elsewhere. Light comes smoothed, from pixels around.
-    """
     light_hz: float | None = None
     """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
 
@@ -107,7 +100,7 @@ class RenderOptions:
     look_again: int = 0
     """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
 
-    Needs ``light_cache``, ``in_turn`` or no first-hit rays; `View.seen_twice` has what was seen.
+    Needs ``light_cache`` or no first-hit rays; `View.seen_twice` has what was seen.
     """
     look_again_in: Patches | None = None
     """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``look_again``."""
@@ -131,6 +124,8 @@ class RenderOptions:
             ("tile_pixels", self.tile_pixels),
             ("probe_spp", self.probe_spp),
             ("probe_every", self.probe_every),
+            ("stored_paths", self.stored_paths),
+            ("follow_every", self.follow_every),
             ("truth_every", self.truth_every),
         ):
             if value is not None and value < 1:
@@ -157,7 +152,6 @@ class RenderOptions:
             ("probe_spp", self.probe_spp is not None),
             ("probe_every", self.probe_every > 1),
             ("light_cache", self.light_cache),
-            ("in_turn", self.in_turn),
         ):
             if steers and not self.first_hit_rays:
                 raise InputError(f"`{option}` needs `first_hit_rays` of at least 1, got 0")
@@ -165,20 +159,16 @@ class RenderOptions:
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
         if self.fires_at is not None and (not self.light_cache or self.light_hz is not None or min(self.fires_at) <= 0):
             raise InputError(f"`fires_at` {self.fires_at} needs positive thresholds, `light_cache` and no `light_hz`")
-        if self.in_turn and self.light_cache:
-            raise InputError("`in_turn` and `light_cache` are two ways to keep light; give one of them")
         if self.look_again < 0:
             raise InputError(f"`look_again` must not be negative, got {self.look_again}")
-        if self.look_again and self.first_hit_rays and not (self.light_cache or self.in_turn):
-            raise InputError(f"`look_again` {self.look_again} needs `light_cache`, `in_turn` or no `first_hit_rays`")
+        if self.look_again and self.first_hit_rays and not self.light_cache:
+            raise InputError(f"`look_again` {self.look_again} needs `light_cache` or no `first_hit_rays`")
         if self.look_again_in is not None and (self.look_again or self.first_hit_rays):
             raise InputError("`look_again_in` needs no `look_again` and no `first_hit_rays`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
-    def features(
-        self, scene: SceneFeatures, camera: Camera, requests: bool = False, replay: bool = False
-    ) -> Features:
+    def features(self, scene: SceneFeatures, camera: Camera, requests: bool = False, replay: bool = False) -> Features:
         """Return what the kernel has with which a camera looks at such a scene, at all pixels or those of requests."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
         return view_features(
@@ -191,7 +181,6 @@ class RenderOptions:
             first_hits,
             self.light_cache,
             requests,
-            self.in_turn,
             replay,
         )
 

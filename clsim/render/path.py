@@ -16,7 +16,6 @@ from clsim.render.environment import foresee_environment
 from clsim.render.features import Features
 from clsim.render.film import Sample
 from clsim.render.geometry import offset_origin
-from clsim.render.guards import meets_guard
 from clsim.render.intersection import face
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE
@@ -28,7 +27,6 @@ from clsim.render.trails import PLACES, note_light, note_place
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 _NEVER = wp.constant(1.0e-9)
-_FAR = wp.constant(1.0e30)
 
 
 def make_trace(
@@ -101,9 +99,6 @@ def make_trace(
             if wp.static(features.environment_map and by_light and not only_look):
                 foresee_environment(scene.lights.environment_image, uniform2(stream, dimension + sampling.LIGHT))
             hit = closest(scene, origin, direction, time, stream, depth)
-            if wp.static(only_look and features.keeps_looks):
-                far = wp.where(hit.triangle >= 0 or hit.sphere >= 0, hit.t, _FAR)
-                sample.guarded = sample.guarded or meets_guard(scene.geometry, origin, direction, far)
             if wp.static(only_look):
                 sample.boxed = sample.boxed or hit.boxed or hit.sphere >= 0
             if wp.static(features.absorption):
@@ -209,8 +204,6 @@ def make_trace(
                     if wp.static(features.lamp_light):
                         sample.lamp_all = sent.lamp_all
                         sample.lamp_lit = sent.lamp_lit
-                    if wp.static(only_look and features.keeps_looks):
-                        sample.guarded = sample.guarded or sent.guarded
             if wp.static(features.lamp_light):
                 if wp.static(only_look):
                     if not looking:

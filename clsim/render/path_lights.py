@@ -12,7 +12,6 @@ from clsim.render.bsdf_parts import Outgoing
 from clsim.render.features import Features
 from clsim.render.film import Sample
 from clsim.render.geometry import Hit, Surface, make_sphere_at
-from clsim.render.guards import meets_guard
 from clsim.render.kernel_input import Scene
 from clsim.render.lamp_light import rim_draw, rim_place
 from clsim.render.light_tree import Receiver
@@ -51,14 +50,12 @@ class Sent:
         radiance: what reaches the camera of it.
         lamp_all: luminance of the lamps' light if nothing stood between, over the density of that place on them.
         lamp_lit: what of it arrives.
-        guarded: the ray to the light comes near something that moves.
         towards: the place of the light, for a path whose trail is noted.
     """
 
     radiance: wp.vec3
     lamp_all: float
     lamp_lit: float
-    guarded: bool
     towards: wp.vec3
 
 
@@ -178,8 +175,6 @@ def make_asking(
                     sent.towards = light.origin + light.direction * wp.min(light.distance, MOST_M)
                 if wp.static(not ahead):
                     light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
-                if wp.static(only_look and features.keeps_looks):
-                    sent.guarded = meets_guard(scene.geometry, light.origin, light.direction, light.distance)
                 if light.visible > 0.0:
                     w = light.visible
                     if wp.static(features.environment_map):

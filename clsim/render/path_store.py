@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from clsim.render.kernel_input import Settings
 from clsim.render.launch import Tiles, record
 from clsim.render.light_cache import Followed
 from clsim.render.scene_data import SceneData
-from clsim.render.stored_paths import FOLLOWED_SUMS, Met, StoredPath, build_storing
+from clsim.render.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.trails import PLACES
 
 _TILE = 2048
@@ -29,9 +28,7 @@ class PathStore:
         frame: number of the last frame.
     """
 
-    def __init__(
-        self, kernel: Any, data: SceneData, settings: Any, most: int, every: int, threads: int | None
-    ) -> None:
+    def __init__(self, kernel: Any, data: SceneData, settings: Any, most: int, every: int, threads: int | None) -> None:
         """Make room for none.
 
         Args:
@@ -46,12 +43,13 @@ class PathStore:
         self._device = data.device
         self.paths = self.stored = self._taken = 0
         self.frame = 0
-        self._first_joined = 0
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
         self._boxes: Any = wp.zeros(4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
         self._all_again = False
         self._last = data.places()
+        self._paths: Any = wp.zeros(0, dtype=StoredPath, device=self._device)
+        self._trails: Any = wp.zeros(0, dtype=wp.vec3, device=self._device)
         self._allocate(1)
         self._kernel = kernel
         count = "pixels"
@@ -70,51 +68,34 @@ class PathStore:
         """End the threads."""
         self._tiles.close()
 
-    def table(self, rows: int) -> tuple[Any, Any, Any]:
-        """Return sums, sums of references, and what those who look read, of so many cells."""
+    def table(self, rows: int) -> tuple[Any, Any]:
+        """Return sums, and what those who look read, of so many cells."""
         sums: Any = wp.zeros((rows, FOLLOWED_SUMS), dtype=wp.int64, device=self._device)
-        references: Any = wp.zeros((rows, 3), dtype=wp.int64, device=self._device)
         followed: Any = wp.zeros(rows, dtype=Followed, device=self._device)
-        return sums, references, followed
+        return sums, followed
 
-    def store(
-        self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any, Any], update: int, paths: int
-    ) -> None:
-        """Store some paths of a frame of which there are ``paths``, trace them, and note what they tell of the others.
+    def store(self, found: dict[str, Any], cells: Any, table: tuple[Any, Any], paths: int) -> None:
+        """Store some paths of a frame, and trace them.
 
         Args:
-            found: of the frame's paths: how many each pixel ``spent`` and ever ``traced``, their ``positions`` and
-                ``normals``, what they ``met``, and the ``rows`` of their cells.
-            asked: which cells tell of the light.
-            cells: all cells.
+            found: of the frame's paths: how many each pixel ``spent`` and ever ``traced``, their ``positions``, what
+                they ``met``, and the ``rows`` of their cells.
+            cells: all cells, to which they were added.
             table: what is known of them here.
-            update: number of the update that added the frame's paths to them.
             paths: how many there are.
         """
-        sums, references, followed = table
         if self.stored + paths > len(self._paths):
             self._allocate(max(2 * len(self._paths), self.stored + paths))
-        kernels = build_storing()
-        spent, traced = found["spent"], found["traced"]
+        given = [found[name] for name in ("spent", "positions", "traced", "met", "rows")]
         wp.launch(
-            kernels.choose_paths, dim=len(traced), device=self._device,
-            inputs=[spent, found["positions"], traced, found["met"], found["rows"], self._most, update, cells, sums,
-                    followed, self._paths, self._count],
+            build_storing().choose_paths, dim=len(found["traced"]), device=self._device,
+            inputs=[*given, self._most, cells, table[0], self._paths, self._count],
         )  # fmt: skip
-        self._first_joined, self.stored = self.stored, int(self._count.numpy()[0])
-        self._trace(self._first_joined, every=1)
-        self._add(self._first_joined, table, joining=True)
-        began = [spent, found["positions"]]
-        wp.launch(
-            kernels.add_references, dim=len(traced), device=self._device,
-            inputs=[*began, found["normals"], found["rows"], asked, cells, followed, references],
-        )  # fmt: skip
-        wp.launch(
-            kernels.average_references, dim=len(traced), device=self._device,
-            inputs=[*began, found["rows"], cells, references, followed],
-        )  # fmt: skip
+        first, self.stored = self.stored, int(self._count.numpy()[0])
+        self._trace(first, every=1)
+        self._add(first, table, joining=True)
 
-    def follow(self, table: tuple[Any, Any, Any]) -> None:
+    def follow(self, table: tuple[Any, Any]) -> None:
         """Trace again what may have changed since the last frame."""
         self.frame += 1
         places = self._data.places()
@@ -133,7 +114,7 @@ class PathStore:
         self._trace(0, every, len(boxes))
         self._add(0, table, steady=steady)
 
-    def move(self, rows: Any, before: tuple[Any, Any, Any], table: tuple[Any, Any, Any]) -> None:
+    def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
         """Go along with cells that were moved to other ``rows``."""
         kernels = build_storing()
         if self.stored:
@@ -145,25 +126,23 @@ class PathStore:
         if count <= 0:
             return
         changed = {
-            "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every, "turn": self.frame,
-            "box_count": boxes, "boxes": self._boxes, "moved": self._moved, "paths": self._paths,
+            "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every,
+            "turn": self.frame, "box_count": boxes, "boxes": self._boxes, "moved": self._moved, "paths": self._paths,
             "out_found": self._found, "out_traced": self._traced,
         }  # fmt: skip
         self._tiles.run(count, changed)
 
-    def _add(
-        self, first: int, table: tuple[Any, Any, Any], *, joining: bool = False, steady: bool = False
-    ) -> None:
+    def _add(self, first: int, table: tuple[Any, Any], *, joining: bool = False, steady: bool = False) -> None:
         count = self.stored - first
         if count <= 0:
             return
-        sums, _, followed = table
-        kernels = build_storing()
-        of = [first, joining, steady]
-        inputs = [*of, self._first_joined, self._paths, self._found, self._traced, self.frame, sums, followed]
-        wp.launch(kernels.add_paths, dim=count, inputs=inputs, device=self._device)
+        kernels, of = build_storing(), [first, joining, steady]
         wp.launch(
-            kernels.average_paths, dim=count, inputs=[*of, self._paths, self._traced, sums, followed],
+            kernels.add_paths, dim=count, inputs=[*of, self._paths, self._found, self._traced, *table],
+            device=self._device,
+        )  # fmt: skip
+        wp.launch(
+            kernels.average_paths, dim=count, inputs=[*of, self.frame, self._paths, self._traced, *table],
             device=self._device,
         )  # fmt: skip
         self.paths += int(self._traced.numpy()[first : self.stored].sum())

@@ -15,13 +15,12 @@ from clsim.render.bvh16_build import grow
 from clsim.render.compiler import compile_together
 from clsim.render.devices import check_device, fastest_tree
 from clsim.render.geometry import Tree
-from clsim.render.guard_keeper import Guards
 from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Scene
 from clsim.render.options import RenderOptions
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
-from clsim.render.scene_features import check_kept_light, light_stands_still, scene_features
+from clsim.render.scene_features import light_stands_still, scene_features
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.smallest import smallest_of
@@ -54,7 +53,6 @@ class SceneData:
         scene: what kernels take.
         instance_objects, triangle_objects: which of the world's instances is seen (`Placement`).
         poses: those that were asked for, where there are several instants.
-        guards: room around what moves, once somebody wants to `watch` it.
         still: whether nothing but cameras moves, so that all instants are alike.
     """
 
@@ -112,7 +110,6 @@ class SceneData:
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
         self._levels = False
-        self.guards: Guards | None = None
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def add_texture_levels(self) -> None:
@@ -121,16 +118,6 @@ class SceneData:
             if self.features.images and not self._levels:
                 add_levels(self.world, self.scene.materials.textures)
                 self._levels = True
-
-    def watch(self) -> Guards:
-        """Return room around what moves, which is kept up to date from now on."""
-        with self.lock:
-            if self.guards is None:
-                geometry = self._geometry.geometry
-                self.guards = Guards(len(self._geometry.moving), geometry, self.device)
-                self.scene.geometry = geometry
-                self.guards.follow(*self._geometry.moving_boxes)
-            return self.guards
 
     @property
     def instance_count(self) -> int:
@@ -148,8 +135,6 @@ class SceneData:
             self._geometry.update(times_s)
             self._lights.update(times_s)
             self._time_s = time_s
-            if self.guards is not None:
-                self.guards.follow(*self._geometry.moving_boxes)
 
     def move_anew(self) -> None:
         """Let the next `move` move everything, whatever its time: motions themselves have changed."""
@@ -219,14 +204,18 @@ class SceneData:
 
     def _compile(self, options: RenderOptions) -> None:
         """Compile what renders at the same time as what builds trees."""
-        check_kept_light(self.world, options.light_cache)
         kernels = [build_kernel(options.features(self.features, self.world.camera), self.tree)]
         if self.tree == "bvh16":
             kernels.append(grow)
         if options.light_cache:
             from clsim.render.light_updates import build_updates
+            from clsim.render.stored_paths import build_storing
 
             kernels.append(build_updates().open_cells)
+            if not light_stands_still(self.world):
+                kernels.append(build_storing().choose_paths)
+                replay = options.features(self.features, self.world.camera, replay=True)
+                kernels.insert(1, build_kernel(replay, self.tree))
         compile_together(kernels, self.device)
 
     def _pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from clsim.errors import InputError
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.deform import deforms
 from clsim.render.features import SceneFeatures, lamps_apart
@@ -83,12 +82,6 @@ def light_stands_still(world: World) -> bool:
 def camera_watches(world: World) -> bool:
     """Whether the camera stands still, unless it is set from outside, and light changes by what moves alone."""
     return stands_still(world.camera.motion) and not world.light_changes()
-
-
-def check_kept_light(world: World, light_cache: bool) -> None:
-    """Raise InputError where light shall be kept on surfaces and cannot be."""
-    if light_cache and not light_stands_still(world) and world.camera.shutter_s > 0:
-        raise InputError("light is kept on surfaces before a camera that exposes only where nothing else moves")
 
 
 def scene_features(world: World, interval_s: float, instants: bool = False) -> SceneFeatures:

@@ -1,10 +1,10 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
-# ruff: noqa: UP018, RUF046
+# ruff: noqa: UP018
 """Paths that are stored in cells of light, and traced again with the same random numbers when what they met has moved.
 
 Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
-of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. The mean of
-what they find now, beside the mean that they found when others were averaged, tells how the light has changed.
+of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. What they find
+now on average, beside what they found at first, tells by which factor the light has changed.
 
 A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
 where lights have changed.
@@ -21,16 +21,16 @@ from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.geometry import make_placement, transform_vector
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE
-from clsim.render.light_cache import LEVELS, Asked, Cell, Followed, look_up
+from clsim.render.light_cache import LEVELS, Cell, Followed
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.things import lit_albedo
 from clsim.render.trails import trail_crosses
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 8
-"""Of R, G and B, the number of paths, and the same of those that were stored in the last update alone."""
-_COUNT, _JOINED = wp.constant(3), wp.constant(4)
+FOLLOWED_SUMS = 4
+"""Of R, G and B, and the number of paths."""
+_COUNT = wp.constant(3)
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -42,6 +42,8 @@ _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
+_MOST = wp.constant(8.0)
+"""Largest factor by which light changes; what is more is added."""
 _OFF = wp.constant(3.0e-5)
 """How far before its place a path begins, as a part of the largest coordinate."""
 
@@ -90,10 +92,8 @@ def choose_paths(
     met: wp.array2d(dtype=Met),
     rows: wp.array3d(dtype=int),
     most: int,
-    update: int,
     cells: wp.array(dtype=Cell),
     sums: wp.array2d(dtype=wp.int64),
-    followed: wp.array(dtype=Followed),
     paths: wp.array(dtype=StoredPath),
     out_count: wp.array(dtype=int),
 ):
@@ -122,13 +122,6 @@ def choose_paths(
                     path.number = number
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     paths[slot] = path
-                    for k in range(_LEVELS):
-                        cell = path.rows[k]
-                        if cell >= 0:
-                            if followed[cell].update != update:
-                                followed[cell].update = update
-                                for c in range(4):
-                                    sums[cell, _JOINED + c] = wp.int64(0)
 
 
 @wp.func
@@ -158,19 +151,16 @@ def add_paths(
     first: int,
     joining: bool,
     steady: bool,
-    joined_from: int,
     paths: wp.array(dtype=StoredPath),
     found: wp.array(dtype=wp.vec3),
     traced_again: wp.array(dtype=int),
-    frame: int,
     sums: wp.array2d(dtype=wp.int64),
     followed: wp.array(dtype=Followed),
 ):
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
-    A thread is a path, from ``first`` on. Those from ``joined_from`` on were stored in the last update. Changes are
-    those of the step to a ``frame``; where they are ``steady``, lamps move and are followed in turn: those that were
-    not traced again change as they did before.
+    A thread is a path, from ``first`` on. Where lamps move and are followed in turn, changes are ``steady``: paths that
+    were not traced again change as they did before.
     """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:
@@ -183,112 +173,69 @@ def add_paths(
                     if not joining:
                         change = change - _whole(paths[i].light[c])
                     wp.atomic_add(sums, row, c, change)
-                    if i >= joined_from:
-                        wp.atomic_add(sums, row, _JOINED + c, change)
                 if joining:
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
-                    wp.atomic_add(sums, row, _JOINED + 3, wp.int64(1))
-                else:
-                    # Until the mean is told, the light is that of the frame before.
-                    followed[row].last = followed[row].light
-                    followed[row].stepped = frame
+                # What is known until the new mean is told.
+                followed[row].last = followed[row].light
+                followed[row].base_last = followed[row].base
+                followed[row].count_last = followed[row].count
         path.places = paths[i].places
         paths[i] = path
 
 
 @wp.func
-def _mean(sums: wp.array2d(dtype=wp.int64), row: int, without_joined: bool) -> wp.vec4:
-    """Return the mean that a cell's paths found, and their number."""
-    mean = wp.vec4()
-    count = sums[row, _COUNT]
-    if without_joined:
-        count = count - sums[row, _JOINED + 3]
-    if count > wp.int64(0):
-        for c in range(3):
-            total = sums[row, c]
-            if without_joined:
-                total = total - sums[row, _JOINED + c]
-            mean[c] = float(total) / (_UNIT * float(count))
-        mean[3] = float(count)
-    return mean
+def _told(cell: Followed, light: wp.vec3, count: float, joining: bool) -> Followed:
+    """Return a cell whose stored paths find that ``light`` now on average.
+
+    Paths that join it do not tell that the light has changed, but know it better: what they found at first goes along.
+    """
+    after = cell
+    after.light = light
+    after.count = count
+    for c in range(3):
+        base = cell.base_last[c]
+        if joining:
+            base = light[c]
+            if cell.count_last > 0.0 and cell.last[c] > 0.0:
+                base = cell.base_last[c] * light[c] / cell.last[c]
+        after.base[c] = base
+        if base > 0.0:
+            after.factor[c] = wp.min(light[c] / base, _MOST)
+        else:
+            after.factor[c] = 1.0
+        after.more[c] = wp.max(light[c] - after.factor[c] * base, 0.0)
+    return after
 
 
 def average_paths(
     first: int,
     joining: bool,
     steady: bool,
+    frame: int,
     paths: wp.array(dtype=StoredPath),
     traced_again: wp.array(dtype=int),
     sums: wp.array2d(dtype=wp.int64),
     followed: wp.array(dtype=Followed),
 ):
-    """Tell the cells of paths whose light may have changed what these find on average; all write the same."""
+    """Tell the cells of paths whose light may have changed what these find on average; all write the same.
+
+    Changes are those of the step to a ``frame``.
+    """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:
         for k in range(_LEVELS):
             row = paths[i].rows[k]
             if row >= 0:
-                now = _mean(sums, row, False)
-                before = _mean(sums, row, True)
-                light = wp.vec3(now[0], now[1], now[2])
+                count = float(sums[row, _COUNT])
+                total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
+                cell = _told(followed[row], total / (_UNIT * count), count, joining)
                 if not joining:
-                    followed[row].step = light - followed[row].last
-                followed[row].light = light
-                followed[row].count = now[3]
-                followed[row].before = wp.vec3(before[0], before[1], before[2])
-                followed[row].count_before = before[3]
-
-
-@wp.func
-def _told(
-    cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
-) -> wp.vec3:
-    """Return the light where a path began, as stored paths find it."""
-    place = wp.vec3(position[0], position[1], position[2])
-    facing = wp.vec3(normal[0], normal[1], normal[2])
-    kind = int(normal[3])
-    return look_up(cells, followed, asked, place, facing, kind // 2, kind % 2 == 1, position[3]).followed
-
-
-def add_references(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec4),
-    rows: wp.array3d(dtype=int),
-    asked: Asked,
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
-    references: wp.array2d(dtype=wp.int64),
-):
-    """Note in its cells what stored paths tell where each path of the last frame began; a thread is a pixel."""
-    pixel = wp.tid()
-    for i in range(spent[_PATHS, pixel]):
-        if positions[i, pixel][3] > 0.0:
-            told = _told(cells, followed, asked, positions[i, pixel], normals[i, pixel])
-            for level in range(_LEVELS):
-                row = rows[i, level, pixel]
-                if row >= 0:
+                    cell.step = wp.vec3()
                     for c in range(3):
-                        wp.atomic_add(references, row, c, _whole(told[c]))
-
-
-def average_references(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    rows: wp.array3d(dtype=int),
-    cells: wp.array(dtype=Cell),
-    references: wp.array2d(dtype=wp.int64),
-    followed: wp.array(dtype=Followed),
-):
-    """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
-    pixel = wp.tid()
-    for i in range(spent[_PATHS, pixel]):
-        if positions[i, pixel][3] > 0.0:
-            for level in range(_LEVELS):
-                row = rows[i, level, pixel]
-                if row >= 0:
-                    total = wp.vec3(float(references[row, 0]), float(references[row, 1]), float(references[row, 2]))
-                    followed[row].reference = total / (_UNIT * cells[row].count)
+                        if cell.base[c] > 0.0:
+                            cell.step[c] = cell.factor[c] - wp.min(cell.last[c] / cell.base[c], _MOST)
+                    cell.stepped = frame
+                followed[row] = cell
 
 
 def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
@@ -303,10 +250,8 @@ def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
 def move_followed(
     rows: wp.array(dtype=int),
     source_sums: wp.array2d(dtype=wp.int64),
-    source_references: wp.array2d(dtype=wp.int64),
     source: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
-    references: wp.array2d(dtype=wp.int64),
     followed: wp.array(dtype=Followed),
 ):
     """Copy what is known of cells to where these are now; a thread is a row of ``source``."""
@@ -316,8 +261,6 @@ def move_followed(
         followed[to] = source[row]
         for field in range(wp.static(FOLLOWED_SUMS)):
             sums[to, field] = source_sums[row, field]
-        for field in range(3):
-            references[to, field] = source_references[row, field]
 
 
 class Storing(NamedTuple):
@@ -326,8 +269,6 @@ class Storing(NamedTuple):
     choose_paths: Any
     add_paths: Any
     average_paths: Any
-    add_references: Any
-    average_references: Any
     move_rows: Any
     move_followed: Any
 
@@ -335,7 +276,7 @@ class Storing(NamedTuple):
 @one_at_a_time
 def build_storing() -> Storing:
     """Return the kernels that store paths, which are the same for all scenes."""
-    each = choose_paths, add_paths, average_paths, add_references, average_references, move_rows, move_followed
+    each = choose_paths, add_paths, average_paths, move_rows, move_followed
     return Storing(*map(wp.kernel(enable_backward=False), each))
 
 
@@ -388,7 +329,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                 met = path.met
                 point = surface(scene.geometry, met.instance, met.triangle, met.weights[0], met.weights[1], time)
                 toward = met.toward
-                if wp.static(features.two_level):
+                if wp.static(features.two_level and not features.motion_blur):
                     to_world = to_world_at(scene.geometry, met.instance, time)
                     toward = wp.normalize(transform_vector(to_world, met.toward))
                 normal = wp.where(met.front, point.normal, -point.normal)

@@ -21,9 +21,7 @@ from clsim.render.options import RenderOptions
 from clsim.render.pixel_angle import pixel_angle
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
-from clsim.render.scene_features import check_kept_light
 from clsim.scene import Camera
-from clsim.scene.motion import Matrix
 from clsim.scene.spectral import spectral_weights
 from clsim.scene.world import Spectral
 
@@ -31,7 +29,6 @@ if TYPE_CHECKING:
     from clsim.render.light_keeper import LightKeeper
     from clsim.render.path_store import PathStore
     from clsim.render.truth import TruthPass
-    from clsim.render.turn_keeper import TurnKeeper
 
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
@@ -112,18 +109,16 @@ class View:
         self._data = data
         self._options = options
         self._device = data.device
-        check_kept_light(data.world, options.light_cache)
         features = options.features(data.features, camera)
         self._kernel = build_kernel(features, data.tree)
         smallest_m = data.smallest_m if options.first_hit_rays else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
-        self._pose: Matrix = np.eye(4)
         self._settings: Any = settings_of(options, camera, data.world.sensor.spectral)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
-        self._steerer: Steerer | LightKeeper | TurnKeeper | None = None
+        self._steerer: Steerer | LightKeeper | None = None
         if options.first_hit_rays:
             data.add_texture_levels()
             probe_spp = options.probe_spp or options.spp
@@ -136,15 +131,10 @@ class View:
                 from clsim.render.light_keeper import LightKeeper, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
-                store = None if data.still else self._path_store(options)
+                store = None if data.still else self._path_store(options, camera)
                 self._steerer = LightKeeper(
                     *size, effort, sight, options.light_hz, event, options.look_again, store, self._device
                 )
-            elif options.in_turn:
-                from clsim.render.turn_keeper import TurnKeeper
-
-                guards = data.watch() if features.keeps_looks else None
-                self._steerer = TurnKeeper(*size, effort, sight, board, guards, options.look_again, self._device)
             else:
                 at_frames = options.light_hz is None
                 self._steerer = Steerer(*size, effort, sight, board, self._device, looks_closer=at_frames)
@@ -201,8 +191,6 @@ class View:
             self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
             if self._options.first_hit_rays:
                 self._settings.least_sphere_rad = self._data.least_sphere_rad(pose[:3, 3], time_s)
-        if self._options.in_turn:
-            self._stand_at(pose)
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}
         changed |= self._shine(time_s)
@@ -222,9 +210,6 @@ class View:
                 if steering["steering"].looks.steps:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
-                if self._options.in_turn:
-                    for last in ("summing", "lighting"):
-                        self._render(changed | {"corner_pass": False, last: True}, self.width * self.height)
                 unfinished = self._steerer.finish()
             if self._options.look_again:
                 count = -(-self.width * self.height // self._options.look_again)
@@ -290,7 +275,7 @@ class View:
         paths are kept one is somewhat brighter and one darker, by as much as the light is noisy.
         """
         if self._steerer is not None:
-            return cast("LightKeeper | TurnKeeper", self._steerer).seen_twice
+            return cast("LightKeeper", self._steerer).seen_twice
         planes = frame.planes.reshape(len(self.names), -1), self._again.numpy()
         patches = self._options.look_again_in
         if patches is not None:
@@ -318,18 +303,14 @@ class View:
         self._tiles.close()
         self._targets.clear()
 
-    def _path_store(self, options: RenderOptions) -> PathStore:
+    def _path_store(self, options: RenderOptions, camera: Camera) -> PathStore:
         """Return what stores paths that follow the light."""
         from clsim.render.path_store import PathStore
 
-        kernel = build_kernel(options.features(self._data.features, self._data.world.camera, replay=True), self._data.tree)
-        return PathStore(kernel, self._data, self._settings, options.stored_paths, options.follow_every, options.threads)
-
-    def _stand_at(self, pose: Matrix) -> None:
-        """Keep no paths from where the camera was, unless it still is there."""
-        if not np.array_equal(pose, self._pose):
-            self.forget_light()
-        self._pose = pose
+        kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
+        return PathStore(
+            kernel, self._data, self._settings, options.stored_paths, options.follow_every, options.threads
+        )
 
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.
