@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import ctypes
 import struct
+from collections.abc import Set
 from typing import Any
 
 RECORD_BYTES = 1024
@@ -33,7 +34,7 @@ would be handed vectors elsewhere.
 """
 
 
-def known_name(features: frozenset[str]) -> str | None:
+def known_name(features: Set[str]) -> str | None:
     """Return what a processor of these features is called by compilers that do not know it; None if nothing fits.
 
     Args:
@@ -45,7 +46,7 @@ def known_name(features: frozenset[str]) -> str | None:
     return "x86-64" if "lm" in features else None
 
 
-def name_processor(device: Any, features: frozenset[str]) -> str | None:
+def name_processor(device: Any, features: Set[str]) -> str | None:
     """Tell PoCL the processor's name if that is unknown to it; returns the name told, or None where nothing was.
 
     Args:

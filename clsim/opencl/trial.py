@@ -30,7 +30,7 @@ def told_name(device: Any) -> str | None:
     """Return what processor PoCL was told to build for; None if it knew, or is not PoCL."""
     if POCL not in device.platform.name:
         return None
-    return name_processor(device, frozenset(_processor().get("flags", "").split()))
+    return name_processor(device, set(_processor().get("flags", "").split()))
 
 
 @cache
