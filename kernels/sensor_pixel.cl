@@ -53,10 +53,18 @@ static inline double leak_under(const Pixel *p, double level) {
     return p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
 }
 
-// What has leaked more by t, since the piece began or the reference was taken in it, than was counted: a piece's leak is
-// that under its middle, or, of a pixel that was calm, under that of a line before.
+// What was counted from when on: after a rest the reference is taken anew. Else an event takes as much as a threshold, and
+// all that was counted before it still counts.
+#ifdef REFRACTORY
+#define COUNTED_FROM(p) MAX((p)->since, (p)->in.at)
+#else
+#define COUNTED_FROM(p) ((p)->in.at)
+#endif
+
+// What has leaked more by t than was counted in this piece: a piece's leak is that under its middle, or, of a pixel that
+// was calm, under that of a line before.
 static inline double leak_to_correct(const Pixel *p, long t) {
-    const long from = MIN(MAX(p->since, p->in.at), t);
+    const long from = MIN(COUNTED_FROM(p), t);
     const double level = 0.5 * (level_at(p->in, from) + level_at(p->in, t));
     return (leak_under(p, level) - p->leak) * SECONDS(t - from);
 }
@@ -178,7 +186,7 @@ static inline void run_front_piece(Pixel *p, Outbox *out, const Piece *piece, Li
     }
     if (end == piece->end) {
 #ifdef PARASITIC
-        if (p->since > p->in.at) correct_leak(p, end);
+        if (COUNTED_FROM(p) > p->in.at) correct_leak(p, end);
 #endif
         const Line in = {end, level_at(p->in, end), p->in.slope};
         p->in = in;

@@ -6,6 +6,8 @@ import contextlib
 import hashlib
 import platform
 import re
+import warnings
+from collections.abc import Sequence
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -62,7 +64,7 @@ def _try(device: Any) -> str | None:
         queue = cl.CommandQueue(context)
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.COPY_HOST_PTR
         memory = cl.Buffer(context, flags, hostbuf=before)
-        program = cl.Program(context, _KERNEL).build(options=["-w"])
+        program = built(context, _KERNEL)
         cl.Kernel(program, "trial")(queue, (1,), (1,), memory)
         cl.enqueue_copy(queue, after, memory)
     except cl.Error as error:
@@ -70,6 +72,16 @@ def _try(device: Any) -> str | None:
     if not np.allclose(after, np.exp(before.astype(np.float64)), rtol=_TOLERANCE):
         return "it computes something wrong"
     return None
+
+
+def built(context: Any, text: str, options: Sequence[str] = ()) -> Any:
+    """Return a program of this text; compilers that have something to say, and no error, say it to nobody."""
+    import pyopencl as cl
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", cl.CompilerWarning)
+        # -w: PoCL's warns of how vectors are passed between functions, and prints it over the user's terminal.
+        return cl.Program(context, text).build(options=["-w", *options])
 
 
 def reason_in(error: Exception) -> str:

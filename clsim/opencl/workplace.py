@@ -15,7 +15,7 @@ import numpy.typing as npt
 from clsim.errors import Error
 from clsim.forks import check_process
 from clsim.opencl.device import Device
-from clsim.opencl.trial import reason_in
+from clsim.opencl.trial import built, reason_in
 
 _NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
 _INCLUDE = re.compile(r'^#include "(.+)".*$', re.MULTILINE)
@@ -240,8 +240,7 @@ def _read(name: str) -> str:
 def _build(context: Any, text: str, options: tuple[tuple[str, object], ...]) -> Any:
     import pyopencl as cl
 
-    # -w: PoCL's compiler warns of how vectors are passed between functions, and prints it over the user's terminal.
     try:
-        return cl.Program(context, text).build(options=["-w", *(f"-D{key}={value}" for key, value in options)])
+        return built(context, text, [f"-D{key}={value}" for key, value in options])
     except cl.Error as error:
         raise Error(f"{context.devices[0].name.strip()} does not build a kernel: {reason_in(error)}") from error
