@@ -15,6 +15,7 @@ from clsim.errors import Error, InputError
 from clsim.events import EventBatch
 from clsim.events.batch import gather
 from clsim.eye import Eye
+from clsim.forks import check_process, is_orphan
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import Stages, in_colours_of, load_options_world, plan_stages
@@ -289,6 +290,8 @@ class Driver(ABC):
         """Release the devices' memory; safe to call twice."""
         if not self._closed:
             self._closed = True
+            if is_orphan():  # devices are the parent's
+                return
             for eye in self._eyes.values():
                 eye.release()
 
@@ -336,6 +339,7 @@ class Driver(ABC):
         return self.time_us if self._next else None
 
     def _check_open(self) -> None:
+        check_process()
         if self._closed:
             raise Error("the simulator is closed")
 

@@ -16,6 +16,10 @@ class InputError(Error, ValueError):
     """
 
 
+class Notice(UserWarning):
+    """What the user should know of the machine, and what to do; the command line prints it as one sentence."""
+
+
 def require_choice(name: str, value: object, choices: tuple[object, ...]) -> None:
     """Raise InputError unless ``value``, of the field ``name``, is one of ``choices``."""
     if value not in choices:

@@ -53,11 +53,26 @@ static inline double leak_under(const Pixel *p, double level) {
     return p->dark_leak + p->leak_factor * p->c[C_PARASITIC] * quick_exp(level);
 }
 
-// What leaks more in a piece that is broken off at t than was counted: that under its end's light, or, of a pixel that
+// What was counted from when on: after a rest the reference is taken anew. Else an event takes as much as a threshold, and
+// all that was counted before it still counts.
+#ifdef REFRACTORY
+#define COUNTED_FROM(p) MAX((p)->since, (p)->in.at)
+#else
+#define COUNTED_FROM(p) ((p)->in.at)
+#endif
+
+// What has leaked more by t than was counted in this piece: a piece's leak is that under its middle, or, of a pixel that
 // was calm, under that of a line before.
 static inline double leak_to_correct(const Pixel *p, long t) {
-    const double level = 0.5 * (p->in.level + level_at(p->in, t)), seconds = SECONDS(t - MAX(p->since, p->in.at));
-    return (leak_under(p, level) - p->leak) * MAX(seconds, 0.0);
+    const long from = MIN(COUNTED_FROM(p), t);
+    const double level = 0.5 * (level_at(p->in, from) + level_at(p->in, t));
+    return (leak_under(p, level) - p->leak) * SECONDS(t - from);
+}
+
+static inline void correct_leak(Pixel *p, long t) {
+    const double more = leak_to_correct(p, t);
+    p->leaked += more;
+    p->ref -= more;
 }
 
 // Light adds to the leak.
@@ -170,6 +185,9 @@ static inline void run_front_piece(Pixel *p, Outbox *out, const Piece *piece, Li
         *t = end;
     }
     if (end == piece->end) {
+#ifdef PARASITIC
+        if (COUNTED_FROM(p) > p->in.at) correct_leak(p, end);
+#endif
         const Line in = {end, level_at(p->in, end), p->in.slope};
         p->in = in;
         p->front = piece->front;

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import UserDict
 from collections.abc import Callable
 from typing import Any, Literal, SupportsFloat
 
@@ -29,7 +30,8 @@ Form = Literal["voxels", "histogram"]
 class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Adds to each observation the events since the one before.
 
-    ``info["events"]`` holds them as they are: arrays ``t`` [µs], ``x``, ``y`` and ``on``, sorted by time.
+    ``info["events"]`` holds them as they are: a mapping with arrays ``t`` [µs], ``x``, ``y`` and ``on``, sorted by
+    time. In vector environments it is an array of such mappings, one for each environment.
 
     An observation becomes a dictionary: ``"state"`` is what the environment observes, ``"events"`` an array of fixed
     size: "voxels" are polarities over ``bins`` points in time, ``[bins, H, W]``, as `clsim.events.grids.voxel_grid`
@@ -87,7 +89,8 @@ class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     def _observed(self, state: Any, info: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         start_us = self.simulator.time_us
         events = self.simulator.step(self._follow(self.simulator))
-        columns = {name: np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")}
+        # Not a plain dictionary: vector environments would put those of all into one array, as if of one length.
+        columns = UserDict({name: np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")})
         return {"state": state, "events": self._array(events, start_us)}, info | {"events": columns}
 
     def _array(self, events: EventBatch, start_us: int) -> npt.NDArray[np.float32]:

@@ -7,6 +7,8 @@ import errno
 import gc
 import os
 import sys
+import warnings
+from collections.abc import Callable
 from typing import Any
 
 _OBJECTS = 1_000_000
@@ -25,14 +27,15 @@ def main() -> None:
 
     from clsim.cli.app import app
     from clsim.cli.spelling import as_options
-    from clsim.errors import InputError
+    from clsim.errors import Error
 
+    warnings.showwarning = _with_notices(warnings.showwarning)
     # Typer has its own copy of click in recent versions; either way this is the base of its usage errors.
     usage_error: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
     try:
         status = app(prog_name="clsim", standalone_mode=False)
         sys.exit(status if isinstance(status, int) else 0)
-    except InputError as error:
+    except Error as error:
         print(f"clsim: {as_options(str(error))}", file=sys.stderr)
         sys.exit(2)
     except (typer.Abort, KeyboardInterrupt):
@@ -56,3 +59,17 @@ def main() -> None:
         if sentence:
             print(f"clsim: {sentence}", file=sys.stderr)
         sys.exit(2)
+
+
+def _with_notices(show_others: Callable[..., None]) -> Callable[..., None]:
+    """Return what shows warnings: those of ours in one sentence, without a place in the code."""
+    from clsim.cli.spelling import as_options
+    from clsim.errors import Notice
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if issubclass(category, Notice):
+            print(f"clsim: {as_options(str(message))}", file=sys.stderr)
+        else:
+            show_others(message, category, *where)
+
+    return show

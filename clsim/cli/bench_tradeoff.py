@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -82,7 +81,9 @@ def tradeoff(
 
 def default_cache() -> Path:
     """Return the folder for what can be measured again, where the system's conventions want it."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "clsim" / "tradeoff"
+    from clsim.caches import cache_folder
+
+    return cache_folder() / "tradeoff"
 
 
 def parse_seeds(text: str) -> tuple[int, ...]:

@@ -14,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from clsim.caches import cache_folder
+
 _VARIABLE = "XDG_CACHE_HOME"
 """Warp and PoCL both keep their kernels below it."""
 _OWN = ("WARP_CACHE_PATH", "POCL_CACHE_DIR", "PYOPENCL_CACHE_DIR")
@@ -35,7 +37,7 @@ class KernelCaches:
 
     def setup(self, worker: Any) -> None:
         """Point this process at its own cache, in a folder that Dask removes when the process has ended."""
-        users = os.environ.setdefault(_USERS, os.environ.get(_VARIABLE) or str(Path.home() / ".cache"))
+        users = os.environ.setdefault(_USERS, str(cache_folder().parent))
         for variable in _OWN:
             os.environ.pop(variable, None)
         self._shared = Path(users) / "clsim" / "kernels" / self._specification

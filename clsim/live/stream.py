@@ -14,6 +14,7 @@ from clsim.detect.config import EventRule, Gate, Method
 from clsim.events import EventBatch
 from clsim.events.outputs import FileOptions
 from clsim.events.queue_sink import QueueSink
+from clsim.forks import check_process, is_orphan
 from clsim.frames import Policy
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Pace
@@ -72,7 +73,9 @@ class Stream(Iterator[EventBatch]):
 
         Raises:
             SinkError: in the end, if one of the outputs failed on the way; the events of the run were all returned.
+            clsim.Error: the process was forked since.
         """
+        check_process()
         if not self._close.alive:
             raise StopIteration
         session = self._session
@@ -111,6 +114,8 @@ class Stream(Iterator[EventBatch]):
 
 
 def _close(session: Session, queue: QueueSink) -> None:
+    if is_orphan():  # the run and its files are the parent's
+        return
     queue.close()
     session.pipeline.stop()
     if session.started:

@@ -12,7 +12,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import Error
+from clsim.forks import check_process
 from clsim.opencl.device import Device
+from clsim.opencl.trial import built, reason_in
 
 _NAME, _COMMENT = re.compile(r"\w+"), re.compile(r"//.*")
 _INCLUDE = re.compile(r'^#include "(.+)".*$', re.MULTILINE)
@@ -78,13 +81,19 @@ class Workplace(Generic[GridT]):
         """
         self.device = device
         self.layout = layout
-        self.queue = queue
+        self._queue = queue
         self.real = np.dtype(layout.real)
         self._twins: dict[Any, list[tuple[Any, tuple[Any, ...], list[Any]]]] = {}
         """Copies of kernels, with the arguments that they have, as they were given and as OpenCL takes them."""
         self._options: dict[str, object] = {"VW": layout.lanes, **(macros or {})}
         if self.real == np.float64:
             self._options["DOUBLE"] = 1
+
+    @property
+    def queue(self) -> Any:
+        """The queue of what runs here; raises clsim.Error in a forked child, where it would never run."""
+        check_process()
+        return self._queue
 
     def kernels(
         self, file: str, names: tuple[str, ...], macros: Mapping[str, object] | None = None, generated: str = ""
@@ -231,5 +240,7 @@ def _read(name: str) -> str:
 def _build(context: Any, text: str, options: tuple[tuple[str, object], ...]) -> Any:
     import pyopencl as cl
 
-    # -w: PoCL's compiler warns of how vectors are passed between functions, and prints it over the user's terminal.
-    return cl.Program(context, text).build(options=["-w", *(f"-D{key}={value}" for key, value in options)])
+    try:
+        return built(context, text, [f"-D{key}={value}" for key, value in options])
+    except cl.Error as error:
+        raise Error(f"{context.devices[0].name.strip()} does not build a kernel: {reason_in(error)}") from error

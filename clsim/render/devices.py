@@ -10,7 +10,9 @@ from typing import Any, Literal
 
 import warp as wp
 
+from clsim.caches import prepare_caches
 from clsim.errors import InputError
+from clsim.forks import open_here
 from clsim.render.compiler import keep_headers
 
 _NO_DRIVER = b"Could not find or load the NVIDIA CUDA driver"
@@ -24,11 +26,17 @@ def start_warp() -> None:
 
     That complaint is printed by native code straight to file descriptor 2, so the descriptor is diverted while Warp
     starts; whatever else was written meanwhile is passed on.
+
+    Raises:
+        InputError: kernels can be kept nowhere.
+        clsim.Error: this process was forked from one in which devices were opened.
     """
     global _started
+    open_here()
     with _lock:
         if _started:
             return
+        prepare_caches()
         wp.config.log_level = wp.LOG_ERROR
         sys.stderr.flush()
         try:

@@ -9,6 +9,7 @@ from typing import Any
 
 import warp as wp
 
+from clsim.forks import check_process
 from clsim.render.devices import usable_cores
 
 _TILE_PATHS = 4096
@@ -82,7 +83,12 @@ class Tiles:
         self._cancelled.set()
 
     def run(self, pixels: int, changed: dict[str, Any]) -> bool:
-        """Launch over so many pixels with those arguments that have changed; return whether it was not cancelled."""
+        """Launch over so many pixels with those arguments that have changed; return whether it was not cancelled.
+
+        Raises:
+            clsim.Error: this process was forked since the threads were started.
+        """
+        check_process()
         for launch in self._launches:
             for name, value in changed.items():
                 launch.set_param_by_name(name, value)

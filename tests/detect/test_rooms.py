@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parents[2] / "clsim"
 COMMON = {"clsim.errors", "clsim.values", "clsim.version", "clsim.frames", "clsim.events"}
 ALLOWED = {
     "frames": {"clsim.errors", "clsim.version", "clsim.frames"},
-    "opencl": {"clsim.errors", "clsim.opencl"},
+    "opencl": {"clsim.caches", "clsim.errors", "clsim.forks", "clsim.version", "clsim.opencl"},
     "sensor": COMMON | {"clsim.opencl", "clsim.scene", "clsim.sensor"},
     "detect": COMMON | {"clsim.opencl", "clsim.detect"},
 }

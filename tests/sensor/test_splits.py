@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
@@ -28,6 +28,10 @@ TURNS_US = [round(k * 1e6 / 30) for k in range(7)]
 """Brightness is linear in between."""
 LEVELS = np.random.default_rng(4).normal(0, 0.6, (7, HEIGHT, WIDTH)).cumsum(axis=0)
 END_US = TURNS_US[-1]
+BEGIN_US = 10**9
+"""When runs that begin late do."""
+FRONT_ERROR = 5e-5
+"""Of what the front end gives [natural-log units]; it is allowed twenty times as much."""
 
 
 def level_at(time_us):
@@ -54,19 +58,29 @@ def frame_by_frame(name, begin_us=0):
     return shown(SENSORS[name], TURNS_US, begin_us)
 
 
+def slope_at(events):
+    """Return how fast brightness changes at each event [1/µs]."""
+    slopes = abs(np.diff(LEVELS, axis=0)) / np.diff(TURNS_US)[:, None, None]
+    k = np.searchsorted(TURNS_US[1:-1], events["t"] % BEGIN_US, side="right")
+    return slopes[k, events["y"], events["x"]]
+
+
 def check(found, expected, causes):
-    """Raise AssertionError unless the same pixels fire alike, and within a µs."""
+    """Raise AssertionError unless the same pixels fire alike, and within a µs, or what the front end may err by."""
     (events, their_causes), (others, other_causes) = found, expected
     assert set(causes) <= set(other_causes) and len(others) > 1000
     np.testing.assert_array_equal(events[["x", "y", "on"]], others[["x", "y", "on"]])
     np.testing.assert_array_equal(their_causes, other_causes)
-    assert abs(events["t"] - others["t"]).max() <= 1
+    # Pixels that stay calm are moved on at once, by steps that a split changes.
+    assert (abs(events["t"] - others["t"]) <= 1 + np.minimum(FRONT_ERROR / slope_at(others), 20)).all()
 
 
 @pytest.mark.parametrize(
     "name", [each if each == "as presets" else pytest.param(each, marks=pytest.mark.slow) for each in SENSORS]
 )
 @hypothesis_settings(max_examples=6)
+@example(splits={98126}, merged=False)
+@example(splits={47500}, merged=False)
 @given(splits=st.sets(st.integers(1, END_US - 1), max_size=12), merged=st.booleans())
 def test_launches_may_be_split_and_merged_anywhere(name, splits, merged):
     times_us = sorted({0, END_US} | splits | (set() if merged else set(TURNS_US)))
@@ -75,7 +89,6 @@ def test_launches_may_be_split_and_merged_anywhere(name, splits, merged):
 
 @pytest.mark.parametrize("name", [pytest.param(each, marks=pytest.mark.slow) for each in SENSORS])
 def test_a_pixel_fires_alike_at_every_frame_rate_where_brightness_is_a_line_between_frames(name):
-    begin_us = 10**9
     for fps in (120, 960):
         times_us = [round(k * 1e6 / fps) for k in range(round(0.2 * fps) + 1)]
-        check(shown(SENSORS[name], times_us, begin_us), frame_by_frame(name, begin_us), {0, 1, 2})
+        check(shown(SENSORS[name], times_us, BEGIN_US), frame_by_frame(name, BEGIN_US), {0, 1, 2})

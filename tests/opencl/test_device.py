@@ -1,0 +1,115 @@
+"""Which device is chosen, and what is said of those that do not work."""
+
+import warnings
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pyopencl as cl
+import pytest
+
+from clsim.caches import cache_folder
+from clsim.errors import InputError, Notice
+from clsim.opencl import device as devices
+from clsim.opencl import trial
+from clsim.opencl.device import choose_device, find_devices
+
+
+class Broken:
+    """A device that is listed, and builds nothing."""
+
+    def __init__(self, name: str, kind: Any, vendor: str = "Acme") -> None:
+        self.name, self.version, self.driver_version, self.type = name, "OpenCL 3.0", "1.2", kind
+        self.platform = SimpleNamespace(name=vendor, version="OpenCL 3.0", get_devices=lambda: [self])
+
+
+GPU = Broken("Turbo", cl.device_type.GPU)
+CPU = Broken("Slow", cl.device_type.CPU)
+FAULT = "it builds no kernel (error: unknown target CPU 'generic')"
+
+
+@pytest.fixture
+def broken(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """List these besides what is there, or instead."""
+    real = cl.get_platforms()
+    tried = trial.fault_of
+
+    def listed(*fakes: Broken, alone: bool = False) -> None:
+        monkeypatch.setattr(cl, "get_platforms", lambda: [each.platform for each in fakes] + ([] if alone else real))
+        monkeypatch.setattr(devices, "fault_of", lambda each: FAULT if isinstance(each, Broken) else tried(each))
+        devices._say_passed_over.cache_clear()
+
+    return listed
+
+
+def test_what_does_not_build_is_passed_over_with_a_word(broken: Any) -> None:
+    broken(GPU, CPU)
+    with pytest.warns(Notice, match=f"passed over an OpenCL device, Turbo .*{FAULT[:20]}.*driver of its maker") as said:
+        chosen = choose_device()
+    assert len(said) == 1 and "Turbo" not in chosen.name
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        choose_device()  # said once
+    first = find_devices()[0]
+    assert first.name.startswith("Turbo ") and first.fault == FAULT
+
+
+def test_where_none_works_a_sentence_says_why_and_what_to_do(broken: Any) -> None:
+    broken(CPU, alone=True)
+    with pytest.raises(InputError, match=r"no OpenCL device works: Slow .*'generic'\); install another PoCL"):
+        choose_device()
+    with pytest.raises(InputError, match=r"no OpenCL device named 'slow' works: .*'generic'"):
+        choose_device("slow")
+    with pytest.raises(InputError, match=r"no OpenCL device is named 'quick'"):
+        choose_device("quick")
+
+
+@pytest.mark.parametrize("platforms", [lambda: [], lambda: (_ for _ in ()).throw(cl.LogicError("no platform"))])
+def test_where_there_is_none_a_sentence_says_what_to_do(monkeypatch: pytest.MonkeyPatch, platforms: Any) -> None:
+    monkeypatch.setattr(cl, "get_platforms", platforms)
+    with pytest.raises(InputError, match="no OpenCL device was found; install PoCL, as by apt-get install"):
+        choose_device()
+    assert find_devices() == []
+
+
+def test_the_command_says_what_works_and_what_does_not(broken: Any, capsys: pytest.CaptureFixture[str]) -> None:
+    from clsim.cli.devices import devices as command
+
+    broken(GPU)
+    command()
+    said = capsys.readouterr().out
+    assert f"Turbo (Acme, OpenCL 3.0)\n    does not work: {FAULT}; install the driver of its maker\n" in said
+    assert "    works" in said
+
+
+def test_a_trial_is_remembered_for_a_device_a_driver_and_a_processor(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    real = cl.get_platforms()[0].get_devices()[0]
+    tried = []
+    outcome: list[str | None] = [None]
+    monkeypatch.setattr(trial, "_try", lambda device: tried.append(device) or outcome[0])
+
+    def fault() -> str | None:
+        trial.fault_of.cache_clear()
+        return trial.fault_of(real)
+
+    assert fault() is None and fault() is None and len(tried) == 1
+    monkeypatch.setattr(trial, "_processor", lambda: {"model name": "another"})
+    assert fault() is None and len(tried) == 2
+    trial.told_name.cache_clear()
+    outcome[0] = FAULT
+    monkeypatch.setattr(trial, "_processor", lambda: {"model name": "a third"})
+    assert fault() == FAULT and fault() == FAULT and len(tried) == 4  # it may be mended meanwhile
+    assert len(list((cache_folder() / "opencl").iterdir())) == 2
+    trial.fault_of.cache_clear()
+
+
+def test_a_trial_sees_what_is_computed_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = cl.get_platforms()[0].get_devices()[0]
+    assert trial._try(real) is None
+    monkeypatch.setattr(trial, "_KERNEL", trial._KERNEL.replace("exp(", "exp2("))
+    assert trial._try(real) == "it computes something wrong"
+    monkeypatch.setattr(trial, "_KERNEL", "kernel void trial(")
+    assert str(trial._try(real)).startswith("it builds no kernel (")
