@@ -164,7 +164,7 @@ def _in_page(
         announce(page.url)
         _pump(source, page)
         return
-    from clsim.events.files import format_of, open_source, split_topic
+    from clsim.events.files import open_source, read_format_of, split_topic
     from clsim.live.view.player import Player
 
     source.close()
@@ -173,7 +173,7 @@ def _in_page(
         from clsim.live.view.truth_pictures import recorded_pictures
 
         frames = partial(recorded_pictures, name, show or "image")
-    elif format_of(split_topic(name)[0]).name == "aedat4":
+    elif read_format_of(split_topic(name)[0]).name == "aedat4":
         from clsim.events.aedat4 import read_frames
 
         frames = partial(read_frames, Path(name))
