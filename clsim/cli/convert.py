@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, STRICT, TEXT_TIME
+from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, STRICT_ORDER, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
 from clsim.cli.words import dropped_text, events_text, moved_text
 from clsim.truth.layouts import layout_of
@@ -26,7 +26,7 @@ def convert(
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
     ros_events: ROS_EVENTS = None,
-    strict: STRICT = False,
+    strict: STRICT_ORDER = False,
 ) -> int:
     """Convert events between files of all formats and sockets, or record a stream; recordings with truth too.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from clsim.cli.options import JSON, STRICT
+from clsim.cli.options import JSON, STRICT_ORDER
 from clsim.cli.words import dropped_text, moved_text
 from clsim.errors import InputError
 
@@ -29,9 +29,9 @@ def info(
         typer.Argument(help="A bundled scene, a scene file, EXR frames, a video or pictures, an event file or folder."),
     ],
     as_json: JSON = False,
-    strict: STRICT = False,
+    strict: STRICT_ORDER = False,
 ) -> None:
-    """Describe a scene and what of the renderer is compiled for it, recorded frames and their features, video, or events.
+    """Describe a scene and what of the renderer is compiled for it, frames and their features, video, or events.
 
     Example: `clsim info two-boxes`
     """
@@ -134,9 +134,9 @@ def _frames(what: str) -> dict[str, Any]:
 
 def _footage(what: str) -> dict[str, Any]:
     """Return what a video or a folder of pictures is, as its first frame and its header tell."""
+    from clsim.footage.images import ENDINGS
     from clsim.footage.open import open_footage
     from clsim.footage.source import Reading
-    from clsim.footage.images import ENDINGS
     from clsim.footage.video import Video
 
     pictures = Path(what).is_dir() or what.lower().endswith(ENDINGS)  # which have no rate of their own

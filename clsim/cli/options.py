@@ -245,7 +245,7 @@ ROS_EVENTS = Annotated[
 TEXT_TIME = Annotated[
     Literal["us", "s"] | None, advanced(help="Time in text: whole µs, or seconds with six decimals. [us]")
 ]
-STRICT = Annotated[
+STRICT_ORDER = Annotated[
     bool,
     advanced(
         "--strict",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import SENSOR_SIZE
+from clsim.cli.options import SENSOR_SIZE, STRICT_ORDER
 from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.cli.words import events_text
 from clsim.errors import InputError
@@ -67,6 +67,7 @@ def view(
         typer.Option(help="Of a recording with truth, what the page shows beside the events. [image]"),
     ] = None,
     resolution: SENSOR_SIZE = None,
+    strict: STRICT_ORDER = False,
 ) -> int:
     """Look at an event file or a live stream.
 
@@ -87,7 +88,7 @@ def view(
         check(where)
         if colours == "cause" and where != "web":
             raise InputError(f"--colours cause is for the page and for --to, got --view {where}")
-    with open_events(events, labels=("cause",) if colours == "cause" else ()) as source:
+    with open_events(events, labels=("cause",) if colours == "cause" else (), strict=strict) as source:
         size = _size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
             from clsim.live.view.colormaps import DEFAULT
@@ -108,7 +109,7 @@ def view(
 
             _pump(source, RerunSink(events, *size))
         elif where == "web":
-            _in_page(events, source, size, port, show, colours)
+            _in_page(events, source, size, port, show, colours, strict)
     return 0
 
 
@@ -152,6 +153,7 @@ def _in_page(
     port: str | None,
     show: Shown | None,
     colours: str | None,
+    strict: bool,
 ) -> None:
     """Serve the page until Ctrl-C or, for a stream, its end."""
     from clsim.events.filesource import EventSource
@@ -179,7 +181,7 @@ def _in_page(
         frames = partial(read_frames, Path(name))
     causes = "cause" in source.labelled
     player = Player(
-        partial(open_source, name, labels=("cause",) if causes else ()),
+        partial(open_source, name, labels=("cause",) if causes else (), strict=strict),
         Path(name).name,
         *size,
         **host_and_port(port),

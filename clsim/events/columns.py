@@ -59,7 +59,7 @@ def find_columns(names: Iterable[str]) -> dict[str, str] | None:
 
 
 def named(columns: Mapping[str, Any], *, first_row: int = 0) -> EventBatch:
-    """Return the batch of columns by their names; raises ValueError as `from_columns` does, and where one is missing."""
+    """Return the batch of columns by their names; raises ValueError as `from_columns` does, or where one is missing."""
     found = find_columns(columns)
     if found is None:
         raise ValueError(f"its columns are {', '.join(columns)}; expected t, x, y and p, each once")
@@ -67,7 +67,7 @@ def named(columns: Mapping[str, Any], *, first_row: int = 0) -> EventBatch:
 
 
 def check_unnamed(t: npt.NDArray[Any]) -> None:
-    """Raise ValueError where what stands first of four columns without names can be no time, for it goes up and down."""
+    """Raise ValueError where the first of four columns without names can be no time, for it goes up and down."""
     falls = int(np.count_nonzero(t[1:] < t[:-1]))
     if falls > max(_MOST_FALLS * len(t), _FEW_FALLS):
         raise ValueError(

@@ -80,10 +80,10 @@ def convert_events(
             while batch is not None:
                 end_us = int(batch["t"][-1])
                 _write(sink, batch, end_us, labels)
-                done = done._replace(events=done.events + len(batch), time_us=end_us, **_left(source))
+                done = _left(done._replace(events=done.events + len(batch), time_us=end_us), source)
                 progress(done)
                 batch = next(batches, None)
-            done = done._replace(**_left(source))  # of the last words, which held no others
+            done = _left(done, source)  # of the last words, which held no others
             sink.close()
         except BaseException as error:
             with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
@@ -98,9 +98,9 @@ def convert_events(
     return done
 
 
-def _left(source: EventSource | SocketSource) -> dict[str, int]:
+def _left(done: Copied, source: EventSource | SocketSource) -> Copied:
     moved = source.moved_events if isinstance(source, EventSource) else 0
-    return {"dropped_events": source.dropped_events, "moved_events": moved}
+    return done._replace(dropped_events=source.dropped_events, moved_events=moved)
 
 
 def _labels_of(source: str) -> Labels:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -87,7 +87,7 @@ class Evt2Decoder:
         return words[~is_mask], masks[~is_mask]
 
     def _events(
-        self, heads: npt.NDArray[np.uint32], kinds: npt.NDArray[np.uint32], masks: npt.NDArray[np.uint32] | None
+        self, heads: npt.NDArray[np.uint32], kinds: npt.NDArray[Any], masks: npt.NDArray[np.uint32] | None
     ) -> _Found:
         off = _OFF[self._encoding]
         at = np.flatnonzero((kinds >= off) & (kinds <= off + (3 if self._encoding == "evt4" else 1)))

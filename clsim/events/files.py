@@ -177,9 +177,7 @@ def format_of(path: Path) -> FileFormat:
         if path.name.lower().endswith(candidate.endings):
             return candidate
     if any(path.name.lower().endswith(each.endings) for each in ONLY_READ):
-        raise InputError(
-            f'{path}: files that end in "{path.suffix}" are read, not written; expected {_listed(FORMATS)}'
-        )
+        raise InputError(f'{path}: files that end in "{path.suffix}" are only read; expected {_listed(FORMATS)}')
     raise InputError(
         f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {_listed(FORMATS)}'
     )

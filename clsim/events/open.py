@@ -26,8 +26,8 @@ def open_events(
     closed early, or used in a ``with`` block.
 
     ``labels``, of ``cause`` and ``object``, are further fields of the batches; HDF5 and Parquet files that were written
-    with them have these. Events of a file that are out of order are put in their place, if they are up to 0.1 s late, or
-    left out (``moved_events`` and ``dropped_events`` count them); ``strict`` makes them an error.
+    with them have these. Events of a file that are out of order are put in their place, if they are up to 0.1 s late,
+    or left out (``moved_events`` and ``dropped_events`` count them); ``strict`` makes them an error.
 
     >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
     ...     print(batch["t"][0], len(batch))

@@ -21,7 +21,6 @@ _MOST_HELD = 1 << 19
 """Events that wait for earlier ones, at most: of fast cameras the window is shorter."""
 _BLOCK = 1 << 13
 """Small batches are looked at together, so that one wrong time is told from many right ones."""
-_CHUNK = 1 << 18
 
 
 class Order:
@@ -112,8 +111,8 @@ class Order:
         t = events["t"]
         self.moved_events += int(np.count_nonzero(t < np.maximum.accumulate(t))) if len(t) else 0
         events = events[np.argsort(t, kind="stable")]
-        for start in range(0, len(events), _CHUNK):
-            self._hold(events[start : start + _CHUNK])
+        for start in range(0, len(events), _BLOCK):  # short ones, so that the next merge is about few
+            self._hold(events[start : start + _BLOCK])
 
     def _contradicting(self, t: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
         """Tell which events go: those far behind others, or those far ahead, whichever are fewer."""

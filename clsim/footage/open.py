@@ -9,7 +9,6 @@ from clsim.footage.images import ENDINGS, Pictures
 from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 
-
 VIDEO_ENDINGS = (
     ".mp4", ".mkv", ".mov", ".webm", ".avi", ".m4v", ".gif", ".mpg", ".mpeg", ".ts", ".flv", ".wmv", ".ogv", ".apng",
 )  # fmt: skip

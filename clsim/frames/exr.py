@@ -27,8 +27,8 @@ class ExrSequence:
     """Frames from the EXR files of a folder or a glob pattern; a `FrameSource`.
 
     Files are ordered by the last number in their names. The layout (see `clsim.frames.layouts`) is recognised from
-    the first file and every file must have it. A frame is what the display window shows; where a file's data window holds
-    no pixels, it is black. NaN and infinite pixels pass through: the detector masks them.
+    the first file and every file must have it. A frame is what the display window shows; where a file's data window
+    holds no pixels, it is black. NaN and infinite pixels pass through: the detector masks them.
 
     Attributes:
         width: number of pixel columns.

@@ -1,6 +1,5 @@
 """What we write is read by libraries that did not write it, event for event; what others write is read by us."""
 
-import itertools
 import struct
 from pathlib import Path
 

@@ -134,7 +134,7 @@ def test_every_format_follows_the_rule(tmp_path: Path, ending: str) -> None:
     assert np.array_equal(found["t"], np.sort(SHUFFLED["t"])) and source.moved_events > 0
     assert source.dropped_events == 0
     assert sorted(found.tolist()) == sorted(SHUFFLED.tolist())
-    with pytest.raises(InputError, match=rf"event \d+ has time \d+ µs, before \d+ µs; expected rising times"):
+    with pytest.raises(InputError, match=r"event \d+ has time \d+ µs, before \d+ µs; expected rising times"):
         open_source(path, strict=True).read()
 
 
