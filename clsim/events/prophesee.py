@@ -1,17 +1,13 @@
-"""What EVT2, EVT3 and DAT share: text headers, and faery's decoders behind one face."""
+"""Prophesee's RAW files: their header, and which encoding follows it."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Literal
-
-import numpy as np
+from typing import BinaryIO, Literal
 
 from clsim.errors import InputError
-from clsim.events.batch import EVENT_DTYPE, EventBatch
 from clsim.events.evt2_words import Encoding, Evt2Decoder
 from clsim.events.evt2_words import decode_file as decode_evt2_file
 from clsim.events.evt3_words import Evt3Decoder
@@ -99,19 +95,3 @@ def _read_raw_header(path: Path, file: BinaryIO) -> _RawHeader:
         encoding = "evt21-legacy"
     width, height = (int(fields[name]) or None if name in fields else None for name in ("width", "height"))
     return _RawHeader(encoding, width, height)
-
-
-def faery_batches(decoder: Any, events_of: Callable[[Any], Any]) -> Iterator[EventBatch]:
-    """Yield the batches of a faery decoder.
-
-    ``events_of(packet)`` is a structured array with t, x, y and on or payload, or None where a packet has no events.
-    """
-    with decoder:
-        for packet in decoder:
-            found = events_of(packet)
-            if found is None:
-                continue
-            batch = np.empty(len(found), EVENT_DTYPE)
-            batch["t"], batch["x"], batch["y"] = found["t"], found["x"], found["y"]
-            batch["on"] = found["on" if "on" in found.dtype.names else "payload"] != 0
-            yield batch
