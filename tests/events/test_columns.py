@@ -140,7 +140,7 @@ SECONDS = "\n".join(f"{t * 1e-6:.6f} {x} {y} {p}" for t, x, y, p in zip(T, X, Y,
         "whole numbers with a point": ("a.txt", SECONDS.replace("\n", ".0\n")),
         "names in a comment": ("a.txt", "# made by hand\n# columns: t x y p\n" + LINES.replace(",", " ")),
         "a unit in the name": ("a.csv", "timestamp [us],x,y,polarity\n" + LINES),
-        "ns": ("a.csv", "t_ns,x,y,p\n" + LINES.replace(",", "000,", 1).replace("\n", "\n").strip() + "\n"),
+        "ns": ("a.csv", "t_ns,x,y,p\n" + "".join(f"{t}000,{x},{y},{p}\n" for t, x, y, p in ROWS)),
         "short seconds": (
             "a.txt",
             "".join(f"{t * 1e-6:g} {x} {y} {p}\n" for t, x, y, p in zip(T, X, Y, P, strict=True)),
@@ -203,9 +203,8 @@ def test_the_shared_cases() -> None:
     assert len(found) == 1000 and found["x"].max() == 239 and found["y"].max() == 179
 
 
-NUMBERS = st.sampled_from(
-    [np.int8, np.uint8, np.int16, np.uint16, np.int64, np.uint64, np.float32, np.float64, np.bool_]
-)
+KINDS = [np.int8, np.uint8, np.int16, np.uint16, np.int64, np.uint64, np.float32, np.float64, np.bool_]
+NUMBERS = st.sampled_from(KINDS)
 
 
 @settings(deadline=None, max_examples=200)
