@@ -41,4 +41,5 @@ def keep_streams() -> None:
         sys.stdout = open(1, "w", encoding="utf-8", closefd=False)  # noqa: SIM115, it lasts as long as the program
     if sys.stderr is None:
         sys.stderr = open(2, "w", encoding="utf-8", closefd=False)  # noqa: SIM115
-    sys.stderr = cast(TextIO, _Patient(sys.stderr))
+    if not isinstance(sys.stderr, _Patient):
+        sys.stderr = cast(TextIO, _Patient(sys.stderr))
