@@ -96,18 +96,18 @@ class Evt2Decoder:
     def _batch(self, found: _Found, high: npt.NDArray[np.int64]) -> EventBatch:
         heads, _, masks = found
         on = (heads >> 28 & 1) != 0
-        low = (heads >> 22 & 0x3F).astype(np.int64)
-        x, y = (heads >> 11 & 0x7FF).astype(np.int64), heads & 0x7FF
+        low, x, y = heads >> 22 & 0x3F, heads >> 11 & 0x7FF, heads & 0x7FF
         if masks is not None:
             bits = np.unpackbits(np.ascontiguousarray(masks, "<u4").view(np.uint8), bitorder="little")
             word, step = np.nonzero(bits.reshape(-1, _VECTOR))
             high, on, low, x, y = high[word], on[word], low[word], x[word] + step, y[word]
         fits = (x < self._width) & (y < self._height) & (high >= 0)
-        count = int(np.count_nonzero(fits))
-        self.dropped_events += len(x) - count
-        events = empty_batch(count)
-        events["t"] = (high << _LOW_BITS | low)[fits]
-        events["x"], events["y"], events["on"] = x[fits], y[fits], on[fits]
+        if not fits.all():
+            self.dropped_events += len(x) - int(np.count_nonzero(fits))
+            high, on, low, x, y = high[fits], on[fits], low[fits], x[fits], y[fits]
+        events = empty_batch(len(x))
+        events["t"] = high << _LOW_BITS | low
+        events["x"], events["y"], events["on"] = x, y, on
         return events
 
 
