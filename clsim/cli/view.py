@@ -13,7 +13,7 @@ import typer
 from clsim.cli import parse
 from clsim.cli.options import SENSOR_SIZE, STRICT_ORDER
 from clsim.cli.watch import PORT, announce, check, host_and_port
-from clsim.cli.words import events_text
+from clsim.cli.words import dropped_text, events_text
 from clsim.errors import InputError
 from clsim.events.address import is_address
 from clsim.truth.recording import recording_kind
@@ -102,6 +102,8 @@ def view(
             if at_us is None and accumulate_us > times.span_us:
                 _warn(f"--accumulate {accumulate} is longer than the recording, {times.span_us * 1e-6:g} s")
             typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
+            if source.dropped_events:
+                _warn(f"{events}: {dropped_text(source.dropped_events)}")
         elif where == "terminal":
             _in_terminal(events, source, size, speed)
         elif where == "rerun":

@@ -21,6 +21,10 @@ _LATEST_US = 1 << 62
 _MOST_FALLS, _FEW_FALLS = 0.1, 10
 
 
+class ColumnError(ValueError):
+    """Columns that hold no events: one sentence with column, row and value."""
+
+
 def from_columns(t: Any, x: Any, y: Any, p: Any, *, first_row: int = 0, **labels: Any) -> EventBatch:
     """Return one batch of columns of numbers, with fields for labels; the first is row ``first_row`` of its file.
 
@@ -28,10 +32,10 @@ def from_columns(t: Any, x: Any, y: Any, p: Any, *, first_row: int = 0, **labels
     where all numbers are whole.
 
     Raises:
-        ValueError: they are of different lengths, or hold what is no event; names column, row and value.
+        ColumnError: they are of different lengths, or hold what is no event; names column, row and value.
     """
     if len({len(column) for column in (t, x, y, p)}) > 1:
-        raise ValueError(f"its columns t, x, y, p have {len(t)}, {len(x)}, {len(y)}, {len(p)} rows; expected as many")
+        raise ColumnError(f"its columns t, x, y, p have {len(t)}, {len(x)}, {len(y)}, {len(p)} rows; expected as many")
     events = empty_batch(len(t), tuple(labels))
     events["t"] = _whole("t", t, 0, _LATEST_US, "whole µs", first_row)
     for name, column in (("x", x), ("y", y)):
@@ -40,7 +44,7 @@ def from_columns(t: Any, x: Any, y: Any, p: Any, *, first_row: int = 0, **labels
     events["on"] = polarity > 0
     for name, column in labels.items():
         if column.dtype.kind not in "iub":
-            raise ValueError(f"column {name} has type {column.dtype}; expected whole numbers")
+            raise ColumnError(f"column {name} has type {column.dtype}; expected whole numbers")
         events[name] = column
     return events
 
@@ -62,7 +66,7 @@ def named(columns: Mapping[str, Any], *, first_row: int = 0) -> EventBatch:
     """Return the batch of columns by their names; raises ValueError as `from_columns` does, or where one is missing."""
     found = find_columns(columns)
     if found is None:
-        raise ValueError(f"its columns are {', '.join(columns)}; expected t, x, y and p, each once")
+        raise ColumnError(f"its columns are {', '.join(columns)}; expected t, x, y and p, each once")
     return from_columns(*(np.asarray(columns[found[name]]) for name in NAMES), first_row=first_row)
 
 
@@ -70,7 +74,7 @@ def check_unnamed(t: npt.NDArray[Any]) -> None:
     """Raise ValueError where the first of four columns without names can be no time, for it goes up and down."""
     falls = int(np.count_nonzero(t[1:] < t[:-1]))
     if falls > max(_MOST_FALLS * len(t), _FEW_FALLS):
-        raise ValueError(
+        raise ColumnError(
             f"its columns have no names, and the first goes back in {falls} of {len(t)} rows; expected the columns "
             "t, x, y, p in this order"
         )
@@ -81,7 +85,7 @@ def _whole(
 ) -> npt.NDArray[np.int64]:
     """Return a column as whole numbers within bounds."""
     if column.dtype.kind not in "iubf" or column.ndim != 1:
-        raise ValueError(f"column {name} is {column.dtype} {list(column.shape)}; expected a row of numbers")
+        raise ColumnError(f"column {name} is {column.dtype} {list(column.shape)}; expected a row of numbers")
     if column.dtype.kind == "b" or not len(column):
         return column.astype(np.int64)
     with np.errstate(invalid="ignore"):
@@ -94,5 +98,5 @@ def _whole(
         size = column.dtype.itemsize
         hint = " (-1 without its sign)" if low == -1 and value in (255, 2 ** (8 * size) - 1, 2**32 - 1) else ""
         hint = " (seconds?)" if name == "t" and column.dtype.kind == "f" and 0 <= value < high else hint
-        raise ValueError(f"column {name} has {value} in row {first_row + row}{hint}; expected {expected}")
+        raise ColumnError(f"column {name} has {value} in row {first_row + row}{hint}; expected {expected}")
     return column.astype(np.int64)

@@ -10,6 +10,7 @@ from typing import BinaryIO
 
 from clsim.errors import InputError
 from clsim.events.batch import CAUSES, EventBatch, Labels, gather
+from clsim.events.columns import ColumnError
 from clsim.events.order import Order
 
 CHUNK_EVENTS = 1 << 18
@@ -134,6 +135,8 @@ def naming_damage(path: Path) -> Iterator[None]:
         yield
     except (StopIteration, InputError, MemoryError):
         raise
+    except ColumnError as error:
+        raise InputError(f"{path}: {error}") from None
     except Exception as error:
         raise damaged(path, error) from error
     except BaseException as error:

@@ -20,6 +20,8 @@ from clsim.frames.frame import FloatArray
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
 _HDR = ("pq", "hlg")
+_JPEG = (".jpg", ".jpeg")
+_SCAN, _END = b"\xff\xda", b"\xff\xd9"
 
 
 class Pictures(Footage):
@@ -79,6 +81,8 @@ class _Picture:
             self.size = self._floats.shape[2], self._floats.shape[1]
             return
         with open_media(where) as container:
+            if where.lower().endswith(_JPEG):
+                _check_whole_jpeg(where)
             self._frame, _ = first_frame(container, where)
             self.kind = pixel_format(self._frame, where)
             self.size = self._frame.width, self._frame.height
@@ -89,6 +93,13 @@ class _Picture:
         else:
             out_rgb[...] = self._floats  # grey spreads over three
             decode(out_rgb, transfer)
+
+
+def _check_whole_jpeg(where: str) -> None:
+    """Raise InputError for a JPEG without its end, of which libav makes a picture that is grey below."""
+    data = Path(where).read_bytes()
+    if data.rfind(_END) < data.rfind(_SCAN):
+        raise InputError(f"{where}: ends in the middle of its picture; expected all of it")
 
 
 def picture_files(path: str | Path) -> list[Path]:

@@ -135,6 +135,20 @@ def test_tiff_of_whole_numbers_is_srgb_and_a_damaged_one_is_refused(tmp_path: Pa
             read(Pictures(tmp_path, Reading(fps=10.0)))
 
 
+@pytest.mark.parametrize("ending", ["png", "jpg", "tif", "bmp", "webp", "ppm"])
+def test_a_picture_that_was_cut_is_refused(tmp_path: Path, ending: str) -> None:
+    """Also one whose preview, inside it, is whole."""
+    thumbnail = Image.Exif()
+    thumbnail[0x9286] = b"\xff\xd8\xff\xda\0\xff\xd9"
+    more = {"exif": thumbnail} if ending == "jpg" else {}
+    Image.fromarray(picture(0)).save(tmp_path / f"a0.{ending}", **more)
+    assert len(read(Pictures(tmp_path, Reading(fps=10.0)))) == 1
+    data = (tmp_path / f"a0.{ending}").read_bytes()
+    (tmp_path / f"a0.{ending}").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match="cannot be decoded|ends in the middle of its picture"):
+        read(Pictures(tmp_path, Reading(fps=10.0)))
+
+
 def folder(path: Path, *names: str) -> Path:
     path.mkdir()
     for name in names:
