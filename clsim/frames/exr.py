@@ -7,6 +7,7 @@ import glob
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.frames.exr_read import read_channels
+from clsim.frames.exr_read import held_pixels, read_channels
 from clsim.frames.frame import FloatArray, Frame, frame_time_us, page_aligned
 from clsim.frames.layouts import FAR_M, POSITION, Layout, recognise
 from clsim.frames.planes import COVERAGE, DEPTH
@@ -61,6 +62,11 @@ class ExrSequence:
         self._space: Space | None = None
         if self._layout.has_position:
             self._space = position_space(_positions(channels, self._layout), camera_matrix(header))
+        # Denoising must not mix what was seen with the black around it.
+        tells = COVERAGE[0] in self._layout.planes(with_depth=True)
+        self._tells_held = not tells and not held_pixels(header).all()
+        if self._tells_held:
+            self._layout = replace(self._layout, channels={**self._layout.channels, COVERAGE[0]: COVERAGE[0]})
         given = self._layout.planes(with_depth=self._space is not None)
         for plane in planes or ():
             if plane not in given:
@@ -92,6 +98,8 @@ class ExrSequence:
             raise ValueError(f"the frame has the planes {out.names}, expected {self.names}")
         file = self.files[index]
         channels, header = read_channels(file)
+        if self._tells_held:
+            channels[COVERAGE[0]] = held_pixels(header)
         for channel in self._layout.channels.values():
             if channel not in channels:
                 raise InputError(f"{file} has no channel {channel!r}, which {self.files[0].name} has")

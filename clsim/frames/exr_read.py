@@ -71,6 +71,12 @@ def read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, An
     return channels, header
 
 
+def held_pixels(header: dict[str, Any]) -> FloatArray:
+    """Return 1 where a part of that header holds pixels of the display window ``[H, W]``, else 0."""
+    held, shown = (_window(Path(), header, name) for name in ("dataWindow", "displayWindow"))
+    return np.asarray(_placed(np.ones(held.shape, np.float32), held, shown, 0))
+
+
 def _check_kind(file: Path, part: Any, parts: int) -> None:
     if "deep" in str(part.type()):
         which = f", in its part {part.name()}" if parts > 1 else ""
