@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
 
 NAMES = {
@@ -21,8 +22,8 @@ _LATEST_US = 1 << 62
 _MOST_FALLS, _FEW_FALLS = 0.1, 10
 
 
-class ColumnError(ValueError):
-    """Columns that hold no events: one sentence with column, row and value."""
+class ColumnError(InputError):
+    """Columns that hold no events; its text has column, row and value, and does not know the file."""
 
 
 def from_columns(t: Any, x: Any, y: Any, p: Any, *, first_row: int = 0, **labels: Any) -> EventBatch:

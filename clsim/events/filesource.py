@@ -133,10 +133,10 @@ def naming_damage(path: Path) -> Iterator[None]:
     """Turn whatever a decoder raises into an InputError that names the file."""
     try:
         yield
-    except (StopIteration, InputError, MemoryError):
-        raise
     except ColumnError as error:
         raise InputError(f"{path}: {error}") from None
+    except (StopIteration, InputError, MemoryError):
+        raise
     except Exception as error:
         raise damaged(path, error) from error
     except BaseException as error:
