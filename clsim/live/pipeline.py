@@ -145,8 +145,7 @@ class Progress:
     frames: int = 0
     events: int = 0
     on_events: int = 0
-    first_us: int | None = None
-    """Time of the first frame: recordings may begin late."""
+    first_us: int | None = None  # recordings may begin late
     simulated_us: int = 0
     dropped_frames: int = 0
     late_frames: int = 0
