@@ -23,6 +23,9 @@ def main() -> None:
     atexit.register(gc.freeze)
     # Matrices are small here. NumPy's threads for large ones would wait for them, and not idly.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from clsim.cli.streams import keep_streams
+
+    keep_streams()
     import typer
 
     from clsim.cli.app import app

@@ -23,7 +23,7 @@ _LENGTHS = ("duration_s", "frame_count")
 def read_config(path: Path) -> dict[str, Any]:
     """Return the options that a file holds: a JSON object of them, or with them under ``options``, as in a sidecar."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"--config {path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
@@ -42,7 +42,7 @@ def config_times_us(path: Path) -> list[int] | None:
     """Return the times of frames [µs] that a file tells, as the sidecar of frames at chosen times does; else None."""
     from clsim.footage.times import check_rising
 
-    found = json.loads(path.read_text(encoding="utf-8"))  # `read_config` has read it
+    found = json.loads(path.read_text(encoding="utf-8-sig"))  # `read_config` has read it
     if "times_us" not in found:
         return None
     times_us = read_value("times_us", found["times_us"], tuple[int, ...])

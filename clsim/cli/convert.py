@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, TEXT_TIME
+from clsim.cli.options import FILES, FORMAT, ROS_EVENTS, SENSOR_SIZE, STRICT_ORDER, TEXT_TIME
 from clsim.cli.status import INTERRUPTED, OUTPUT_FAILED, READER_LEFT
-from clsim.cli.words import dropped_text, events_text
+from clsim.cli.words import dropped_text, events_text, moved_text
 from clsim.truth.layouts import layout_of
 from clsim.truth.recording import recording_kind
 
@@ -26,6 +26,7 @@ def convert(
     format: FORMAT = None,
     text_time: TEXT_TIME = None,
     ros_events: ROS_EVENTS = None,
+    strict: STRICT_ORDER = False,
 ) -> int:
     """Convert events between files of all formats and sockets, or record a stream; recordings with truth too.
 
@@ -67,7 +68,8 @@ def convert(
                         f"{rate:,.0f} ev/s"
                     )
 
-            done = convert_events(source, target, size, tell, FileOptions(format, text_time, ros_events))
+            files = FileOptions(format, text_time, ros_events)
+            done = convert_events(source, target, size, tell, files, strict=strict)
     except SinkError as error:
         if isinstance(error.__cause__, BrokenPipeError):
             return READER_LEFT
@@ -100,5 +102,7 @@ def _convert_truth(source: str, target: str) -> int:
 
 
 def _tell_dropped(source: str, done: Copied) -> None:
+    if done.moved_events:
+        print(f"clsim: {source}: {moved_text(done.moved_events)}", file=sys.stderr)
     if done.dropped_events:
         print(f"clsim: {source}: {dropped_text(done.dropped_events)}", file=sys.stderr)

@@ -201,7 +201,7 @@ def _told_by(frames: str) -> dict[str, Any]:
     """Return what frames.json beside the frames tells of the run that rendered them; nothing where there is none."""
     path = _about(frames)
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        told = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         return {}
     except (OSError, ValueError) as error:

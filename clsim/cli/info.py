@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from clsim.cli.options import JSON
-from clsim.cli.words import dropped_text
+from clsim.cli.options import JSON, STRICT_ORDER
+from clsim.cli.words import dropped_text, moved_text
 from clsim.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,14 +24,18 @@ _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled
 
 
 def info(
-    what: Annotated[str, typer.Argument(help="A bundled scene, a scene file, EXR frames, or an event file or folder.")],
+    what: Annotated[
+        str,
+        typer.Argument(help="A bundled scene, a scene file, EXR frames, a video or pictures, an event file or folder."),
+    ],
     as_json: JSON = False,
+    strict: STRICT_ORDER = False,
 ) -> None:
-    """Describe a scene and what of the renderer is compiled for it, recorded frames and their features, or events.
+    """Describe a scene and what of the renderer is compiled for it, frames and their features, video, or events.
 
     Example: `clsim info two-boxes`
     """
-    facts = _facts(what)
+    facts = _facts(what, strict)
     if as_json:
         typer.echo(json.dumps(facts))
         return
@@ -42,22 +46,27 @@ def info(
         for key, value in table.items():
             if key != "warnings":
                 typer.echo(f"  {_LABELS.get(key, key):<20} {_text(value)}")
+    if moved := facts.get("events", {}).get("moved_events"):
+        typer.echo(f"clsim: {what}: {moved_text(moved)}", err=True)
     if dropped := facts.get("events", {}).get("dropped_events"):
         typer.echo(f"clsim: {what}: {dropped_text(dropped)}", err=True)
 
 
-def _facts(what: str) -> dict[str, Any]:
-    from clsim.events.files import ENDINGS, format_of, split_topic
+def _facts(what: str, strict: bool) -> dict[str, Any]:
+    from clsim.events.files import READ_ENDINGS, read_format_of, split_topic
+    from clsim.footage.open import FILE_ENDINGS, is_footage
     from clsim.scene import bundled_scenes
     from clsim.truth.recording import recording_kind
 
     name = str(split_topic(what)[0]).lower()
     if os.path.isdir(what) and (kind := recording_kind(what)) is not None:
-        return {"events": _events(what, kind.name)}
+        return {"events": _events(what, kind.name, strict)}
+    if name.endswith(FILE_ENDINGS) or (what not in bundled_scenes() and Path(what).is_dir() and is_footage(what)):
+        return {"footage": _footage(what)}
     if name.endswith(".exr") or (Path(what).is_dir() and what not in bundled_scenes()):
         return {"frames": _frames(what)}
-    if name.endswith(ENDINGS):
-        return {"events": _events(what, format_of(split_topic(what)[0]).name)}
+    if name.endswith(READ_ENDINGS):
+        return {"events": _events(what, read_format_of(split_topic(what)[0]).name, strict)}
     return _scene(what)
 
 
@@ -123,13 +132,34 @@ def _frames(what: str) -> dict[str, Any]:
     }
 
 
-def _events(what: str, form: str) -> dict[str, Any]:
+def _footage(what: str) -> dict[str, Any]:
+    """Return what a video or a folder of pictures is, as its first frame and its header tell."""
+    from clsim.footage.images import ENDINGS
+    from clsim.footage.open import open_footage
+    from clsim.footage.source import Reading
+    from clsim.footage.video import Video
+
+    pictures = Path(what).is_dir() or what.lower().endswith(ENDINGS)  # which have no rate of their own
+    source = open_footage(what, Reading(fps=1.0 if pictures else None))
+    try:
+        return {
+            "resolution": [source.width, source.height],
+            "frames": source.frame_count,
+            "fps": source.fps if isinstance(source, Video) else None,
+            "transfer": source.transfer,
+            "steps": source.steps,
+        }
+    finally:
+        source.close()
+
+
+def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
     """Return the figures of an event file or folder of that format, read in bounded memory."""
     from clsim.events.files import open_source
 
     count = on = right = bottom = last_us = 0
     first_us: int | None = None
-    with open_source(what) as source:
+    with open_source(what, strict=strict) as source:
         for batch in source:
             first_us = int(batch["t"][0]) if first_us is None else first_us
             last_us = int(batch["t"][-1])
@@ -139,7 +169,7 @@ def _events(what: str, form: str) -> dict[str, Any]:
         resolution = None if source.width is None or source.height is None else [source.width, source.height]
     span_us = last_us - (first_us or 0)
     return {
-        "format": form,
+        "format": source.format or form,
         "resolution": resolution,
         "events": count,
         "first_us": first_us,
@@ -148,6 +178,7 @@ def _events(what: str, form: str) -> dict[str, Any]:
         "events_per_s": count / (span_us * 1e-6) if span_us else None,
         "on_share": on / count if count else None,
         "farthest_pixel": [right, bottom] if count else None,
+        "moved_events": source.moved_events,
         "dropped_events": source.dropped_events,
     }
 

@@ -244,6 +244,14 @@ ROS_EVENTS = Annotated[
 TEXT_TIME = Annotated[
     Literal["us", "s"] | None, advanced(help="Time in text: whole µs, or seconds with six decimals. [us]")
 ]
+STRICT_ORDER = Annotated[
+    bool,
+    advanced(
+        "--strict",
+        help="Refuse files whose events are out of order, instead of putting in place what is up to 0.1 s late and "
+        "leaving out the rest.",
+    ),
+]
 LABELS = Annotated[
     bool | None,
     advanced(

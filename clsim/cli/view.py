@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import SENSOR_SIZE
+from clsim.cli.options import SENSOR_SIZE, STRICT_ORDER
 from clsim.cli.watch import PORT, announce, check, host_and_port
-from clsim.cli.words import events_text
+from clsim.cli.words import dropped_text, events_text
 from clsim.errors import InputError
 from clsim.events.address import is_address
 from clsim.truth.recording import recording_kind
@@ -67,6 +67,7 @@ def view(
         typer.Option(help="Of a recording with truth, what the page shows beside the events. [image]"),
     ] = None,
     resolution: SENSOR_SIZE = None,
+    strict: STRICT_ORDER = False,
 ) -> int:
     """Look at an event file or a live stream.
 
@@ -87,7 +88,7 @@ def view(
         check(where)
         if colours == "cause" and where != "web":
             raise InputError(f"--colours cause is for the page and for --to, got --view {where}")
-    with open_events(events, labels=("cause",) if colours == "cause" else ()) as source:
+    with open_events(events, labels=("cause",) if colours == "cause" else (), strict=strict) as source:
         size = _size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
             from clsim.live.view.colormaps import DEFAULT
@@ -101,6 +102,8 @@ def view(
             if at_us is None and accumulate_us > times.span_us:
                 _warn(f"--accumulate {accumulate} is longer than the recording, {times.span_us * 1e-6:g} s")
             typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
+            if source.dropped_events:
+                _warn(f"{events}: {dropped_text(source.dropped_events)}")
         elif where == "terminal":
             _in_terminal(events, source, size, speed)
         elif where == "rerun":
@@ -108,7 +111,7 @@ def view(
 
             _pump(source, RerunSink(events, *size))
         elif where == "web":
-            _in_page(events, source, size, port, show, colours)
+            _in_page(events, source, size, port, show, colours, strict)
     return 0
 
 
@@ -152,6 +155,7 @@ def _in_page(
     port: str | None,
     show: Shown | None,
     colours: str | None,
+    strict: bool,
 ) -> None:
     """Serve the page until Ctrl-C or, for a stream, its end."""
     from clsim.events.filesource import EventSource
@@ -164,7 +168,7 @@ def _in_page(
         announce(page.url)
         _pump(source, page)
         return
-    from clsim.events.files import format_of, open_source, split_topic
+    from clsim.events.files import open_source, read_format_of, split_topic
     from clsim.live.view.player import Player
 
     source.close()
@@ -173,13 +177,13 @@ def _in_page(
         from clsim.live.view.truth_pictures import recorded_pictures
 
         frames = partial(recorded_pictures, name, show or "image")
-    elif format_of(split_topic(name)[0]).name == "aedat4":
+    elif read_format_of(split_topic(name)[0]).name == "aedat4":
         from clsim.events.aedat4 import read_frames
 
         frames = partial(read_frames, Path(name))
     causes = "cause" in source.labelled
     player = Player(
-        partial(open_source, name, labels=("cause",) if causes else ()),
+        partial(open_source, name, labels=("cause",) if causes else (), strict=strict),
         Path(name).name,
         *size,
         **host_and_port(port),

@@ -40,5 +40,11 @@ def real_time_share(summary: dict[str, Any]) -> float | None:
 def dropped_text(events: int) -> str:
     """Return the sentence about events of a source that were left out."""
     are = "was left out, for it lies" if events == 1 else "were left out, for they lie"
-    come = "comes after a later one" if events == 1 else "come after later ones"
-    return f"{events_text(events)} {are} outside the sensor or {come}"
+    have = "has no time or one" if events == 1 else "have no time or one"
+    return f"{events_text(events)} {are} outside the sensor, or {have} far out of order"
+
+
+def moved_text(events: int) -> str:
+    """Return the sentence about events of a source that were put in their place."""
+    came = "came after a later one and was" if events == 1 else "came after later ones and were"
+    return f"{events_text(events)} {came} put in order"

@@ -17,19 +17,13 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
-from clsim.events.columns import from_columns
+from clsim.events.columns import named
 
 if TYPE_CHECKING:
     import dv_processing
     import pandas
     import torch
 
-_NAMES = {
-    "t": ("t", "ts", "timestamp"),
-    "x": ("x",),
-    "y": ("y",),
-    "p": ("p", "on", "polarity"),
-}
 _TONIC_DTYPE = np.dtype(
     {
         "names": ["x", "y", "t", "p"],
@@ -44,7 +38,7 @@ def from_numpy(events: npt.NDArray[Any]) -> EventBatch:
     """Return a batch of a structured array, or of rows of whole numbers t [µs], x, y, p; an EventBatch is not copied.
 
     Fields may be called t, ts or timestamp; x; y; p, on or polarity (as in tonic, faery, dv-processing, expelliarmus).
-    Polarity counts as on where it is above 0. Raises InputError for anything else.
+    Polarity is 1, and 0 or -1. Raises InputError for anything else.
     """
     if events.dtype == EVENT_DTYPE and events.ndim == 1:
         return events
@@ -128,16 +122,8 @@ def _columns(batch: EventBatch) -> dict[str, npt.NDArray[Any]]:
 
 
 def _from_mapping(found: Mapping[str, npt.NDArray[Any]]) -> EventBatch:
-    columns = []
-    for name, spellings in _NAMES.items():
-        column = next((found[spelling] for spelling in spellings if spelling in found), None)
-        if column is None:
-            raise InputError(
-                f"events have no {name}; expected one of: {', '.join(spellings)}; found: {', '.join(found)}"
-            )
-        columns.append(column)
     try:
-        return from_columns(*columns)
+        return named(found)
     except ValueError as error:
         raise InputError(f"events cannot be used: {error}") from None
 

@@ -15,11 +15,12 @@ from clsim.events import SinkError
 from clsim.events.address import is_address
 from clsim.events.batch import EventBatch, Labelling, Labels, Sink
 from clsim.events.closing import close_at_once
-from clsim.events.files import LABELLED, format_of, split_topic
+from clsim.events.files import LABELLED, read_format_of, split_topic
 from clsim.events.filesource import EventSource
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
+from clsim.events.stream_source import SocketSource
 from clsim.events.whole import WholeFile, open_whole
 from clsim.version import VERSION
 
@@ -32,6 +33,8 @@ class Copied(NamedTuple):
     """Of the last of them."""
     dropped_events: int = 0
     """Left out, because they lie outside the sensor or came too late."""
+    moved_events: int = 0
+    """Put in their place, because they came after later ones."""
     lost_labels: Labels = ()
     """Which labels the target cannot hold."""
 
@@ -42,10 +45,12 @@ def convert_events(
     resolution: tuple[int, int] | None = None,
     progress: Callable[[Copied], None] = lambda copied: None,
     files: FileOptions | None = None,
+    *,
+    strict: bool = False,
 ) -> Copied:
     """Copy all events with their labels, in bounded memory; returns how many. ``progress`` hears of each batch.
 
-    ``files`` says how a target file is written.
+    ``files`` says how a target file is written; ``strict`` refuses a source file whose events are out of order.
 
     A target file is there in the end only if all was well, and what stood under its name stays until then. One that
     records a stream is written in place and kept, whatever ends it: a stream comes once. The sidecar comes along.
@@ -64,7 +69,7 @@ def convert_events(
     labels = labelled if "cause" in labelled and files.format_of(target_name) in LABELLED else ()
     if labels:
         files = replace(files, labels=True, objects="object" in labels)
-    with open_events(source_name, labels=labels) as source:
+    with open_events(source_name, labels=labels, strict=strict) as source:
         size = sensor_size(source_name, source, resolution)
         batches = iter(source)
         batch = next(batches, None)  # most of what can be wrong with a source shows here, before the target is touched
@@ -75,10 +80,10 @@ def convert_events(
             while batch is not None:
                 end_us = int(batch["t"][-1])
                 _write(sink, batch, end_us, labels)
-                done = Copied(done.events + len(batch), end_us, source.dropped_events, done.lost_labels)
+                done = _left(done._replace(events=done.events + len(batch), time_us=end_us), source)
                 progress(done)
                 batch = next(batches, None)
-            done = done._replace(dropped_events=source.dropped_events)  # of the last words, which held no others
+            done = _left(done, source)  # of the last words, which held no others
             sink.close()
         except BaseException as error:
             with contextlib.suppress(SinkError, OSError):  # the first failure is the one to tell
@@ -93,9 +98,14 @@ def convert_events(
     return done
 
 
+def _left(done: Copied, source: EventSource | SocketSource) -> Copied:
+    moved = source.moved_events if isinstance(source, EventSource) else 0
+    return done._replace(dropped_events=source.dropped_events, moved_events=moved)
+
+
 def _labels_of(source: str) -> Labels:
     """Return which labels stand beside the events of a file, if its format has any: a pipe cannot be opened twice."""
-    if is_address(source) or Path(source).is_dir() or format_of(split_topic(source)[0]).name not in LABELLED:
+    if is_address(source) or Path(source).is_dir() or read_format_of(split_topic(source)[0]).name not in LABELLED:
         return ()
     with open_events(source) as opened:
         return opened.labelled if isinstance(opened, EventSource) else ()
@@ -120,7 +130,7 @@ def _source_sidecar(name: str) -> dict[str, Any]:
     if path is None or not path.exists():
         return {}
     try:
-        about: dict[str, Any] = dict(json.loads(path.read_text(encoding="utf-8")))
+        about: dict[str, Any] = dict(json.loads(path.read_text(encoding="utf-8-sig")))
         return about
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(f"{path}: is no sidecar ({error}); expected a JSON object, or no such file") from None

@@ -6,6 +6,8 @@ import socket
 import struct
 import time
 
+import numpy as np
+
 from clsim.errors import InputError
 from clsim.events.address import Address, cause
 from clsim.events.batch import EventBatch
@@ -48,7 +50,7 @@ class DvSource(SocketSource):
                 if stream_id == self._header.stream_id:
                     batch = parse_packet(payload, self._header)
                     if len(batch):
-                        return batch
+                        return batch[np.argsort(batch["t"], kind="stable")]
         except InputError as error:
             ended = self._closed  # by another thread: then it is no fault that the packet is torn
             self.close()

@@ -280,7 +280,7 @@ def _parse_description(description: bytes) -> tuple[int, int, int]:
 def parse_packet(payload: bytes | bytearray, header: StreamHeader) -> EventBatch:
     """Read the payload of a packet of events.
 
-    Events that share a time stay in the sender's order; if the sender's times are not sorted, they are sorted.
+    Events are in the sender's order.
 
     Raises:
         InputError: it is malformed, too large when decompressed, or an event lies outside the sensor.
@@ -300,8 +300,6 @@ def parse_packet(payload: bytes | bytearray, header: StreamHeader) -> EventBatch
             f"an event has x, y = {first['x']}, {first['y']}; "
             f"expected them within the sensor of {header.width}x{header.height} pixels"
         )
-    if (batch["t"][1:] < batch["t"][:-1]).any():
-        batch = batch[np.argsort(batch["t"], kind="stable")]
     return batch
 
 

@@ -6,15 +6,16 @@ Source: https://github.com/neuromorphicsystems/event_stream
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from clsim.events.batch import EventBatch
+from clsim.errors import InputError
+from clsim.events.batch import EventBatch, empty_batch
 from clsim.events.filesink import ByteFile, FileSink, FlushPolicy, Limits
 from clsim.events.filesource import EventSource, damaged, open_binary
-from clsim.events.prophesee import faery_batches
 
 # An hour without events is 32 MB of time steps: the gap is bounded, not the time.
 LIMITS = Limits("ES", size=2**16 - 1, gap_us=2**32)
@@ -57,7 +58,7 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> EsSink
 
 
 def open_source(path: Path) -> EventSource:
-    """Open an ES file of DVS events."""
+    """Open an ES file of DVS events, or of an ATIS, whose measurements of light are left out."""
     with open_binary(path) as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise damaged(path, f"expected it to begin with {_MAGIC!r}")
@@ -65,14 +66,24 @@ def open_source(path: Path) -> EventSource:
     import faery
 
     decoder = faery.es.Decoder(path, 0)
-    if decoder.event_type != "dvs":
-        raise damaged(path, f'it holds events of type "{decoder.event_type}"; expected "dvs"')
+    if decoder.event_type not in ("dvs", "atis"):
+        raise InputError(
+            f"{path}: holds Event Stream's events of the kind {decoder.event_type}, which tell no changes of "
+            "brightness; expected dvs or atis"
+        )
     width, height = decoder.dimensions
 
-    def upright(packet: Any) -> Any:
-        if len(packet) and int(packet["y"].max()) >= height:
-            raise ValueError(f"an event at y = {packet['y'].max()} lies outside the sensor's {height} pixels")
-        packet["y"] = height - 1 - packet["y"]
-        return packet
+    return EventSource(path, width, height, _read(decoder, height))
 
-    return EventSource(path, width, height, faery_batches(decoder, upright))
+
+def _read(decoder: Any, height: int) -> Iterator[EventBatch]:
+    with decoder:
+        for packet in decoder:
+            if decoder.event_type == "atis":
+                packet = packet[~packet["exposure"]]
+            if len(packet) and int(packet["y"].max()) >= height:
+                raise ValueError(f"an event at y = {packet['y'].max()} lies outside the sensor's {height} pixels")
+            events = empty_batch(len(packet))
+            events["t"], events["x"], events["y"] = packet["t"], packet["x"], height - 1 - packet["y"]
+            events["on"] = packet["polarity" if decoder.event_type == "atis" else "on"]
+            yield events

@@ -78,15 +78,14 @@ def decode_file(path: Path, start: int, decoder: Evt3Decoder) -> Iterator[EventB
 class Evt3Decoder:
     """Turns words into events; time, row and vector base live on from one block of words to the next.
 
-    Cameras send events outside the sensor and upper times that go back a little. Those events, and events earlier than
-    a block before theirs, are left out and counted in ``dropped_events``.
+    Cameras send events outside the sensor. These, and those before the first upper time, which have no time, are left
+    out and counted in ``dropped_events``. Upper times may go back a little, so that events are not in order.
     """
 
     def __init__(self, width: int | None, height: int | None) -> None:
-        """Start before the first word; events ahead of the first time word are left out."""
+        """Start before the first word."""
         self.dropped_events = 0
         self._width, self._height = width or 1 << 16, height or 1 << 16
-        self._last_us = 0
         self._laps = -1
         self._high = 2 * _LAP_DROP + 0x1000  # above all: the first time word begins lap 0
         self._low = 0
@@ -158,16 +157,11 @@ class Evt3Decoder:
     def _clean(
         self, t: npt.NDArray[np.int64], x: npt.NDArray[np.int64], y: npt.NDArray[np.uint16], on: npt.NDArray[np.bool_]
     ) -> EventBatch:
-        """Return the events inside the sensor in the order of their times; those without a time (-1) never were."""
-        fits = (x < self._width) & (y < self._height) & (t >= self._last_us)
+        """Return the events that have a time (-1 is none) and lie inside the sensor."""
+        fits = (x < self._width) & (y < self._height) & (t >= 0)
         if not fits.all():
-            self.dropped_events += int(np.count_nonzero(t >= 0)) - int(np.count_nonzero(fits))
+            self.dropped_events += len(t) - int(np.count_nonzero(fits))
             t, x, y, on = t[fits], x[fits], y[fits], on[fits]
-        if len(t) and (t[1:] < t[:-1]).any():
-            order = np.argsort(t, kind="stable")
-            t, x, y, on = t[order], x[order], y[order], on[order]
         events = empty_batch(len(t))
         events["t"], events["x"], events["y"], events["on"] = t, x, y, on
-        if len(t):
-            self._last_us = int(t[-1])
         return events

@@ -14,6 +14,7 @@ from clsim.events.batch import Labels, Sink
 from clsim.events.filesink import STDOUT, FlushPolicy
 from clsim.events.filesource import EventSource, naming_damage
 
+_ONLY_READ = ""
 _KEEPS = "a kill loses at most the last flush (10 ms of events or 65536 of them)"
 _ALL_OR_NOTHING = "appears under its name only when complete: a kill loses everything"
 
@@ -63,9 +64,18 @@ FORMATS = (
     FileFormat("db3", (".db3",), "db3", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
     FileFormat("bag", (".bag",), "bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
 )
-"""Every format, in the order help texts list them."""
+"""Every format that is written and read, in the order help texts list them."""
+ONLY_READ = (
+    FileFormat("aedat", (".aedat", ".aedat2", ".aedat3"), "aedat", _ONLY_READ),
+    FileFormat("npy", (".npy",), "npy", _ONLY_READ),
+    FileFormat("mat", (".mat",), "mat", _ONLY_READ),
+    FileFormat("nmnist", (".bin", ".bs2"), "nmnist", _ONLY_READ),
+)
+"""Formats of recordings that others made."""
 ENDINGS = tuple(ending for each in FORMATS for ending in each.endings)
-"""Those of all their names."""
+"""Endings of files that are written."""
+READ_ENDINGS = (*ENDINGS, *(ending for each in ONLY_READ for ending in each.endings))
+"""Endings of files that are read."""
 BAGS = ("mcap", "db3", "bag")
 """Those that are bags of ROS."""
 LABELLED = ("hdf5", "parquet")
@@ -111,18 +121,22 @@ def open_sink(
     return sink
 
 
-def open_source(path: str | os.PathLike[str], *, format: str | None = None, labels: Labels = ()) -> EventSource:
+def open_source(
+    path: str | os.PathLike[str], *, format: str | None = None, labels: Labels = (), strict: bool = False
+) -> EventSource:
     """Open an event file, or a folder with truth, for reading in bounded memory; see EventSource.
 
-    `split_topic` tells how a topic of a bag is named.
+    `split_topic` tells how a topic of a bag is named. ``strict`` makes events out of order an error.
 
     Raises InputError for an unknown ending, a file that cannot be read or is not of its format, and one whose events
     have not all of ``labels``.
     """
     target, topic = split_topic(path)
     if format is None and not labels and (folder := _open_folder(target)) is not None:
+        if strict:
+            folder.be_strict()
         return folder
-    chosen = format_named(format) if format else format_of(target)
+    chosen = format_named(format, (*FORMATS, *ONLY_READ)) if format else read_format_of(target)
     if topic is not None and chosen.name not in BAGS:
         raise InputError(f"{target}: has no topics, so that {topic} is none of them; expected a bag of ROS")
     chosen.check_library(target)
@@ -136,6 +150,8 @@ def open_source(path: str | os.PathLike[str], *, format: str | None = None, labe
         raise InputError(
             f"{target}: its events have no {', '.join(missing)}; expected HDF5 or Parquet written with `labels`"
         )
+    if strict:
+        source.be_strict()
     return source
 
 
@@ -156,18 +172,35 @@ def split_topic(name: str | os.PathLike[str]) -> tuple[Path, str | None]:
 
 
 def format_of(path: Path) -> FileFormat:
-    """Return the format that the ending of a name tells; InputError for an unknown one."""
+    """Return the format that is written under a name's ending; InputError for an unknown one."""
     for candidate in FORMATS:
         if path.name.lower().endswith(candidate.endings):
             return candidate
+    if any(path.name.lower().endswith(each.endings) for each in ONLY_READ):
+        raise InputError(f'{path}: files that end in "{path.suffix}" are only read; expected {_listed(FORMATS)}')
     raise InputError(
-        f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {", ".join(ENDINGS)}'
+        f'{path}: the ending "{path.suffix}" is no known event format; expected one of: {_listed(FORMATS)}'
     )
 
 
-def format_named(name: str) -> FileFormat:
-    """Return the format of FORMATS that has this name; InputError for an unknown one."""
-    for candidate in FORMATS:
+def read_format_of(path: Path) -> FileFormat:
+    """Return the format that a name's ending tells of a file to read; InputError for an unknown one."""
+    for candidate in (*FORMATS, *ONLY_READ):
+        if path.name.lower().endswith(candidate.endings):
+            return candidate
+    raise InputError(
+        f'{path}: the ending "{path.suffix}" is no known event format; expected one of: '
+        f"{_listed((*FORMATS, *ONLY_READ))}"
+    )
+
+
+def _listed(formats: tuple[FileFormat, ...]) -> str:
+    return ", ".join(ending for each in formats for ending in each.endings)
+
+
+def format_named(name: str, known: tuple[FileFormat, ...] = FORMATS) -> FileFormat:
+    """Return the format that has this name, of those ``known``; InputError for an unknown one."""
+    for candidate in known:
         if candidate.name == name:
             return candidate
-    raise InputError(f'event format "{name}" is unknown; expected one of: {", ".join(each.name for each in FORMATS)}')
+    raise InputError(f'event format "{name}" is unknown; expected one of: {", ".join(each.name for each in known)}')

@@ -8,10 +8,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO
 
-import numpy as np
-
 from clsim.errors import InputError
 from clsim.events.batch import CAUSES, EventBatch, Labels, gather
+from clsim.events.columns import ColumnError
+from clsim.events.order import Order
 
 CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
@@ -23,7 +23,11 @@ class EventSource:
     ``labelled`` tells which labels stand beside events in the file; batches have a field for those that were asked for.
 
     Damage found on the way raises InputError. The last record of a file whose writer was killed may be torn: it is
-    left out, and everything before it is delivered.
+    left out, and everything before it is delivered. Events out of order are put in their place or left out, and
+    counted (`clsim.events.order`); after `be_strict` they are damage.
+
+    Attributes:
+        format: name of the format that the file turned out to have; None where its ending tells all.
     """
 
     def __init__(
@@ -36,6 +40,7 @@ class EventSource:
         *,
         labelled: Labels = (),
         labels: Labels = (),
+        format: str | None = None,
     ) -> None:
         """Take the batches a format's reader yields, which are checked when they pass, and what it left out so far.
 
@@ -45,16 +50,30 @@ class EventSource:
         self.width = width
         self.height = height
         self.labelled = labelled
+        self.format = format
         self._labels = labels
-        self._batches = batches
-        self._last_us = 0
+        self._source = batches
         self._count = 0
         self._dropped_events = dropped_events
+        self._set_order(strict=False)
+
+    def be_strict(self) -> None:
+        """Refuse events out of order from now on; nothing must have been read before."""
+        self._set_order(strict=True)
+
+    def _set_order(self, *, strict: bool) -> None:
+        self._order = Order(self.path, strict=strict)
+        self._batches = self._order.of(self._source)
 
     @property
     def dropped_events(self) -> int:
-        """Number of events left out so far because they lie outside the sensor, or come too late."""
-        return self._dropped_events()
+        """Number of events left out so far: outside the sensor, before the first time, or far out of order."""
+        return self._dropped_events() + self._order.late_events
+
+    @property
+    def moved_events(self) -> int:
+        """Number of events so far that came after later ones, and were put in their place."""
+        return self._order.moved_events
 
     def __iter__(self) -> EventSource:
         """Return itself: a source is read once."""
@@ -76,9 +95,10 @@ class EventSource:
 
     def close(self) -> None:
         """Release the file before its end."""
-        close = getattr(self._batches, "close", None)
-        if close is not None:
-            close()
+        for batches in (self._batches, self._source):
+            close = getattr(batches, "close", None)
+            if close is not None:
+                close()
 
     def __enter__(self) -> EventSource:
         """Return itself."""
@@ -89,25 +109,14 @@ class EventSource:
         self.close()
 
     def _check(self, batch: EventBatch) -> None:
-        t = batch["t"]
-        if int(t[0]) < self._last_us:
-            raise InputError(
-                f"{self.path}: event {self._count} has time {t[0]} µs, before {self._last_us} µs; expected rising times"
-            )
-        steps = np.diff(t)
-        if steps.size and steps.min() < 0:
-            at = int(np.argmax(steps < 0))
-            raise InputError(
-                f"{self.path}: event {self._count + at + 1} has time {t[at + 1]} µs, before {t[at]} µs; "
-                "expected rising times"
-            )
+        if int(batch["t"][0]) < 0:
+            raise InputError(f"{self.path}: event {self._count} has time {batch['t'][0]} µs; expected 0 or later")
         for axis, size in (("x", self.width), ("y", self.height)):
             largest = int(batch[axis].max())
             if size is not None and largest >= size:
                 raise InputError(f"{self.path}: an event at {axis} = {largest} lies outside the sensor's {size} pixels")
         if "cause" in self._labels and (largest := int(batch["cause"].max())) >= len(CAUSES):
             raise InputError(f"{self.path}: an event has cause {largest}; expected 0 to {len(CAUSES) - 1}")
-        self._last_us = int(t[-1])
         self._count += len(batch)
 
 
@@ -124,6 +133,8 @@ def naming_damage(path: Path) -> Iterator[None]:
     """Turn whatever a decoder raises into an InputError that names the file."""
     try:
         yield
+    except ColumnError as error:
+        raise InputError(f"{path}: {error}") from None
     except (StopIteration, InputError, MemoryError):
         raise
     except Exception as error:

@@ -18,16 +18,19 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels, empty_batch
+from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
+from clsim.events.columns import find_columns, from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits
-from clsim.events.filesource import CHUNK_EVENTS, EventSource, open_binary
+from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 from clsim.events.hdf5_growing import GrowingHdf5
+from clsim.events.npy import of_array
 
 LIMITS = Limits("HDF5 in DSEC layout", size=2**16, span_us=2**32 - 60_000_000)
 
 _LATE_US = 60_000_000
 _COLUMNS = {"t": np.dtype("<u4"), "x": np.dtype("<u2"), "y": np.dtype("<u2"), "p": np.dtype("u1")}
 _CHUNK_ROWS = 1 << 14
+_ECF = 0x8ECF
 
 
 class Hdf5Sink(FileSink):
@@ -108,18 +111,36 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: L
 
 
 def open_source(path: Path, labels: Labels = ()) -> EventSource:
-    """Open an HDF5 file in DSEC layout; events that a kill left without ``labels`` are not read."""
+    """Open an HDF5 file in DSEC layout; events that a kill left without ``labels`` are not read.
+
+    Layouts of others, by what they have: event_utils' columns ``events/xs`` … with ts in seconds; v2e's ``events``
+    ``[N, 4]`` of t, x, y, p; tables with named fields, such as OpenEB's ``CD/events``.
+    """
     open_binary(path).close()
     file = h5py.File(path, "r")
-    group = file["events"]
-    labelled = tuple(name for name, kind in LABEL_TYPES.items() if name in group and _is_column(group[name], kind))
-    columns = {name: group[name] for name in (*_COLUMNS, *(name for name in labels if name in labelled))}
+    found = file["CD/events"] if "CD/events" in file else file.get("events")
+    if isinstance(found, h5py.Dataset):
+        _need_filters(path, found)
+        if found.dtype.names is None and not (found.ndim == 2 and found.shape[1] == 4):
+            raise damaged(path, f"its events are {found.dtype} {list(found.shape)}; expected [N, 4] of t, x, y, p")
+        return EventSource(path, None, None, _read_table(file, found))
+    if not isinstance(found, h5py.Group):
+        raise damaged(path, f"it holds {', '.join(file)[:80] or 'nothing'}; expected events/t, x, y, p")
+    names = find_columns(found)
+    if names is None:
+        raise damaged(path, f"its events have the columns {', '.join(found)[:80]}; expected t, x, y and p, each once")
+    labelled = tuple(name for name, kind in LABEL_TYPES.items() if name in found and _is_column(found[name], kind))
+    columns = {own: found[name] for own, name in names.items()}
+    columns |= {name: found[name] for name in labels if name in labelled}
     offset = int(file["t_offset"][()]) if "t_offset" in file else 0
-    width, height = (_side(group.attrs.get(name)) for name in ("width", "height"))
     for column in columns.values():
+        if not isinstance(column, h5py.Dataset) or column.ndim != 1:
+            raise damaged(path, f"its {column.name} is no column")
         _need_filters(path, column)
-    batches = _read(file, columns, labels, offset)
-    return EventSource(path, width, height, batches, labelled=labelled, labels=labels)
+    # event_utils' own names, and its unit.
+    in_seconds = set(names.values()) == {"ts", "xs", "ys", "ps"} and columns["t"].dtype.kind == "f"
+    batches = _read(file, columns, labels, offset, in_seconds)
+    return EventSource(path, *_size(file, found), batches, labelled=labelled, labels=labels)
 
 
 def index_at(file: Any, time_us: int) -> int:
@@ -140,8 +161,14 @@ def _need_filters(path: Path, column: Any) -> None:
     """Load the compression plug-ins a column was written with."""
     options = column.id.get_create_plist()
     for index in range(options.get_nfilters()):
-        if h5py.h5z.filter_avail(options.get_filter(index)[0]):
+        number = options.get_filter(index)[0]
+        if h5py.h5z.filter_avail(number):
             continue
+        if number == _ECF:
+            raise InputError(
+                f"{path}: is compressed with Prophesee's ECF, which is not read here; expected it converted to .raw, "
+                "such as with OpenEB's metavision_hdf5_to_raw or metavision_file_to_dat"
+            )
         try:
             import hdf5plugin  # noqa: F401, it registers its filters
         except ImportError:
@@ -150,8 +177,12 @@ def _need_filters(path: Path, column: Any) -> None:
             ) from None
 
 
-def _side(attribute: Any) -> int | None:
-    return None if attribute is None else int(attribute)
+def _size(file: Any, group: Any) -> tuple[int | None, int | None]:
+    """Return the sensor's width and height, which event_utils tells as rows and columns."""
+    if "width" in group.attrs and "height" in group.attrs:
+        return int(group.attrs["width"]), int(group.attrs["height"])
+    told = np.ravel(file.attrs.get("sensor_resolution", ()))
+    return (int(told[1]), int(told[0])) if len(told) == 2 else (None, None)
 
 
 def _is_column(item: Any, kind: str) -> bool:
@@ -159,15 +190,20 @@ def _is_column(item: Any, kind: str) -> bool:
     return isinstance(item, h5py.Dataset) and item.ndim == 1 and item.dtype == np.dtype(kind)
 
 
-def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int) -> Iterator[EventBatch]:
+def _read(file: Any, columns: dict[str, Any], labels: Labels, offset: int, in_seconds: bool) -> Iterator[EventBatch]:
     with file:
         rows = min(len(column) for column in columns.values())
         for start in range(0, rows, CHUNK_EVENTS):
             stop = min(start + CHUNK_EVENTS, rows)
-            events = empty_batch(stop - start, labels)
-            events["t"] = columns["t"][start:stop].astype(np.int64) + offset
-            events["x"], events["y"] = columns["x"][start:stop], columns["y"][start:stop]
-            events["on"] = columns["p"][start:stop] > 0
-            for name in labels:
-                events[name] = columns[name][start:stop]
+            parts = {name: column[start:stop] for name, column in columns.items()}
+            if in_seconds:
+                parts["t"] = np.rint(parts["t"] * 1e6)
+            events = from_columns(**parts, first_row=start)
+            events["t"] += offset
             yield events
+
+
+def _read_table(file: Any, table: Any) -> Iterator[EventBatch]:
+    with file:
+        for start in range(0, len(table), CHUNK_EVENTS):
+            yield of_array(table[start : start + CHUNK_EVENTS], start)

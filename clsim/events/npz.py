@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EVENT_DTYPE, EventBatch
-from clsim.events.columns import from_columns
+from clsim.events.columns import find_columns, from_columns
 from clsim.events.filesink import ByteFile, FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 
@@ -72,14 +72,15 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy) -> NpzSin
 
 
 def open_source(path: Path) -> EventSource:
-    """Open an NPZ file with arrays t, x, y and p."""
+    """Open an NPZ file with arrays t, x, y and p, or of the names that others give these."""
     open_binary(path).close()
     with zipfile.ZipFile(path) as archive:
-        missing = {f"{name}.npy" for name in _COLUMNS} - set(archive.namelist())
-        if missing:
-            raise damaged(path, f"it has no {', '.join(sorted(missing))}")
+        held = [name.removesuffix(".npy") for name in archive.namelist()]
+        found = find_columns(held)
+        if found is None:
+            raise damaged(path, f"it has the arrays {', '.join(held)[:80]}; expected t, x, y and p, each once")
         width, height = (_read_side(archive, name) for name in ("width", "height"))
-    return EventSource(path, width, height, _read(path))
+    return EventSource(path, width, height, _read(path, found))
 
 
 def _read_side(archive: zipfile.ZipFile, name: str) -> int | None:
@@ -87,15 +88,15 @@ def _read_side(archive: zipfile.ZipFile, name: str) -> int | None:
         return None
     with archive.open(f"{name}.npy") as member:
         shape, dtype = _read_head(member)
-        if shape != () or dtype.kind == "b":
+        if shape != () or dtype.kind not in "iu":
             raise ValueError(f"its {name} is no whole number")
         return int(np.frombuffer(member.read(dtype.itemsize), dtype)[0])
 
 
-def _read(path: Path) -> Iterator[EventBatch]:
+def _read(path: Path, names: dict[str, str]) -> Iterator[EventBatch]:
     with contextlib.ExitStack() as stack:
         archive = stack.enter_context(zipfile.ZipFile(path))
-        members = {name: stack.enter_context(archive.open(f"{name}.npy")) for name in _COLUMNS}
+        members = {name: stack.enter_context(archive.open(f"{names[name]}.npy")) for name in _COLUMNS}
         heads = {name: _read_head(member) for name, member in members.items()}
         shapes = {shape for shape, _ in heads.values()}
         if len(shapes) != 1 or len(next(iter(shapes))) != 1:
@@ -110,13 +111,13 @@ def _read(path: Path) -> Iterator[EventBatch]:
                 if len(data) < rows * dtype.itemsize:
                     raise ValueError(f"its array {name} ends early")
                 columns.append(np.frombuffer(data, dtype))
-            yield from_columns(*columns)
+            yield from_columns(*columns, first_row=start)
 
 
 def _read_head(member: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
     version = np.lib.format.read_magic(member)
     read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(member)
-    if dtype.kind not in "iub":
-        raise ValueError(f"its array has type {dtype}; expected whole numbers")
+    if dtype.kind not in "iubf":
+        raise ValueError(f"its array has type {dtype}; expected numbers")
     return shape, dtype

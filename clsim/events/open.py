@@ -14,7 +14,9 @@ from clsim.events.stream_source import SocketSource
 from clsim.values import read_value
 
 
-def open_events(path_or_url: str | PathLike[str], *, labels: Labels = ()) -> EventSource | SocketSource:
+def open_events(
+    path_or_url: str | PathLike[str], *, labels: Labels = (), strict: bool = False
+) -> EventSource | SocketSource:
     """Open an event file, ``tcp://HOST:PORT``, ``unix://PATH`` or ``udp://HOST:PORT?size=WIDTHxHEIGHT``.
 
     ``stereo.bag#/davis/left/events`` is one topic of a bag of ROS that has several.
@@ -24,7 +26,8 @@ def open_events(path_or_url: str | PathLike[str], *, labels: Labels = ()) -> Eve
     closed early, or used in a ``with`` block.
 
     ``labels``, of ``cause`` and ``object``, are further fields of the batches; HDF5 and Parquet files that were written
-    with them have these.
+    with them have these. Events of a file that are out of order are put in their place, if they are up to 0.1 s late,
+    or left out (``moved_events`` and ``dropped_events`` count them); ``strict`` makes them an error.
 
     >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
     ...     print(batch["t"][0], len(batch))
@@ -42,7 +45,7 @@ def open_events(path_or_url: str | PathLike[str], *, labels: Labels = ()) -> Eve
         return open_socket_source(name)
     from clsim.events.files import open_source
 
-    return open_source(name, labels=labels)
+    return open_source(name, labels=labels, strict=strict)
 
 
 def sensor_size(name: str, source: EventSource | SocketSource, given: tuple[int, int] | None) -> tuple[int, int]:

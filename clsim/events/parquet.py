@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
-from clsim.events.columns import from_columns
+from clsim.events.columns import find_columns, from_columns
 from clsim.events.filesink import FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 
@@ -59,25 +59,28 @@ def open_sink(path: Path, width: int, height: int, flush: FlushPolicy, labels: L
 
 
 def open_source(path: Path, labels: Labels = ()) -> EventSource:
-    """Open a Parquet file with columns t, x, y and p, and those of ``labels``."""
+    """Open a Parquet file with columns t, x, y and p, however others name these, and those of ``labels``."""
     open_binary(path).close()
     arrow = _pyarrow()
     file = arrow.parquet.ParquetFile(path)
     types = {field.name: field.type for field in file.schema_arrow}
     labelled = tuple(name for name, kind in LABEL_TYPES.items() if types.get(name) == arrow.from_numpy_dtype(kind))
-    missing = {"t", "x", "y", "p"} - set(types)
-    if missing:
-        raise damaged(path, f"it has no column {', '.join(sorted(missing))}")
+    found = find_columns(types)
+    if found is None:
+        raise damaged(path, f"it has the columns {', '.join(types)[:80]}; expected t, x, y and p, each once")
     metadata = file.schema_arrow.metadata or {}
     width, height = (int(metadata[name]) if name in metadata else None for name in (b"width", b"height"))
-    return EventSource(path, width, height, _read(file, labels), labelled=labelled, labels=labels)
+    return EventSource(path, width, height, _read(file, found, labels), labelled=labelled, labels=labels)
 
 
-def _read(file: Any, labels: Labels) -> Iterator[EventBatch]:
-    names = ("t", "x", "y", "p", *labels)
+def _read(file: Any, names: dict[str, str], labels: Labels) -> Iterator[EventBatch]:
+    wanted = names | {name: name for name in labels}
+    row = 0
     with file:
-        for table in file.iter_batches(CHUNK_EVENTS, columns=list(names)):
-            yield from_columns(**{name: table.column(name).to_numpy(zero_copy_only=False) for name in names})
+        for table in file.iter_batches(CHUNK_EVENTS, columns=list(wanted.values())):
+            columns = {name: table.column(own).to_numpy(zero_copy_only=False) for name, own in wanted.items()}
+            yield from_columns(**columns, first_row=row)
+            row += len(table)
 
 
 def _pyarrow() -> Any:

@@ -1,8 +1,8 @@
-"""Events in messages of ROS: EventPacket (mono, EVT3) and EventArray, serialised and read without ROS.
+"""Events in messages of ROS: EventPacket and EventArray, serialised and read without ROS.
 
 Definitions: github.com/ros-event-camera/event_camera_msgs, github.com/uzh-rpg/rpg_dvs_ros (dvs_msgs) and
-github.com/prophesee-ai/prophesee_ros_wrapper. Serialisation: OMG CDR for ROS 2, wiki.ros.org/msg for ROS 1. Clocks of
-ROS count ns; ours starts at their 0.
+github.com/prophesee-ai/prophesee_ros_wrapper; encodings of packets: github.com/ros-event-camera/event_camera_codecs.
+Serialisation: OMG CDR for ROS 2, wiki.ros.org/msg for ROS 1. Clocks of ROS count ns; ours starts at their 0.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from clsim.events.evt3_words import Evt3Decoder
 
 PACKET, ARRAY, EVENT = "event_camera_msgs/msg/EventPacket", "dvs_msgs/msg/EventArray", "dvs_msgs/msg/Event"
 PROPHESEE_ARRAY, PROPHESEE_EVENT = "prophesee_event_msgs/msg/EventArray", "prophesee_event_msgs/msg/Event"
-EVENT_TYPES = (PACKET, ARRAY, PROPHESEE_ARRAY)
+OLDER_PACKET = "event_array_msgs/msg/EventArray"
+"""What EventPacket was called at first."""
+EVENT_TYPES = (PACKET, OLDER_PACKET, ARRAY, PROPHESEE_ARRAY)
 """Messages that hold events."""
 
 _EVENT_TEXT = "uint16 x\nuint16 y\n{time} ts\nbool polarity\n"
@@ -30,6 +32,8 @@ _PACKET_TEXT = (
 MONO_SPAN_US = 4_000_000
 """A packet of encoding mono counts its ns in 32 bits: less than 4.29 s."""
 _US_PER_S = 1_000_000
+# Words of libcaer_cmp, by their upper 4 bits.
+_CMP_TIME_HIGH, _CMP_TIME_LOW, _CMP_COLUMN, _CMP_ROW, _CMP_BASE, _CMP_VECTOR = range(6)
 _ARRAY_DTYPES = {
     2: np.dtype({
         "names": ["x", "y", "s", "ns", "on"], "formats": ["<u2", "<u2", "<i4", "<u4", "u1"],
@@ -182,11 +186,12 @@ class MessageDecoder:
         self.height: int | None = None
         self._ros, self._kind = ros, kind
         self._evt3: Evt3Decoder | None = None
+        self._column = self._outside = 0
 
     @property
     def dropped_events(self) -> int:
-        """Number of events left out so far because they lie outside the sensor, or come too late."""
-        return 0 if self._evt3 is None else self._evt3.dropped_events
+        """Number of events left out so far because they lie outside the sensor, or have no time."""
+        return self._outside + (0 if self._evt3 is None else self._evt3.dropped_events)
 
     def decode(self, data: bytes | memoryview) -> EventBatch:
         """Return the events of a serialised message.
@@ -199,7 +204,7 @@ class MessageDecoder:
         self.height, self.width = message.take("I"), message.take("I")
         if not 0 < self.width <= 1 << 16 or not 0 < self.height <= 1 << 16:
             raise ValueError(f"a message has a sensor of {self.width}×{self.height} pixels")
-        return self._packet(message) if self._kind == PACKET else self._array(message)
+        return self._packet(message) if self._kind in (PACKET, OLDER_PACKET) else self._array(message)
 
     def _packet(self, message: _Reader) -> EventBatch:
         message.take("Q")
@@ -214,7 +219,48 @@ class MessageDecoder:
             if self._evt3 is None:
                 self._evt3 = Evt3Decoder(self.width, self.height)
             return self._evt3.decode(np.frombuffer(block[: len(block) // 2 * 2], "<u2"))
-        raise ValueError(f"packets have the encoding {encoding[:40]!r}, expected mono or evt3")
+        if encoding == "libcaer":
+            return _of_libcaer(np.frombuffer(block[: len(block) // 8 * 8], "<u4").reshape(-1, 2), base_ns)
+        if encoding == "libcaer_cmp":
+            return self._of_compressed(np.frombuffer(block[: len(block) // 2 * 2], "<u2"), base_ns)
+        raise ValueError(f"packets have the encoding {encoding[:40]!r}, expected mono, evt3, libcaer or libcaer_cmp")
+
+    def _of_compressed(self, words: npt.NDArray[np.uint16], base_ns: int) -> EventBatch:
+        """Return the events of libcaer_cmp: words much like EVT3's, but column first, and vectors down a column."""
+        kind, value = words >> 12, (words & 0xFFF).astype(np.int64)
+        at = np.arange(len(words))
+
+        def latest(wanted: int) -> npt.NDArray[np.int64]:
+            """Return, for each word, what the last of a kind said: 0 before the first."""
+            last = np.maximum.accumulate(np.where(kind == wanted, at, -1)) if len(at) else at
+            return np.where(last >= 0, value[last], 0)
+
+        t = latest(_CMP_TIME_HIGH) << 12 | latest(_CMP_TIME_LOW)
+        first = np.where(kind == _CMP_COLUMN, at, -1)
+        x = np.where(np.maximum.accumulate(first) >= 0, latest(_CMP_COLUMN), self._column) if len(at) else at
+        self._column = int(x[-1]) if len(at) else self._column
+        base = latest(_CMP_BASE)
+        # Each vector goes on where the one before it ended.
+        is_vector = kind == _CMP_VECTOR
+        walked = np.cumsum(is_vector) - is_vector
+        at_base = np.maximum.accumulate(np.where(kind == _CMP_BASE, walked, 0)) if len(at) else walked
+        top = (base & 0x7FF) + 8 * (walked - at_base)
+        vectors = np.flatnonzero(is_vector)
+        vector, step = np.nonzero(value[vectors, None] >> np.arange(8) & 1)
+        vector = vectors[vector]
+        single = np.flatnonzero(kind == _CMP_ROW)
+        word = np.concatenate((single, vector))
+        order = np.argsort(word, kind="stable")
+        y = np.concatenate((value[single] & 0x7FF, top[vector] + step))[order]
+        on = np.concatenate((value[single] >> 11, base[vector] >> 11))[order]
+        word = word[order]
+        columns = x[word] & 0x7FF
+        fits = (columns < (self.width or 0)) & (y < (self.height or 0))
+        self._outside += len(word) - int(np.count_nonzero(fits))
+        events = empty_batch(int(np.count_nonzero(fits)))
+        events["t"] = (t[word] + base_ns // 1000)[fits]
+        events["x"], events["y"], events["on"] = columns[fits], y[fits], on[fits]
+        return events
 
     def _array(self, message: _Reader) -> EventBatch:
         count = message.take("I")
@@ -230,6 +276,17 @@ class MessageDecoder:
         events["x"], events["y"], events["on"] = records["x"], records["y"], records["on"] != 0
         events["t"] = records["s"].astype(np.int64) * _US_PER_S + records["ns"] // 1000
         return events
+
+
+def _of_libcaer(records: npt.NDArray[np.uint32], base_ns: int) -> EventBatch:
+    """Return the events of libcaer's records: address and 31 bits of time, which may begin anew within a packet."""
+    ticks = records[:, 1].astype(np.int64)
+    laps = np.cumsum(np.diff(ticks, prepend=ticks[:1]) <= -(1 << 30))
+    events = empty_batch(len(records))
+    events["t"] = base_ns // 1000 + ticks + (laps << 31)
+    address = records[:, 0]
+    events["on"], events["y"], events["x"] = address >> 1 & 1, address >> 2 & 0x7FFF, address >> 17
+    return events
 
 
 def _of_mono(words: npt.NDArray[np.uint64], base_ns: int) -> EventBatch:

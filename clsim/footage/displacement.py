@@ -18,7 +18,9 @@ _FAINTEST = 0.02
 """Smallest standard deviation of log brightness in a block that has something to see."""
 _ALIKE = 0.6
 """Least correlation of a block with what it is found again in."""
-_DARKEST = 1e-3
+_DARKEST, _BRIGHTEST = 1e-3, 1e6
+_NOTHING = 1e-30
+"""Keeps what has no texture from a division by nothing."""
 
 
 class Displacement:
@@ -96,7 +98,7 @@ class Displacement:
             return np.asarray(product.sum(axis=(1, 2)), np.float64)
 
         # Contrast may change, with the light for one.
-        first, second = (block / block.std(axis=(1, 2), keepdims=True) for block in (before, after))
+        first, second = (block / (block.std(axis=(1, 2), keepdims=True) + _NOTHING) for block in (before, after))
         down, right = np.gradient((first + second) / 2, axis=(1, 2))
         change = first - second
         dd, dr, rr = total(down, down), total(down, right), total(right, right)
@@ -105,7 +107,7 @@ class Displacement:
         d, r = total(down, change), total(right, change)
         share = (dd + ridge) * (rr + ridge) - dr * dr
         left = np.stack([(rr + ridge) * d - dr * r, (dd + ridge) * r - dr * d], axis=1) / share[:, None]
-        alike = total(first, second) / np.sqrt(total(first, first) * total(second, second))
+        alike = total(first, second) / np.sqrt(total(first, first) * total(second, second) + _NOTHING)
         return np.clip(left, -1, 1), alike
 
 
@@ -114,7 +116,9 @@ def _log_blocks(picture: FloatArray, corners: npt.NDArray[np.int64], sides: tupl
     blocks = np.empty((len(corners), *sides), np.float32)
     for block, (y, x) in zip(blocks, corners, strict=True):
         block[...] = picture[y : y + sides[0], x : x + sides[1]]
-    np.log(np.maximum(blocks, _DARKEST, out=blocks), out=blocks)
+    # What is no number is dark, and what is infinite is bright: neither is of use, nor shall it spread.
+    np.minimum(np.fmax(blocks, _DARKEST, out=blocks), _BRIGHTEST, out=blocks)
+    np.log(blocks, out=blocks)
     blocks -= blocks.mean(axis=(1, 2), keepdims=True)
     for axis in (1, 2):
         if blocks.shape[axis] > 2:

@@ -5,16 +5,23 @@ from __future__ import annotations
 import glob
 import re
 from pathlib import Path
+from typing import Any
 
 from clsim.errors import InputError
+from clsim.footage import Transfer
 from clsim.footage.pixels import PixelFormat, pixel_format, to_light
 from clsim.footage.source import AS_TOLD, Footage, Reading
+from clsim.footage.tiff import ENDINGS as TIFF
+from clsim.footage.tiff import float_picture
+from clsim.footage.transfer import decode
 from clsim.footage.video import first_frame, open_media
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm")
 _HDR = ("pq", "hlg")
+_JPEG = (".jpg", ".jpeg")
+_SCAN, _END = b"\xff\xda", b"\xff\xd9"
 
 
 class Pictures(Footage):
@@ -33,10 +40,8 @@ class Pictures(Footage):
         if times_us is not None and len(times_us) != len(self._files):
             raise InputError(f"{path}: has {len(self._files)} pictures, but there are {len(times_us)} times")
         where = str(self._files[0])
-        with open_media(where) as container:
-            frame, _ = first_frame(container, where)
-            self._kind: PixelFormat = pixel_format(frame, where)
-            size = frame.width, frame.height
+        first = _Picture(where)
+        self._kind, size = first.kind, first.size
         transfer = reading.transfer
         if transfer is None:
             # What libav tells of pictures is a guess of its decoders, but for HDR.
@@ -51,33 +56,102 @@ class Pictures(Footage):
         if index >= len(self._files):
             raise SourceEnded
         self._where = where = str(self._files[index])
-        with open_media(where) as container:
-            frame, _ = first_frame(container, where)
-            kind = pixel_format(frame, where)
-            if (frame.width, frame.height) != (self.width, self.height) or kind.steps != self._kind.steps:
-                raise InputError(
-                    f"{where}: has {frame.width}×{frame.height} pixels as {kind.name}, expected "
-                    f"{self.width}×{self.height} as {self._kind.name} of {self._files[0].name}"
-                )
-            to_light(frame, kind, self.transfer, out_rgb)
+        picture = _Picture(where)
+        width, height = picture.size
+        if (width, height) != (self.width, self.height) or picture.kind.steps != self._kind.steps:
+            raise InputError(
+                f"{where}: has {width}×{height} pixels as {picture.kind.name}, expected "
+                f"{self.width}×{self.height} as {self._kind.name} of {self._files[0].name}"
+            )
+        picture.to_light(self.transfer, out_rgb)
         return None
 
     def close(self) -> None:
         """Release nothing: files are closed after each picture."""
 
 
+class _Picture:
+    """A decoded picture: how it stores colour, and its size (width, height)."""
+
+    def __init__(self, where: str) -> None:
+        self._floats = float_picture(where) if where.lower().endswith(TIFF) else None
+        self._frame: Any = None
+        if self._floats is not None:
+            self.kind = PixelFormat("floating point", None, True, None, None, False)
+            self.size = self._floats.shape[2], self._floats.shape[1]
+            return
+        with open_media(where) as container:
+            if where.lower().endswith(_JPEG):
+                _check_whole_jpeg(where)
+            self._frame, _ = first_frame(container, where)
+            self.kind = pixel_format(self._frame, where)
+            self.size = self._frame.width, self._frame.height
+
+    def to_light(self, transfer: Transfer, out_rgb: FloatArray) -> None:
+        if self._floats is None:
+            to_light(self._frame, self.kind, transfer, out_rgb)
+        else:
+            out_rgb[...] = self._floats  # grey spreads over three
+            decode(out_rgb, transfer)
+
+
+def _check_whole_jpeg(where: str) -> None:
+    """Raise InputError for a JPEG without its end, of which libav makes a picture that is grey below."""
+    data = Path(where).read_bytes()
+    if data.rfind(_END) < data.rfind(_SCAN):
+        raise InputError(f"{where}: ends in the middle of its picture; expected all of it")
+
+
 def picture_files(path: str | Path) -> list[Path]:
     """List the pictures of a folder or glob pattern, ordered by the numbers in their names.
 
     Raises:
-        InputError: there is none.
+        InputError: there is none, or a folder holds several films.
     """
     base = Path(path)
     found = list(base.iterdir()) if base.is_dir() else [Path(name) for name in glob.glob(str(path))]
     files = [file for file in found if file.suffix.lower() in ENDINGS and not file.name.startswith(".")]
     if not files:
         raise InputError(f"no picture at {path}; expected a folder or glob pattern of {', '.join(ENDINGS)}")
+    if base.is_dir():
+        _check_one_film(base, files)
     return sorted(files, key=_natural)
+
+
+def _check_one_film(folder: Path, files: list[Path]) -> None:
+    """Raise InputError where names tell of several films, such as ``rgba_0001`` and ``depth_0001``, or of a stray."""
+    films: dict[str, list[str]] = {}
+    for file in files:
+        films.setdefault(re.sub(r"\d+", "*", file.name), []).append(file.name)
+    if max(map(len, films.values())) > 1 and len(films) > 1:
+        told = ", ".join(sorted(films)[:8])
+        example = folder / max(films, key=lambda film: len(films[film]))
+        raise InputError(
+            f"{folder}: holds pictures of several kinds: {told}; choose with a pattern, such as '{example}'"
+        )
+    for film, names in films.items():
+        if film.count("*") > 1:
+            _check_one_number(folder, film, names)
+
+
+def _check_one_number(folder: Path, film: str, names: list[str]) -> None:
+    """Raise InputError where names that differ in an earlier number count anew behind it: ``cam0_0001``, ``cam1_0001``.
+
+    Times, such as ``12_59_59`` and ``1690000000.123456``, hardly ever come to the same last number again and again.
+    """
+    before: dict[tuple[str, ...], set[str]] = {}
+    for name in names:
+        *first, last = re.findall(r"\d+", Path(name).stem)
+        before.setdefault(tuple(first), set()).add(last)
+    films = sorted(before)
+    if len(films) < 2 or any(len(last) < 2 or last != before[films[0]] for last in before.values()):
+        return
+    marks = iter([*films[0], "*"])
+    example = folder / re.sub(r"\d+", lambda _: next(marks), names[0], count=len(films[0]) + 1)
+    raise InputError(
+        f"{folder}: holds {len(films)} films whose pictures are counted alike; choose one with a pattern, such as "
+        f"'{example}'"
+    )
 
 
 def _natural(file: Path) -> tuple[list[tuple[int, int, str]], str]:

@@ -9,6 +9,12 @@ from clsim.footage.images import ENDINGS, Pictures
 from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 
+VIDEO_ENDINGS = (
+    ".mp4", ".mkv", ".mov", ".webm", ".avi", ".m4v", ".gif", ".mpg", ".mpeg", ".ts", ".flv", ".wmv", ".ogv", ".apng",
+)  # fmt: skip
+FILE_ENDINGS = (*VIDEO_ENDINGS, *ENDINGS)
+"""Endings by which files are known as video or pictures, where they could be something else."""
+
 
 def is_footage(name: str) -> bool:
     """Tell whether ``name`` is a video or pictures, rather than EXR frames; of what is not there its ending tells."""

@@ -108,7 +108,7 @@ class Footage(ABC):
         if own_us <= self._last_us:
             raise InputError(
                 f"{self._where}: frame {index} is at {own_us} µs, expected later than {self._last_us} µs of the one "
-                "before"
+                "before; `fps` or `times` replace the file's times"
             )
         self._last_us = out.time_us = own_us
         out.index = index

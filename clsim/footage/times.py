@@ -33,7 +33,7 @@ def read_times_us(path: str | Path, unit: TimeUnit) -> list[int]:
         if path.suffix.lower() == ".npy":
             times = _of_array(path, unit)
         else:
-            text = path.read_text(encoding="utf-8", errors="replace")
+            text = path.read_text(encoding="utf-8-sig", errors="replace")
             if "\0" in text:
                 raise InputError(f"{path}: is no text; expected times of frames, one a line, or a .npy array")
             told = [

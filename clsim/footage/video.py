@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from fractions import Fraction
@@ -16,6 +17,13 @@ from clsim.footage.pixels import PixelFormat, pixel_format, to_light
 from clsim.footage.source import AS_TOLD, Footage, Reading, check_size, whole_us
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
+
+_PICTURE_CODECS = ("gif", "apng", "png", "webp", "bmp", "targa")
+_TELLING = {"matroska", "mp4", "avi", "flv", "asf"}
+"""Containers whose header tells how long they are; of others libav finds it by their size."""
+_END_MARKS = {"gif": b";", "apng": b"IEND"}
+_CUT_FRAMES = 1.5
+"""So many frames must be missing: headers are not exact."""
 
 
 class Video(Footage):
@@ -37,7 +45,10 @@ class Video(Footage):
             self._turns = int(first.rotation) // 90 % 4
             stored = (first.width, first.height)
             size = (stored[1], stored[0]) if self._turns % 2 else stored
+            stream = self._container.streams.video[0]
             chosen, warnings = reading.transfer or self._kind.transfer, tuple[str, ...]()
+            if reading.transfer is None and stream.codec_context.name in _PICTURE_CODECS:
+                chosen = "srgb"  # pictures are, and what libav tells of them is a guess
             if chosen is None:
                 chosen = "bt709"
                 warnings = (f"{where} does not tell its transfer function: taken as bt709; see `transfer`",)
@@ -47,11 +58,13 @@ class Video(Footage):
             raise
         self._stored = stored
         self._scratch = page_aligned((3, stored[1], stored[0])) if self._turns else None
-        stream = self._container.streams.video[0]
+        self._own_fps = float(stream.average_rate or self.fps)
         if reading.fps is None and stream.average_rate:
             self.fps = float(stream.average_rate)
         start = time_of(first)
         self._start = start if start is not None and start < 0 else Fraction(0)
+        self._told_end = told_end(self._container)
+        self._end = Fraction(0)
 
     def _read(self, index: int, out_rgb: FloatArray) -> int | None:
         frame, self._first = self._first, None
@@ -59,6 +72,7 @@ class Video(Footage):
             with naming_media(self._where):
                 frame = next(self._frames, None)
         if frame is None:
+            self._check_end()
             raise SourceEnded
         if (frame.width, frame.height, frame.format.name) != (*self._stored, self._kind.name):
             raise InputError(
@@ -71,11 +85,53 @@ class Video(Footage):
             to_light(frame, self._kind, self.transfer, self._scratch)
             out_rgb[...] = np.rot90(self._scratch, self._turns, axes=(1, 2))
         time_s = time_of(frame)
+        if time_s is not None:
+            self._end = max(self._end, time_s + (getattr(frame, "duration", 0) or 0) * (frame.time_base or 0))
         return None if time_s is None else whole_us(time_s - self._start)
+
+    def _check_end(self) -> None:
+        """Raise InputError where the file ends before its header says: it was cut."""
+        mark = _END_MARKS.get(self._container.format.name)
+        if mark is not None and not _ends_with(self._where, mark):
+            raise InputError(
+                f"{self._where}: ends at {float(self._end):.3f} s without its end mark; expected a whole file"
+            )
+        if self._told_end is None:
+            return
+        missing_s = float(self._told_end - self._end)
+        frames = round(missing_s * self._own_fps)
+        if frames >= 1 and missing_s * self._own_fps > _CUT_FRAMES:
+            raise InputError(
+                f"{self._where}: ends at {float(self._end):.3f} s, but its header tells {float(self._told_end):.3f} s: "
+                f"some {frames} frames are missing; expected a whole video"
+            )
 
     def close(self) -> None:
         """Release the file; safe to call twice."""
         self._container.close()
+
+
+def _ends_with(where: str, mark: bytes) -> bool:
+    """Tell whether the end of a file has a mark; zeros and a checksum may follow it."""
+    with Path(where).open("rb") as file:
+        file.seek(max(0, file.seek(0, 2) - 64))
+        end = file.read().rstrip(b"\0\r\n")
+    return mark in end[-len(mark) - 4 :]
+
+
+def told_end(container: Any) -> Fraction | None:
+    """Return when the video of an open file ends [s], as its header tells; None where it tells nothing certain."""
+    if not _TELLING & set(container.format.name.split(",")):
+        return None
+    stream, ends = container.streams.video[0], list[Fraction]()
+    tag = re.fullmatch(r"(\d+):(\d\d):(\d\d(?:\.\d+)?)", stream.metadata.get("DURATION", ""))
+    if stream.duration:
+        ends.append(((stream.start_time or 0) + stream.duration) * stream.time_base)
+    elif tag is not None:
+        ends.append(3600 * int(tag[1]) + 60 * int(tag[2]) + Fraction(tag[3]))
+    if container.duration and (ends or len(container.streams) == 1):
+        ends.append(Fraction((container.start_time or 0) + container.duration, 1_000_000))
+    return min(ends, default=None)
 
 
 def open_media(where: str) -> Any:

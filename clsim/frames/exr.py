@@ -7,6 +7,7 @@ import glob
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
+from clsim.frames.exr_read import held_pixels, read_channels
 from clsim.frames.frame import FloatArray, Frame, frame_time_us, page_aligned
 from clsim.frames.layouts import FAR_M, POSITION, Layout, recognise
 from clsim.frames.planes import COVERAGE, DEPTH
@@ -26,7 +28,8 @@ class ExrSequence:
     """Frames from the EXR files of a folder or a glob pattern; a `FrameSource`.
 
     Files are ordered by the last number in their names. The layout (see `clsim.frames.layouts`) is recognised from
-    the first file and every file must have it. NaN and infinite pixels pass through: the detector masks them.
+    the first file and every file must have it. A frame is what the display window shows; where a file's data window
+    holds no pixels, it is black. NaN and infinite pixels pass through: the detector masks them.
 
     Attributes:
         width: number of pixel columns.
@@ -52,13 +55,18 @@ class ExrSequence:
         self.files = _sequence_files(path)
         self.frame_count: int | None = len(self.files)
         self._fps = fps
-        channels, header = _read_channels(self.files[0])
+        channels, header = read_channels(self.files[0])
         self._layout: Layout = recognise(channels, str(self.files[0]))
         self.layout = self._layout.name
-        self.height, self.width = next(iter(channels.values())).shape
+        self.height, self.width = next(iter(channels.values())).shape  # of the display window, as all channels are
         self._space: Space | None = None
         if self._layout.has_position:
             self._space = position_space(_positions(channels, self._layout), camera_matrix(header))
+        # Denoising must not mix what was seen with the black around it.
+        tells = COVERAGE[0] in self._layout.planes(with_depth=True)
+        self._tells_held = not tells and not held_pixels(header).all()
+        if self._tells_held:
+            self._layout = replace(self._layout, channels={**self._layout.channels, COVERAGE[0]: COVERAGE[0]})
         given = self._layout.planes(with_depth=self._space is not None)
         for plane in planes or ():
             if plane not in given:
@@ -75,7 +83,7 @@ class ExrSequence:
         """Frame rate by the times that the first two files carry; 1 where there is one file."""
         if len(self.files) < 2:
             return 1.0
-        first, second = (_header_time_us(_read_channels(file)[1], file) for file in self.files[:2])
+        first, second = (_header_time_us(read_channels(file)[1], file) for file in self.files[:2])
         if second <= first:
             raise InputError(f"{self.files[1]} is at {second} µs, expected later than {first} µs of the file before")
         return 1e6 / (second - first)
@@ -89,7 +97,9 @@ class ExrSequence:
         if out.names != self.names:
             raise ValueError(f"the frame has the planes {out.names}, expected {self.names}")
         file = self.files[index]
-        channels, header = _read_channels(file)
+        channels, header = read_channels(file)
+        if self._tells_held:
+            channels[COVERAGE[0]] = held_pixels(header)
         for channel in self._layout.channels.values():
             if channel not in channels:
                 raise InputError(f"{file} has no channel {channel!r}, which {self.files[0].name} has")
@@ -223,43 +233,6 @@ def _sequence_files(path: str | Path) -> list[Path]:
         if after != before + 1:
             raise InputError(f"frame {before + 1} is missing: {numbered[after]} follows {numbered[before].name}")
     return [numbered[number] for number in numbers]
-
-
-def _read_channels(file: Path) -> tuple[dict[str, npt.NDArray[Any]], dict[str, Any]]:
-    """Read all channels ``[H, W]``, of a multi-part file as ``part.channel``, and the first part's header."""
-    import OpenEXR
-
-    channels: dict[str, npt.NDArray[Any]] = {}
-    try:
-        with OpenEXR.File(str(file), header_only=True) as exr:
-            parts = len(exr.parts)
-        with OpenEXR.File(str(file), separate_channels=True) as exr:
-            # OpenEXR drops parts whose pixels it cannot read, with no more than a warning.
-            if len(exr.parts) < parts:
-                raise InputError(f"{file} is truncated or damaged: its pixels cannot be read")
-            header: dict[str, Any] = dict(exr.parts[0].header)
-            for part in exr.parts:
-                for name, channel in part.channels.items():
-                    channels[_full_name(part.name(), name) if len(exr.parts) > 1 else name] = channel.pixels
-    except (OSError, RuntimeError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        raise InputError(f"cannot read {file} as EXR: {reason}") from None
-    if not channels:
-        raise InputError(f"{file} has no channels")
-    return channels, header
-
-
-def _full_name(part: str | None, channel: str) -> str:
-    """Join part and channel names: A.B + R, A.B + B.R and B + A.B.R all give A.B.R."""
-    if not part:
-        return channel
-    parts, names = part.split("."), channel.split(".")
-    for overlap in range(min(len(parts), len(names) - 1), 0, -1):
-        if parts[-overlap:] == names[:overlap]:
-            return ".".join(parts + names[overlap:])
-    return channel if parts[-1] in names else f"{part}.{channel}"
 
 
 def _positions(channels: Mapping[str, npt.NDArray[Any]], layout: Layout) -> FloatArray:

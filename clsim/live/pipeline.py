@@ -145,6 +145,7 @@ class Progress:
     frames: int = 0
     events: int = 0
     on_events: int = 0
+    first_us: int | None = None  # recordings may begin late
     simulated_us: int = 0
     dropped_frames: int = 0
     late_frames: int = 0
@@ -382,6 +383,7 @@ class Pipeline:
         progress.frames += 1
         progress.events += len(batch)
         progress.on_events += int(batch["on"].sum())
+        progress.first_us = time_us if progress.first_us is None else progress.first_us
         progress.simulated_us = time_us
         progress.solved_share = stats.solved_share
         progress.masked_pixels = stats.masked

@@ -146,7 +146,7 @@ class Session:
             first_hit_rays=progress.first_hit_rays,
             effort=None if level is None else level.effort,
             governor=None if self.governed is None else self.governed.summary(),
-            simulated_s=progress.simulated_us / 1e6,
+            simulated_s=(progress.simulated_us - (progress.first_us or 0)) / 1e6,
             wall_s=wall_s,
             cpu_s=_cpu_s() - self.cpu_start_s,
             startup_s=startup_s,

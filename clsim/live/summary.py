@@ -28,7 +28,7 @@ class Summary:
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.
         effort: samples in force: ``probe_spp``, ``spp``, ``first_hit_rays``, ``every``; None for recorded frames.
         governor: what it decided; None without one.
-        simulated_s: time of the last frame.
+        simulated_s: time from the first frame to the last.
         wall_s, cpu_s: time since the run was opened, and processor time of all threads and of processes begun.
         startup_s: time from the start to the first frame's events; None before.
         frames_per_s: frames a second since then.

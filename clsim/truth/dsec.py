@@ -292,7 +292,7 @@ def _files(text: Path, folder: Path, columns: int) -> dict[int, tuple[Path, int]
     """
     if not text.is_file():
         return {}
-    lines = [line for line in text.read_text("utf-8").splitlines() if line.strip() and not line.startswith("#")]
+    lines = [line for line in text.read_text("utf-8-sig").splitlines() if line.strip() and not line.startswith("#")]
     rows = [[int(word) for word in line.split(",")] for line in lines]
     if any(len(row) != columns for row in rows):
         raise ValueError(f"{text} has a line of other than {columns} times")
@@ -335,7 +335,7 @@ def _read_flow(file: Path) -> npt.NDArray[np.float32]:
 
 def _read_calibration(path: Path) -> tuple[dict[str, Any], float]:
     """Return the camera and the baseline [m] that a cam_to_cam.yaml tells."""
-    text = path.read_text("utf-8")
+    text = path.read_text("utf-8-sig")
     rectified = text.partition("camRect0:")[2] or text
 
     # The rectified left camera's own lines, up to the next one's name.
@@ -356,7 +356,7 @@ def _read_calibration(path: Path) -> tuple[dict[str, Any], float]:
 
 
 def _read_names(path: Path) -> tuple[str, ...]:
-    return tuple(path.read_text("utf-8").splitlines()) if path.is_file() else ()
+    return tuple(path.read_text("utf-8-sig").splitlines()) if path.is_file() else ()
 
 
 def _track_name(path: Path) -> str:

@@ -123,7 +123,7 @@ def read_files(path: Path) -> dict[int, str]:
         ValueError: a line is otherwise, or a file lies outside the folder.
     """
     found = {}
-    for number, line in enumerate(path.read_text("utf-8").splitlines(), start=1):
+    for number, line in enumerate(path.read_text("utf-8-sig").splitlines(), start=1):
         words = line.split()
         if not words or words[0].startswith("#"):
             continue

@@ -265,7 +265,7 @@ def _camera(path: Path, data: Any, size: tuple[int, int] | None) -> dict[str, An
         told: dict[str, Any] = json.loads(data.attrs["camera"])
         return told
     for file in sorted(path.glob("camchain*.yaml")):
-        text = file.read_text("utf-8").partition("cam0:")[2].partition("cam1:")[0]
+        text = file.read_text("utf-8-sig").partition("cam0:")[2].partition("cam1:")[0]
         matrix, coefficients = (yaml_numbers(text, key) for key in ("intrinsics", "distortion_coeffs"))
         shape = yaml_numbers(text, "resolution")
         if len(matrix) != 4 or len(shape) != 2:

@@ -143,7 +143,7 @@ def _calibration(about: About) -> dict[str, Any]:
 
 def _read_calibration(path: Path) -> dict[str, Any]:
     """Return the first camera of a calibration of Basalt's; raises KeyError or ValueError where it has none."""
-    told = json.loads(path.read_text("utf-8"))["value0"]
+    told = json.loads(path.read_text("utf-8-sig"))["value0"]
     kind, numbers = (told["intrinsics"][0][key] for key in ("camera_type", "intrinsics"))
     matrix = [float(numbers[key]) for key in ("fx", "fy", "cx", "cy")]
     keys = {"pinhole": (), "kb4": ("k1", "k2", "k3", "k4"), "pinhole-radtan8": _RADTAN8}

@@ -206,7 +206,7 @@ def test_counts(value: float, text: str) -> None:
 def test_one_event_is_one() -> None:
     assert [events_text(count) for count in (0, 1, 2700)] == ["0 events", "1 event", "2,700 events"]
     assert events_text(2700, short=True) == "2.7 k events"
-    assert dropped_text(1).startswith("1 event was left out, for it lies outside the sensor or comes after")
+    assert dropped_text(1).startswith("1 event was left out, for it lies outside the sensor, or has no time")
 
 
 def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch) -> None:

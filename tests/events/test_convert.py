@@ -40,10 +40,10 @@ def test_numpy_arrays_of_other_libraries_become_batches():
     ("array", "message"),
     [
         (np.zeros((3, 5)), r"shape \(3, 5\)"),
-        (np.zeros((3, 4)), "column t has type float64"),
-        (np.zeros(3, [("t", int), ("x", int), ("y", int)]), "events have no p"),
-        (np.full((3, 4), 70000), "column x leaves the range"),
-        (np.full((3, 4), -1), "column x leaves the range"),
+        (np.full((3, 4), 0.5), r"column t has 0\.5 in row 0 \(seconds\?\); expected whole"),
+        (np.zeros(3, [("t", int), ("x", int), ("y", int)]), "columns are t, x, y; expected t, x, y and p"),
+        (np.full((3, 4), 70000), "column x has 70000 in row 0; expected 0 to 65535"),
+        (np.full((3, 4), -1), "column t has -1 in row 0"),
     ],
 )
 def test_arrays_that_hold_no_events_are_refused(array, message):

@@ -234,7 +234,7 @@ def test_damaged_bytes_never_raise_anything_but_input_errors(tmp_path, ending):
     path.write_bytes(rng.integers(0, 256, 5000).astype(np.uint8).tobytes())
     with pytest.raises(InputError):
         read(path)
-    assert refused or ending == ".evt3.raw"  # which drops what a camera may send by mistake
+    assert refused or ending in (".raw", ".evt3.raw")  # which drops what a camera may send by mistake
 
 
 @pytest.mark.slow
@@ -269,7 +269,8 @@ def test_a_library_that_panics_is_a_damaged_file_but_an_interrupt_passes(tmp_pat
         (KeyboardInterrupt(), KeyboardInterrupt),
     ):
         source = EventSource(tmp_path / "a.raw", None, None, batches(error))
-        next(source)
+        if expected is InputError:  # an interrupt does not wait for what came before
+            assert len(next(source)) == 1
         with pytest.raises(expected):
             next(source)
 
@@ -321,14 +322,14 @@ def test_text_is_read_however_people_write_it(tmp_path):
     [
         ("1 2 3 1\n1 2 3\n", "columns"),
         ("1 2 3 1\n1 2 x 1\n", "expected lines of t x y p"),
-        ("1 2 3 7\n", "polarity"),
-        ("1 -2 3 1\n", "coordinate"),
-        ("1 2 70000 1\n", "coordinate"),
-        ("nan 2 3 1\n", "expected lines|seconds"),
+        ("1 2 3 7\n", "column p has 7.0 in row 0; expected 0 and 1"),
+        ("1 -2 3 1\n", "column x has -2.0 in row 0; expected 0 to 65535"),
+        ("1 2 70000 1\n", "column y has 70000.0 in row 0"),
+        ("nan 2 3 1\n", "names the columns nan, 2, 3, 1"),
         ("1.5 2 3 1\nnan 2 3 1\n", "number of seconds"),
-        ("5 2 3 1\n4 2 3 1\n", "event 1 has time 4 µs, before 5 µs"),
-        ("-5 2 3 1\n", "time -5 µs"),
-        ("x" * 5_000_000, "no lines"),
+        ("-5 2 3 1\n", "column t has -5 in row 0"),
+        ("x" * 5_000_000, "names the columns x*;"),
+        ("1" * 5_000_000, "no lines"),
     ],
 )
 def test_wrong_text_is_refused(tmp_path, text, message):

@@ -277,8 +277,8 @@ def test_truncated_files(tmp_path, parts, keep):
 def test_wrong_paths_and_layouts(tmp_path):
     with pytest.raises(InputError, match=r"no EXR file at .*nowhere"):
         ExrSequence(tmp_path / "nowhere", fps=10)
-    write(tmp_path / "f.exr", {"Y": plane()})
-    with pytest.raises(InputError, match=r"no radiance .* channels Y"):
+    write(tmp_path / "f.exr", {"Q": plane()})
+    with pytest.raises(InputError, match=r"no radiance .* channels Q"):
         ExrSequence(tmp_path, fps=10)
     write(tmp_path / "f.exr", rgb())
     with pytest.raises(InputError, match="carries no time"):

@@ -1,0 +1,233 @@
+"""Files of footage as people have them: cut, of floating point, several films in one folder."""
+
+import warnings
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+import numpy as np
+import numpy.typing as npt
+import pytest
+import tifffile
+from PIL import Image
+
+from clsim.errors import InputError
+from clsim.footage.displacement import Displacement
+from clsim.footage.images import Pictures
+from clsim.footage.source import Footage, Reading
+from clsim.footage.video import Video
+from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
+
+CASES = Path(__file__).parents[3] / "shared" / "cases"
+WIDTH, HEIGHT, COUNT = 64, 48, 40
+
+
+def read(source: Footage) -> list[npt.NDArray[np.float32]]:
+    frames = []
+    try:
+        while True:
+            frame = Frame(page_aligned((3, source.height, source.width)), RADIANCE)
+            source.fill(len(frames), frame)
+            frames.append(frame.planes)
+    except SourceEnded:
+        return frames
+
+
+def picture(k: int) -> npt.NDArray[np.uint8]:
+    return np.random.default_rng(k).integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
+
+
+def film(path: Path, codec: str, pixels: str = "yuv420p", audio_s: float = 0.0, **options: str) -> Path:
+    with av.open(str(path), "w", options=options) as container:
+        stream: Any = container.add_stream(codec, rate=Fraction(30))
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, pixels
+        sound: Any = container.add_stream("aac", rate=48_000) if audio_s else None
+        for k in range(COUNT):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture(k), "rgb24")))
+        container.mux(stream.encode())
+        for k in range(int(audio_s * 48_000) // 1024):
+            frame = av.AudioFrame.from_ndarray(np.zeros((1, 1024), np.float32), format="fltp", layout="mono")
+            frame.rate, frame.pts = 48_000, 1024 * k
+            container.mux(sound.encode(frame))
+        if sound is not None:
+            container.mux(sound.encode())
+    return path
+
+
+FILMS: dict[str, dict[str, Any]] = {
+    "a.mkv": {"codec": "mpeg4"},
+    "sound.mkv": {"codec": "mpeg4", "audio_s": 3.0},
+    "short.mkv": {"codec": "mpeg4", "audio_s": 0.5},
+    "a.mp4": {"codec": "mpeg4", "movflags": "faststart"},
+    "sound.mp4": {"codec": "mpeg4", "audio_s": 3.0, "movflags": "faststart"},
+    "parts.mp4": {"codec": "mpeg4", "movflags": "frag_keyframe+empty_moov"},
+    "a.flv": {"codec": "flv1"},
+    "a.avi": {"codec": "mjpeg", "pixels": "yuvj420p"},
+    "a.gif": {"codec": "gif", "pixels": "rgb8"},
+    "a.apng": {"codec": "apng", "pixels": "rgb24"},
+}
+
+
+@pytest.mark.parametrize("name", FILMS)
+def test_a_whole_video_is_whole_and_a_cut_one_is_told(tmp_path: Path, name: str) -> None:
+    path = film(tmp_path / name, **FILMS[name])
+    assert len(read(Video(path, Reading(transfer="srgb")))) == COUNT
+    if name == "parts.mp4":  # its header does not tell how long it is
+        return
+    data = path.read_bytes()
+    (tmp_path / f"cut_{name}").write_bytes(data[: 6 * len(data) // 10])
+    with pytest.raises(InputError, match=r"frames are missing|without its end mark|cannot be decoded"):
+        read(Video(tmp_path / f"cut_{name}", Reading(transfer="srgb")))
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not beside the checkout")
+def test_the_shared_cut_video_tells_how_much_is_missing() -> None:
+    with pytest.raises(InputError, match=r"ends at 0\.363 s, but its header tells 0\.627 s: some 8 frames are missing"):
+        read(Video(CASES / "trunc.mkv"))
+
+
+def test_a_gif_is_srgb_as_its_pictures_are(tmp_path: Path) -> None:
+    codes = np.tile(np.arange(0, 256, 4, dtype=np.uint8), (HEIGHT, 1))
+    images = [Image.fromarray(np.roll(codes, 8 * k, axis=1)) for k in range(3)]
+    images[0].save(tmp_path / "a.gif", save_all=True, append_images=images[1:], duration=100)
+    (tmp_path / "pictures").mkdir()
+    for k, image in enumerate(images):
+        image.save(tmp_path / "pictures" / f"{k}.png")
+    gif = Video(tmp_path / "a.gif")
+    assert gif.transfer == "srgb" and gif.warnings == ()
+    for ours, expected in zip(read(gif), read(Pictures(tmp_path / "pictures", Reading(fps=10.0))), strict=True):
+        assert np.allclose(ours, expected, atol=1e-6)
+
+
+LIGHT = np.random.default_rng(3).uniform(0, 2, (HEIGHT, WIDTH, 3)).astype(np.float16)
+
+
+@pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}, {"planarconfig": "separate"}], ids=str)
+def test_tiff_of_floating_point_is_light_as_it_stands(
+    tmp_path: Path, kind: type, channels: int, options: dict[str, Any]
+) -> None:
+    planes = np.concatenate([LIGHT, np.full((HEIGHT, WIDTH, 1), 0.3)], axis=2).astype(kind)
+    pixels = planes[..., 0] if channels == 1 else planes[..., :channels]
+    if options.get("planarconfig"):
+        if channels == 1:
+            return
+        pixels = np.moveaxis(pixels, 2, 0)
+    more = {"photometric": "rgb"} if channels > 1 else {}
+    tifffile.imwrite(tmp_path / "a0.tif", pixels, **options, **more)
+    source = Pictures(tmp_path, Reading(fps=10.0))
+    assert source.transfer == "linear" and source.steps is None
+    (found,) = read(source)
+    expected = LIGHT[..., :1].repeat(3, axis=2) if channels == 1 else LIGHT
+    assert np.array_equal(found, np.moveaxis(expected, 2, 0).astype(np.float32))
+
+
+def test_tiff_of_whole_numbers_is_srgb_and_a_damaged_one_is_refused(tmp_path: Path) -> None:
+    Image.fromarray(picture(0)).save(tmp_path / "a0.tif")
+    assert Pictures(tmp_path, Reading(fps=10.0)).transfer == "srgb"
+    tifffile.imwrite(tmp_path / "a0.tif", LIGHT)
+    data = (tmp_path / "a0.tif").read_bytes()
+    for size in (10, 200, len(data) // 2):
+        (tmp_path / "a0.tif").write_bytes(data[:size])
+        with pytest.raises(InputError, match=r"a0\.tif: cannot be decoded"):
+            read(Pictures(tmp_path, Reading(fps=10.0)))
+
+
+@pytest.mark.parametrize("ending", ["png", "jpg", "tif", "bmp", "webp", "ppm"])
+def test_a_picture_that_was_cut_is_refused(tmp_path: Path, ending: str) -> None:
+    """Also one whose preview, inside it, is whole."""
+    thumbnail = Image.Exif()
+    thumbnail[0x9286] = b"\xff\xd8\xff\xda\0\xff\xd9"
+    more = {"exif": thumbnail} if ending == "jpg" else {}
+    Image.fromarray(picture(0)).save(tmp_path / f"a0.{ending}", **more)
+    assert len(read(Pictures(tmp_path, Reading(fps=10.0)))) == 1
+    data = (tmp_path / f"a0.{ending}").read_bytes()
+    (tmp_path / f"a0.{ending}").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"cannot be decoded|ends in the middle of its picture"):
+        read(Pictures(tmp_path, Reading(fps=10.0)))
+
+
+def folder(path: Path, *names: str) -> Path:
+    path.mkdir()
+    for name in names:
+        Image.fromarray(picture(0)).save(path / name)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        (["rgba_01.png", "rgba_02.png", "segmentation_01.png"], r"several kinds: rgba_\*\.png, segmentation_\*\.png"),
+        (["a_1.png", "a_2.png", "a_1.bmp", "a_2.bmp"], "several kinds"),
+        (["0001.png", "0002.png", "preview.png"], r"several kinds: \*\.png, preview\.png"),
+        (["cam0_01.png", "cam0_02.png", "cam1_01.png", "cam1_02.png"], r"holds 2 films .* 'folder/cam0_\*\.png'"),
+    ],
+)  # fmt: skip
+def test_a_folder_of_several_films_is_refused_and_a_pattern_chooses(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, names: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    place = folder(Path("folder"), *names)
+    with pytest.raises(InputError, match=message):
+        Pictures(place, Reading(fps=10.0))
+    pattern = names[0].rsplit(names[0].rsplit(".", 1)[0][-1], 1)[0] + "*." + names[0].rsplit(".", 1)[1]
+    assert 2 <= len(read(Pictures(place / pattern, Reading(fps=10.0)))) <= 3
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["frame_1.png", "frame_2.png", "frame_10.png"],
+        ["12_59_58.png", "12_59_59.png", "13_00_00.png", "13_00_01.png"],
+        ["1690000000.123456.png", "1690000000.623456.png", "1690000001.123456.png"],
+        ["a.png", "b.png", "c.png"],
+        ["shot2_0001.png", "shot2_0002.png"],
+    ],
+)
+def test_one_film_is_taken_as_one(tmp_path: Path, names: list[str]) -> None:
+    place = folder(tmp_path / "folder", *names)
+    source = Pictures(place, Reading(fps=10.0))
+    assert source.frame_count == len(names)
+
+
+def test_times_that_repeat_name_the_options_that_help(tmp_path: Path) -> None:
+    path = tmp_path / "a.mkv"
+    with av.open(str(path), "w") as container:
+        stream: Any = container.add_stream("ffv1", rate=30)
+        stream.width, stream.height, stream.pix_fmt, stream.time_base = WIDTH, HEIGHT, "bgr0", Fraction(1, 1000)
+        for k, pts in enumerate((0, 40, 40, 80)):
+            frame = av.VideoFrame.from_ndarray(picture(k), "rgb24")
+            frame.pts, frame.time_base = k, Fraction(1, 1000)
+            for packet in stream.encode(frame):
+                packet.pts = packet.dts = pts
+                packet.time_base = Fraction(1, 1000)
+                container.mux(packet)
+    with pytest.raises(InputError, match="later than 40000 µs of the one before; `fps` or `times` replace the file's"):
+        read(Video(path))
+    assert len(read(Video(path, Reading(fps=25.0)))) == 4
+
+
+def test_pictures_without_texture_or_numbers_are_measured_without_a_warning() -> None:
+    flat = np.full((HEIGHT, WIDTH), 0.5, np.float32)
+    texture = np.random.default_rng(0).uniform(0.1, 1, (HEIGHT, WIDTH)).astype(np.float32)
+    wild = np.roll(texture, 2, axis=1)
+    wild[3, 4], wild[5, 40], wild[7, 8] = np.nan, np.nan, np.inf
+    measured = Displacement(WIDTH, HEIGHT)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        shifts = [measured.add(frame) for frame in (flat, flat, texture, wild, flat)]
+        assert shifts[:3] == [None, None, None] and shifts[4] is None
+        assert shifts[3] == pytest.approx(2, abs=0.3)
+        # A block that is found again where nothing is.
+        blocks = texture[None, :32, :32] - texture[:32, :32].mean()
+        _, alike = measured._rest(blocks, np.zeros_like(blocks))
+    assert alike.tolist() == [0]
+
+
+@pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not beside the checkout")
+def test_the_shared_pictures_with_little_texture_are_read_without_a_warning() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(read(Pictures(CASES / "flat", Reading(fps=30.0)))) == 4
