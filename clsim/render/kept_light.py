@@ -23,6 +23,8 @@ _LARGEST_GAIN = wp.constant(8.0)
 """Change of log luminance that a frame may learn: what seemed black, as no path had found light, may be bright."""
 _CLOSE = wp.constant(0.5)
 """Widths of a pixel within which first hits of one surface have the same light."""
+_ALL = wp.constant(1.0e30)
+"""More paths than there are."""
 _SAME_NORMAL = wp.constant(0.98)
 
 
@@ -35,8 +37,8 @@ class Gathering:
         probe: paths of a pixel whose light is known.
         every: a pixel whose light is known traces them in each so many-th frame, in turn with its neighbours.
         turn: number of the frame.
-        known, finely: where what is known of the light is at least so much, and by the finest cells where light
-            straight from lamps is kept, the probe will do; 0 … 1.
+        known, finely: where so many paths tell of the light, and so many in the finest cells where light straight from
+            lamps is kept, the probe will do.
         asked: which cells are asked for the light, and the update whose gain is no event.
         earlier: whether the light is shown as it was known before that update.
         lamps: whether light straight from lamps is found apart, but for what is glossy.
@@ -69,8 +71,8 @@ class Lit:
     ``brightness`` and ``squares`` are means over the pixel of the luminance of things and of its square.
     ``unlit`` is the albedo of what nothing is known of, ``unlit_before`` of what nothing was; ``known`` is the least.
     ``off`` and ``off_before`` are by how much the luminance of the light might be wrong, now and before, as in `Kept`.
-    ``from_lamps`` is the share of the pixel where light straight from lamps is kept, and ``finely`` the part of it that
-    the finest cells know.
+    ``from_lamps`` is the share of the pixel where light straight from lamps is kept, and ``finely`` the number of paths
+    that tell of it in the finest cells, times that share.
     """
 
     covered: float
@@ -109,7 +111,7 @@ def light_of(
 ) -> Lit:
     """Look up the light of each thing that a pixel shows, in the middle of what it shows of it."""
     s = Lit()
-    s.known = 1.0
+    s.known = _ALL
     kept = Kept()
     at = wp.vec3()
     facing = wp.vec3()

@@ -99,10 +99,10 @@ class Kept:
 
     Attributes:
         light: irradiance over π, as the cells know it.
-        known: 1 where many paths were near, 0 where none was.
+        known: number of paths that were near, in cells of all sizes.
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
-        finely: share of the finest cells asked in the light, 0 where no path was in them.
+        finely: the same in the finest cells alone.
         off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
             chance, which is always the same. Where nobody asked, 0.
         off_before: the same of the light before.
@@ -126,8 +126,6 @@ class Asked:
         finest_before: the same, for the light as it was known before.
         finest_if_smooth: no level below is asked where light is smooth, as none that is kept comes straight from lamps.
         last_update: what was known before is what cells knew before that update.
-        wanted: paths with which a level counts as much as all coarser ones; these blur light, fine ones are noisy.
-        wanted_if_smooth: the same where light is smooth.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.
         frame: number of the last frame, …
@@ -138,8 +136,6 @@ class Asked:
     finest_before: int
     finest_if_smooth: int
     last_update: int
-    wanted: float
-    wanted_if_smooth: float
     tells_error: bool
     follows: bool
     frame: int
@@ -331,12 +327,10 @@ def look_up(
     least = wp.where(smooth, asked.finest_if_smooth, 0)
     finest = wp.max(asked.finest, least)
     finest_before = wp.max(asked.finest_before, least)
-    wanted = wp.where(smooth, asked.wanted_if_smooth, asked.wanted)
     size = size_of(width_m)
     side_m = wp.pow(2.0, float(size + _LEVELS - 1))
     face = face_of(normal)
     axis = face // 2
-    left = float(1.0)
     whole = Level()
     whole_before = Level()
     factor = wp.vec3(1.0, 1.0, 1.0)
@@ -385,9 +379,7 @@ def look_up(
         # By the same rule in both, so that what was known before is what the last frame showed.
         if level >= finest:
             whole = _finer(whole, sums)
-            left = left * wanted / (sums.paths + wanted)
-            if level == finest:
-                kept.finely = sums.paths / (sums.paths + wanted)
+            kept.finely = sums.paths
         if level >= finest_before:
             whole_before = _finer(whole_before, sums_before)
         if paths > 0.0:
@@ -397,7 +389,7 @@ def look_up(
             told += paths
         side_m = side_m * 0.5
         level = level - 1
-    kept.known = 1.0 - left
+    kept.known = whole.paths
     kept.light = wp.cw_mul(whole.light, factor) + more
     kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
     kept.known_before = whole_before.paths > 0.0

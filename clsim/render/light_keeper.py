@@ -21,23 +21,15 @@ from clsim.render.shadow_rays import Shadow
 from clsim.render.stored_paths import Met
 from clsim.scene import Sensor
 
-KNOWN = 0.04
-"""Where less is known of the light, a pixel traces all its paths."""
+KNOWN = 43.0
+"""Where fewer paths than these tell of the light, a pixel traces all its paths …"""
 _FINELY = 16.0
-"""The same of the finest cells, where light straight from lamps is kept: so many paths, so that what comes into view is
-soon known too."""
+"""… and where fewer tell of it in the finest cells, if light straight from lamps is kept: what comes into view is soon
+known too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_IF_SMOOTH = 2
 """See `Asked`: few paths will do there."""
-_WANTED = 1024.0
-"""Paths with which a level of cells counts as much as all coarser ones, …"""
-_WANTED_AT = 0.0091
-"""… but where lamps' light is kept fewer for pixels that are wider than this [rad]. These have wider cells, …"""
-_WANTED_FALLS = 1.4
-"""… whose blur does more harm: the fine ones are trusted sooner, by this power of the width. …"""
-_WANTED_BESIDE_LAMPS = 256.0
-"""… It is this many at that width where lamps are found apart: few paths are traced, and gloss shows lamps' shadows."""
 _ENOUGH_FOR_FINE = 4
 """Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
 _CELLS_PER_PIXEL = 1
@@ -45,7 +37,7 @@ _CELLS_PER_PIXEL = 1
 _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
-_NEVER = 2.0
+_NEVER = math.inf
 """More than can be known."""
 _PASSES_OF_FIRST = 2
 """Times that the first frame is rendered: nothing was known when it was rendered first …"""
@@ -84,15 +76,6 @@ def next_event(fires_at: tuple[float, float] | None, sensor: Sensor) -> Any:
 def _finest_of(effort: Effort) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
     return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
-
-
-def _wanted_of(sight: Sight, finest: int) -> float:
-    """Return with how many paths a level of cells counts as much as all coarser ones, where lamps' light is kept."""
-    if sight.lamps and finest > 0:
-        # Few paths are traced where light is smooth, and what else there is must not have fewer.
-        return _WANTED
-    wanted = _WANTED_BESIDE_LAMPS if sight.lamps else _WANTED
-    return float(min(wanted * (_WANTED_AT / sight.pixel_angle) ** _WANTED_FALLS, _WANTED))
 
 
 def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:
@@ -238,7 +221,7 @@ class LightKeeper:
         if last:
             self._gathering.event = self._event
         self._gathering.known = KNOWN
-        self._gathering.finely = _FINELY / (_FINELY + asked.wanted) if self._finest == 0 else 0.0
+        self._gathering.finely = _FINELY if self._finest == 0 else 0.0
         self._gathering.lamps = self._sight.lamps
         if self._frames < self._passes and self._finds_all:
             self._gathering.finely = _NEVER
@@ -339,7 +322,6 @@ class LightKeeper:
         asked: Any = Asked()
         asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
         asked.follows = self._store is not None
-        asked.wanted, asked.wanted_if_smooth = _wanted_of(self._sight, self._finest), _WANTED
         return asked
 
     def _is_time(self, time_us: int) -> bool:
