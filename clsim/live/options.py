@@ -195,6 +195,8 @@ class LiveOptions:
         basis = self.basis
         plain = self.noise == "independent" or self.first_hit_rays == 0
         anew = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
+        # Evidence wants the error of each pixel, which light that is kept does not tell.
+        anew = anew or self.confidence > 0
         named = PLAIN if basis is None else (QUALITIES | ANEW if anew else QUALITIES)[basis]
         if self.quality is None and plain:
             named = replace(named, sampling="uniform")
@@ -248,8 +250,9 @@ class LiveOptions:
 
         `from_dict` takes them back.
         """
-        settings = asdict(self.point) | {"quality": self.basis}
-        if self.point.sampling == "uniform":
+        point = self.point
+        settings: dict[str, Any] = {name: getattr(point, name) for name in setting_names()} | {"quality": self.basis}
+        if point.sampling == "uniform":
             settings["probe_spp"] = None
         return asdict(self) | settings
 

@@ -123,7 +123,7 @@ QUALITIES: dict[Quality, Point] = {
     ),
 }
 ANEW: dict[Quality, Point] = {
-    "draft": _adaptive(2, 1, 2, 8),
+    "draft": replace(_adaptive(1, 1, 2, 8), sampling="uniform"),
     "balanced": _adaptive(8, 1, 2, 12),
     "accurate": _adaptive(64, 4, 1, 64),
 }

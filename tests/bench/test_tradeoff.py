@@ -16,7 +16,6 @@ from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
 from clsim.cli.tradeoff_tables import markdown_text
 from clsim.errors import InputError
-from clsim.live.light import Light
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
 from clsim.scene import load_world
@@ -192,7 +191,7 @@ def test_a_named_point_is_what_a_live_run_gives(tmp_path: Path, quality: str) ->
     import clsim
 
     live = clsim.stream("two-boxes", quality=quality, resolution=(16, 12), duration_s=0.15, fps=20.0)
-    results = run_tradeoff(options(tmp_path, points=[named_points(0, Light(stands_still=True))[quality]]), ignore)
+    results = run_tradeoff(options(tmp_path, points=[named_points(0)[quality]]), ignore)
     assert results["points"][0]["events"] == sum(len(batch) for batch in live) > 0
 
 

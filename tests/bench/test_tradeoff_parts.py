@@ -18,9 +18,7 @@ from clsim.bench.point_store import PointStore
 from clsim.bench.reference_cache import reference_key
 from clsim.bench.tradeoff_settings import (
     BASE,
-    LIGHTS,
     QUICK_POINTS,
-    Light,
     Point,
     Rendering,
     full_points,
@@ -140,65 +138,33 @@ def test_the_sweeps_have_each_point_once() -> None:
 
 
 def test_named_points_are_those_of_live_runs() -> None:
-    from clsim.live.quality import MOVES_BY_PATHS, QUALITIES
+    from clsim.live.quality import QUALITIES
 
-    light = Light(all_by_paths=True)
-    named = named_points(3, light)
-    assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,), light))
-    for name, plain in QUALITIES.items():
-        quality = dataclasses.replace(plain, **MOVES_BY_PATHS.get(name, {}))
+    named = named_points(3)
+    assert set(named) == set(QUALITIES) and set(named.values()) <= set(full_points((3,)))
+    for name, quality in QUALITIES.items():
         rendering, detector = named[name].rendering, named[name].detector
         assert (rendering.noise, rendering.sampling) == (quality.noise, quality.sampling)
-        for field in ("spp", "sampler", "first_hit_rays", "probe_every"):
+        for field in ("spp", "sampler", "first_hit_rays", "probe_every", "stored_paths", "follow_every"):
             assert getattr(rendering, field) == getattr(quality, field)
-        assert rendering.probe_spp == (quality.probe_spp if quality.sampling == "adaptive" else None)
+        assert rendering.probe_spp == (quality.probe_spp if quality.sampling != "uniform" else None)
         assert (detector.method, detector.window) == (quality.method, quality.window)
         assert (detector.gate or "radiance", detector.event_rule) == (quality.gate, quality.event_rule)
 
 
-def test_a_bench_runs_what_a_live_run_would_in_that_light() -> None:
-    """A room that the sky lights has no lamp apart: there a live run traces more paths."""
+def test_a_bench_runs_what_a_live_run_would() -> None:
     from clsim.live.options import LiveOptions
     from clsim.live.stages import plan_stages
 
-    lit = load_world("two-boxes", resolution=(16, 12))
-    sky = dataclasses.replace(
-        lit,
-        materials=tuple(dataclasses.replace(each, emission=(0.0, 0.0, 0.0)) for each in lit.materials),
-        environment=(1.0, 1.0, 1.0),
-    )
-    cornell, lamp = load_world("cornell"), load_world("moving-light")
-    worlds = (cornell, lit, sky, lamp)
-    found = [Light.of(world, world.fps) for world in worlds]
-    assert found[1:3] == [Light(stands_still=True), Light(stands_still=True, all_by_paths=True)]
-    assert [found[0], found[3]] == [Light(watched=True), Light(watched=True, lamps_move=True)]
-    for world, light in zip(worlds, found, strict=True):
+    for world in map(load_world, ("cornell", "two-boxes", "moving-light")):
         for name in ("draft", "balanced", "accurate"):
             live = plan_stages(LiveOptions("", quality=name), world)
-            point = named_points(0, light)[name]
+            point = named_points(0)[name]
             bench = point.options(live.fps, 2, world.sensor)
             told = "spp", "probe_spp", "probe_every", "first_hit_rays", "light_cache", "fires_at", "sampler", "noise"
-            for field in told:
+            for field in (*told, "stored_paths", "follow_every"):
                 assert getattr(bench, field) == getattr(live.render, field), (name, field)
             assert point.detector.config(world.sensor) == live.detector
-    assert named_points(0, found[2])["balanced"] != named_points(0, found[1])["balanced"]
-    drafts = [named_points(0, light)["draft"] for light in LIGHTS]
-    assert [draft.rendering.probe_every for draft in drafts] == [8, 8, 64, 64, 8, 8]
-    assert [draft.detector.window for draft in drafts[:2]] == [11, 11]
-
-
-def test_draft_finds_other_light_more_often_where_things_go_far_from_frame_to_frame() -> None:
-    from clsim.live.options import LiveOptions
-    from clsim.live.stages import plan_stages
-
-    cornell = load_world("cornell")
-    for fps, driven, every in ((120.0, [], 8), (30.0, [], 4), (120.0, ["ball"], 4)):
-        # An event that wants evidence goes without kept paths.
-        live = plan_stages(LiveOptions("", quality="draft", fps=fps, confidence=1.0), cornell, driven=driven)
-        assert (live.render.probe_every, live.detector.window) == (every, 11)
-        if not driven:
-            light = dataclasses.replace(Light.of(cornell, fps), watched=False)
-            assert named_points(0, light)["draft"].rendering.probe_every == every
 
 
 def test_means_fronts_and_knobs() -> None:

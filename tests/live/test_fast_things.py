@@ -11,10 +11,9 @@ import clsim
 from clsim.bench.edge import edge_scene
 from clsim.errors import InputError
 from clsim.live.base_rate import camera_px_s
-from clsim.live.light import FAST_PX
 from clsim.live.options import LiveOptions
 from clsim.live.rendering import Rendering
-from clsim.live.stages import plan_stages
+from clsim.live.stages import FAST_PX, plan_stages
 from clsim.scene import load_world
 from tests.simulator.stage import keyframed, scene
 from tools.fast_scenes import Faster

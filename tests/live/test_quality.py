@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import asdict, replace
-from typing import Any, get_args
+from typing import get_args
 
 import pytest
 from hypothesis import given
@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
-from clsim.live.light import Light
 from clsim.live.options import LiveOptions
-from clsim.live.quality import CACHED, DEFAULT, PLAIN, QUALITIES, Quality
+from clsim.live.quality import ANEW, DEFAULT, PLAIN, QUALITIES, Quality, setting_names
 from clsim.live.recording_options import RecordingOptions
 from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions
@@ -28,7 +27,7 @@ def test_every_named_point_can_be_rendered_and_detected() -> None:
     for name, point in QUALITIES.items():
         assert options(quality=name).point == point
         DetectorConfig(method=point.method, window=point.window)
-        probe = point.probe_spp if point.sampling == "adaptive" else None
+        probe = point.probe_spp if point.sampling != "uniform" else None
         RenderOptions(
             spp=point.spp,
             probe_spp=probe,
@@ -47,15 +46,15 @@ def test_what_is_given_wins_over_the_named_point() -> None:
 def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() -> None:
     assert options(quality="balanced", method="esim-ad").point.window is None
     assert options(quality="balanced", method="esim-ad", window=9).point.window == 9
-    assert options(quality="balanced", method="irradiance").point.window == QUALITIES["balanced"].window
+    assert options(quality="balanced", method="irradiance").point == ANEW["balanced"]
     assert options(quality="accurate", spp=1).point.probe_spp == 1
 
 
 def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
     assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
     assert options(quality="balanced", probe_every=3).point == replace(QUALITIES["balanced"], probe_every=3)
-    assert "1 to 8 spp, pixels probed each 2 frames, 12" in QUALITIES["balanced"].text()
-    assert "probed" not in QUALITIES["accurate"].text()
+    assert "1 to 8 spp, pixels probed each 16 frames, 32" in QUALITIES["balanced"].text()
+    assert "probed" not in ANEW["accurate"].text()
     turns = QUALITIES["draft"].probe_every
     assert options(quality="draft", spp=2).point.probe_every == turns
     assert options(quality="draft", noise="independent").point.probe_every == 1
@@ -68,8 +67,8 @@ def test_balanced_holds_unless_a_quality_or_a_method_is_named() -> None:
     assert options(spp=4).point == replace(QUALITIES["balanced"], spp=4)
     for method in ("esim", "wlr-esim", "esim-ad", "irradiance"):
         assert options(method=method).point == replace(PLAIN, method=method)
-    assert options(method="irradiance", sampling="adaptive").point == QUALITIES["balanced"]
-    assert options(method="irradiance", pace="real").point == QUALITIES["balanced"]
+    assert options(method="irradiance", sampling="adaptive").point == ANEW["balanced"]
+    assert options(method="irradiance", pace="real").point == ANEW["balanced"]
 
 
 def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
@@ -79,8 +78,8 @@ def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
     assert options(event_rule="interpolated").point.event_rule == "interpolated"
 
 
-def test_what_rules_adaptive_sampling_out_makes_the_default_uniform() -> None:
-    uniform = replace(QUALITIES["balanced"], sampling="uniform", probe_every=1)
+def test_what_rules_kept_light_out_makes_the_default_uniform() -> None:
+    uniform = replace(ANEW["balanced"], sampling="uniform", probe_every=1)
     assert options(noise="independent").point == replace(uniform, noise="independent")
     assert options(first_hit_rays=0).point == replace(uniform, first_hit_rays=0)
 
@@ -105,7 +104,7 @@ def test_the_clock_starts_from_balanced_with_and_without_a_governor() -> None:
     balanced = QUALITIES["balanced"]
     assert options(pace="real", governor=False).point == balanced
     assert options(pace="real", governor=False, quality="draft").point == QUALITIES["draft"]
-    uniform = replace(balanced, sampling="uniform", probe_every=1)
+    uniform = replace(ANEW["balanced"], sampling="uniform", probe_every=1)
     assert options(pace="real", noise="independent").point == replace(uniform, noise="independent")
     without_rays = replace(uniform, first_hit_rays=0)
     assert options(pace="real", first_hit_rays=0).point == without_rays
@@ -123,47 +122,38 @@ def test_a_governor_needs_the_clock_common_noise_and_first_hit_rays() -> None:
         assert not options(**values).governed
 
 
-@pytest.mark.parametrize(
-    ("light", "quality", "settings"),
-    [
-        (Light(), "draft", ("irradiance", 1, 8, 11)),
-        (Light(slow=False), "draft", ("irradiance", 1, 4, 11)),
-        (Light(), "balanced", ("irradiance", 6, 8, 11)),
-        (Light(slow=False), "balanced", ("irradiance", 6, 4, 11)),
-        (Light(watched=True, lamps_move=True), "draft", ("irradiance", 1, 8, 11)),
-        (Light(watched=True, lamps_move=True), "balanced", ("esim", 8, 8, None)),
-        (Light(), "accurate", ("irradiance", 32, 4, 11)),
-        (Light(all_by_paths=True), "draft", ("irradiance", 3, 8, 11)),
-        (Light(all_by_paths=True), "balanced", ("irradiance", 8, 2, 7)),
-        (Light(watched=True), "draft", ("esim", 8, 8, None)),
-        (Light(watched=True), "balanced", ("esim", 32, 6, None)),
-        (Light(stands_still=True), "balanced", ("esim", 4, 16, None)),
-    ],
-)
-def test_settings_follow_the_scenes_light(light: Light, quality: Quality, settings: tuple[Any, ...]) -> None:
-    point = options(quality=quality).settled(light).point
-    assert (point.method, point.spp, point.probe_every, point.window) == settings
-    assert options(quality=quality, spp=3).settled(light).point.spp == 3
+@pytest.mark.parametrize("scene", ["two-boxes", "cornell", "moving-light", "still"])
+def test_no_setting_follows_the_scene(scene: str) -> None:
+    """A quality is one row of one table, whatever moves."""
+    for name, point in QUALITIES.items():
+        stages = plan_stages(options(scene=scene, quality=name))
+        assert stages.options.point == point
+        render = stages.render
+        assert (render.spp, render.first_hit_rays) == (point.spp, point.first_hit_rays)
+        assert (render.stored_paths, render.follow_every) == (point.stored_paths, point.follow_every)
 
 
-def test_draft_goes_by_events_where_paths_find_all_light() -> None:
-    """Not by the clock, where a governor gives up paths, nor where settings are given that go without it."""
-    light = Light(all_by_paths=True)
-    draft = options(quality="draft").settled(light).point
-    assert (draft.sampling, draft.probe_spp, draft.first_hit_rays) == ("adaptive", 1, 12)
-    assert options(quality="draft", first_hit_rays=4).settled(light).point.first_hit_rays == 4
-    for more in ({"pace": "real"}, {"spp": 4}, {"window": 7}, {"sampling": "uniform"}):
-        asked = options(quality="draft", **more)
-        assert asked.settled(light).point == asked.point
-    still = Light(all_by_paths=True, stands_still=True)
-    assert options(quality="draft").settled(still).point.sampling == "cached"
+@pytest.mark.parametrize("quality", QUALITIES)
+def test_a_setting_with_its_own_value_changes_nothing(quality: Quality) -> None:
+    named = options(quality=quality)
+    for name in setting_names():
+        value = getattr(named.point, name)
+        if (name, named.point.sampling) == ("probe_spp", "uniform"):
+            continue  # of no use there, which is told
+        assert options(quality=quality, **{name: value}).point == named.point, name
+    for scene in ("two-boxes", "cornell", "moving-light"):
+        given = {name: getattr(named.point, name) for name in ("spp", "first_hit_rays", "method", "sampling")}
+        assert (
+            plan_stages(options(scene=scene, quality=quality, **given)).render
+            == plan_stages(options(scene=scene, quality=quality)).render
+        )
 
 
 def test_the_sidecar_tells_the_settings_that_hold() -> None:
     about = options(quality="balanced", spp=4).as_dict()
     assert about["quality"] == "balanced" and about["spp"] == 4
-    assert about["method"] == QUALITIES["balanced"].method and about["sampling"] == "adaptive"
-    assert options().as_dict()["method"] == "irradiance" and options().as_dict()["quality"] == "balanced"
+    assert about["method"] == QUALITIES["balanced"].method and about["sampling"] == "cached"
+    assert options().as_dict()["method"] == "esim" and options().as_dict()["quality"] == "balanced"
     assert options(method="esim-ad").as_dict()["quality"] is None
 
 
@@ -172,7 +162,7 @@ GIVEN = st.fixed_dictionaries(
     optional={
         "quality": st.sampled_from(get_args(Quality)),
         "method": st.sampled_from(["esim", "wlr-esim", "esim-ad", "irradiance"]),
-        "sampling": st.sampled_from(["uniform", "adaptive"]),
+        "sampling": st.sampled_from(["uniform", "adaptive", "cached"]),
         "noise": st.sampled_from(["common", "independent"]),
         "gate": st.sampled_from(["radiance", "delta-r"]),
         "event_rule": st.sampled_from(["interpolated", "frame"]),
@@ -199,7 +189,7 @@ def test_any_run_can_be_repeated_from_its_sidecar(given: dict[str, object]) -> N
     again = LiveOptions.from_dict(json.loads(json.dumps(first.as_dict())))
     assert again.as_dict() == first.as_dict() and again.governed == first.governed
     assert (again.resolution, again.threshold, again.files) == (first.resolution, first.threshold, first.files)
-    probe = first.point.probe_spp if first.point.sampling == "adaptive" else again.point.probe_spp
+    probe = first.point.probe_spp if first.point.sampling != "uniform" else again.point.probe_spp
     assert again.point == replace(first.point, probe_spp=probe)
     config = DetectorConfig(method=first.point.method, window=first.point.window)
     assert DetectorConfig(method=again.point.method, window=again.point.window).side == config.side
@@ -239,7 +229,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
         ({"sampling": "adaptive", "spp": 4, "probe_spp": 5}, "`probe_spp` must be at most `spp` 4, got 5"),
         (
             {"method": "esim", "probe_spp": 2},
-            "`probe_spp` 2 is for `sampling` adaptive, cached or in-turn, but sampling is uniform",
+            "`probe_spp` 2 is for `sampling` adaptive or cached, but sampling is uniform",
         ),
         ({"sampling": "adaptive", "probe_spp": 0}, "`probe_spp` must be at least 1, got 0"),
         ({"sampling": "adaptive", "noise": "independent"}, "`sampling` adaptive needs `noise` common, got independent"),
@@ -256,7 +246,7 @@ def test_detection_too_is_repeated_from_its_sidecar() -> None:
         ),
         ({"first_hit_rays": -1}, "`first_hit_rays` must not be negative, got -1"),
         ({"quality": "best"}, "`quality` must be one of draft, balanced, accurate, exact, published, got 'best'"),
-        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, cached, in-turn, got 'random'"),
+        ({"sampling": "random"}, "`sampling` must be one of uniform, adaptive, cached, got 'random'"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
@@ -267,14 +257,15 @@ def test_wrong_sampling_is_told_in_a_sentence(given: dict[str, object], message:
 
 
 def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
-    for name, point in CACHED.items():
+    for name in ANEW:
+        point = options(quality=name).point
         assert options(quality=name, sampling="cached").point == point
-        DetectorConfig(method=point.method)
         assert "light kept on surfaces" in point.text()
-    assert options(sampling="cached").point == CACHED[DEFAULT]
-    assert options(sampling="cached", spp=2).point == replace(CACHED[DEFAULT], spp=2)
+        assert options(quality=name, sampling="adaptive").point == replace(ANEW[name], sampling="adaptive")
+    assert options(sampling="cached").point == QUALITIES[DEFAULT]
+    assert options(sampling="cached", spp=2).point == replace(QUALITIES[DEFAULT], spp=2)
     again = LiveOptions.from_dict(options(sampling="cached").as_dict())
-    assert again.point == CACHED[DEFAULT]
+    assert again.point == QUALITIES[DEFAULT]
 
 
 @pytest.mark.parametrize("given", [{"quality": "exact"}, {"first_hit_rays": 0}, {"noise": "independent"}])
@@ -289,26 +280,3 @@ def test_the_text_leaves_out_what_the_method_has_no_use_for() -> None:
     everywhere = replace(published, method="wlr-esim").text()
     assert everywhere == "wlr-esim 13x13, 32 spp, pcg, independent noise, rule frame"
     assert replace(published, method="esim").text() == "esim, 32 spp, pcg, independent noise, rule frame"
-
-
-def test_paths_are_kept_where_things_move_before_a_camera_that_stands_still() -> None:
-    """Unless what is kept would be of no use, or a setting goes without it."""
-    kept = plan_stages(options(scene="cornell", quality="accurate"))
-    assert kept.render.in_turn and kept.detector.method == "esim" and kept.steered
-    assert kept.render.spp == 64
-    assert plan_stages(options(scene="cornell")).render.spp == 32
-    lamp_moves = plan_stages(options(scene="moving-light", quality="accurate")).render
-    assert lamp_moves.in_turn and (lamp_moves.probe_spp, lamp_moves.first_hit_rays) == (8, 64)
-    balanced = plan_stages(options(scene="moving-light")).render
-    assert balanced.in_turn and (balanced.spp, balanced.probe_spp, balanced.first_hit_rays) == (8, 2, 12)
-    assert not plan_stages(options(scene="moving-light", quality="draft")).render.in_turn
-    for other in ({"confidence": 2.0}, {"time": "adaptive"}, {"pace": "real"}, {"spp": 8, "sampling": "adaptive"}):
-        assert not plan_stages(options(scene="cornell", quality="accurate", **other)).render.in_turn
-    assert not plan_stages(options(scene="cornell", quality="accurate"), driven=["camera"]).render.in_turn
-    assert not plan_stages(options(scene="two-boxes", quality="accurate")).render.in_turn
-
-
-def test_paths_cannot_be_kept_before_a_camera_that_moves() -> None:
-    """The sentence names the scene, and what to take."""
-    with pytest.raises(InputError, match=r"in-turn needs .* which does not hold of two-boxes; use adaptive"):
-        plan_stages(options(scene="two-boxes", sampling="in-turn"))

@@ -322,18 +322,6 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
     np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
 
 
-def test_fine_cells_are_trusted_the_sooner_the_wider_a_pixel_is_but_not_where_light_is_smooth():
-    def asked(pixel_angle, lamps=False):
-        sight = effort.Sight(pixel_angle, sharp=True, lamps=lamps)
-        keeper = light_keeper.LightKeeper(4, 3, Effort(4, 1, 48), sight, None, UNTOLD, 0, "cpu")
-        return keeper.prepare(0, 0)[0]["steering"].asked
-
-    assert asked(0.0091).wanted == pytest.approx(1024.0)
-    assert asked(0.0364).wanted == pytest.approx(1024.0 / 4.0**1.4)
-    assert asked(0.0364).wanted_if_smooth == asked(0.0001).wanted == asked(0.0001, lamps=True).wanted == 1024.0
-    assert asked(0.0364, lamps=True).wanted == pytest.approx(256.0 / 4.0**1.4)
-
-
 def floor_in_lamplight(floor, *textures):
     """A floor, a lamp above it, a box that throws a shadow, and a diffuse wall."""
     lamp = hw.quad((-0.2, 3.0, -0.2), (0.4, 0, 0), (0, 0, 0.4), material=1)

@@ -43,10 +43,10 @@ def test_patches_are_those_of_the_complement_of_the_seed():
                 np.testing.assert_array_equal(look[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
 
 
-def test_where_paths_are_kept_two_looks_differ_as_two_seeds_do():
+def test_where_things_move_two_looks_differ_as_two_seeds_do():
     """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
     world = load_world("cornell", resolution=(48, 36))
-    given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "in_turn": True}
+    given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
     looks, seeds, dark = [], [], 1e-3
     for seed in range(3):
         once, twice, other = (
@@ -66,7 +66,7 @@ def test_where_paths_are_kept_two_looks_differ_as_two_seeds_do():
 
 
 def test_first_hit_rays_without_kept_light_are_not_looked_at_again():
-    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache`, `in_turn` or no `first_hit_rays`"):
+    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache` or no `first_hit_rays`"):
         RenderOptions(look_again=3, first_hit_rays=8)
     for given in ({"first_hit_rays": 8}, {"look_again": 3}):
         with pytest.raises(InputError, match="`look_again_in` needs no `look_again` and no `first_hit_rays`"):
