@@ -125,6 +125,10 @@ class PathStore:
         count = self.stored - first
         if count <= 0:
             return
+        # Other views of the scene have stores of their own.
+        geometry = self._data.scene.geometry
+        geometry.trails = self._trails
+        self._data.scene.geometry = geometry
         changed = {
             "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every,
             "turn": self.frame, "box_count": boxes, "boxes": self._boxes, "moved": self._moved, "paths": self._paths,
@@ -157,9 +161,6 @@ class PathStore:
         self._paths, self._trails = paths, trails
         self._found: Any = wp.zeros(room, dtype=wp.vec3, device=self._device)
         self._traced: Any = wp.zeros(room, dtype=wp.int32, device=self._device)
-        geometry = self._data.scene.geometry
-        geometry.trails = trails
-        self._data.scene.geometry = geometry
 
     def _record(self, tile: int) -> Any:
         return record(
