@@ -21,7 +21,7 @@ from clsim.scene.indoors import stand_inside
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
-from clsim.scene.rigid import without_scale
+from clsim.scene.rigid import facing, stretch_of
 from clsim.scene.usd_instancing import Copies, copies
 from clsim.scene.usd_lights import LightReader, suns
 from clsim.scene.usd_materials import MaterialReader
@@ -245,7 +245,7 @@ class _Reader:
             looks = sorted({*codes, *np.linspace(codes[0], codes[-1], _LOOKS).tolist()})
         matrices = [matrix_at(code) for code in looks]
         if not are_similar(matrices) and deformation is None:
-            stretch = _stretch(matrices[0])
+            stretch = stretch_of(matrices[0])
             unstretched = np.eye(4) if stretch is None else np.linalg.inv(stretch)
             if stretch is not None and are_similar([matrix @ unstretched for matrix in matrices]):
                 mesh = self._mesh(transformed(self.meshes[mesh], stretch[:3, :3]))
@@ -322,20 +322,8 @@ class _Reader:
     def _rigid(self, prim: Any) -> Motion:
         """Return how a lamp or a camera moves, which no scale of its place makes larger."""
         codes = moving_codes(self.stage, prim)
-        return motion_of(
-            self.stage, codes, lambda code: without_scale(self.stage.to_world(prim, code)), repeat=self._repeat
-        )
+        return motion_of(self.stage, codes, lambda code: facing(self.stage.to_world(prim, code)), repeat=self._repeat)
 
 
 def _own(prim: Any) -> str:
     return str(prim.GetPath()).lstrip("/")
-
-
-def _stretch(matrix: Matrix) -> Matrix | None:
-    """Return what a matrix does besides turning and moving, 4×4; None where it squeezes flat."""
-    u, sizes, vt = np.linalg.svd(matrix[:3, :3])
-    if sizes.min() <= 1e-9 * sizes.max():
-        return None
-    stretch = np.eye(4)
-    stretch[:3, :3] = vt.T @ np.diag(sizes) @ vt * np.sign(np.linalg.det(u @ vt))
-    return stretch
