@@ -79,11 +79,9 @@ def intrinsics(view):
     fov = np.radians(view.fov_deg)
     f = view.width / fov if view.lens.model == "fisheye" else view.width / 2 / np.tan(fov / 2)
     px, py = view.lens.principal_point
-    return (
-        np.array((-f if view.lens.mirrored else f, f / view.lens.aspect)),
-        view.width * (0.5 + px) - 0.5,
-        view.height / 2 + view.width * py - 0.5,
-    )
+    across = -f if view.lens.mirrored else f
+    centre = view.width * (0.5 + px) - 0.5, view.height / 2 + view.width * py - 0.5
+    return (across, f / view.lens.aspect), *centre
 
 
 def project(view, directions):

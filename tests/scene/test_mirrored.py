@@ -80,8 +80,8 @@ def test_usd(tmp_path):
         assert_faces(world.punctual_lights[0].motion.pose(0.0), matrix)
         gram = matrix[:3, :3].T @ matrix[:3, :3]
         if np.allclose(gram, np.diag(np.diag(gram))):  # what is sheared, USD makes square in a way of its own
-            eye = UsdGeom.Camera(Usd.Stage.Open(str(path)).GetPrimAtPath("/root/eye"))
-            frustum = eye.GetCamera(0).frustum
+            stage = Usd.Stage.Open(str(path))
+            frustum = UsdGeom.Camera(stage.GetPrimAtPath("/root/eye")).GetCamera(0).frustum
             np.testing.assert_allclose(-pose[:3, 2], frustum.ComputeViewDirection(), atol=1e-6)
             np.testing.assert_allclose(pose[:3, 1], frustum.ComputeUpVector(), atol=1e-6)
 
