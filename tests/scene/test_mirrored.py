@@ -68,12 +68,12 @@ def test_usd(tmp_path):
     from pxr import Usd, UsdGeom
 
     assert pxr
-    for matrix in matrices():
+    for number, matrix in enumerate(matrices()):
         rows = ", ".join("(" + ", ".join(map(repr, row)) + ")" for row in matrix.T.tolist())
         place = f'matrix4d xformOp:transform = ({rows})\nuniform token[] xformOpOrder = ["xformOp:transform"]\n'
         body = mesh() + f'def Xform "root"\n{{\n{place}\ndef Camera "eye"\n{{\n}}\n'
         body += 'def DistantLight "sun"\n{\nfloat inputs:angle = 0\n}\n}\n'
-        path = usda(tmp_path, body, METRES)
+        path = usda(tmp_path, body, METRES, f"{number}.usda")  # USD keeps files that are open
         world = load_world(path)
         pose = world.camera.motion.pose(0.0)
         assert_faces(pose, matrix)
