@@ -16,7 +16,7 @@ from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Attached, Matrix, Motion, compose
 from clsim.scene.rigid import without_stretch
 from clsim.scene.usd_light_tracks import Source, brightest
-from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_stage import PrimError, Stage
 from clsim.scene.world import EnvironmentMap, Material, Mesh, PunctualLight, SphereLight, Vec3
 
 Place = Callable[[Any], Motion]
@@ -82,7 +82,7 @@ class LightReader:
         found = self._stage.value(prim.GetAttribute(f"inputs:{name}"))
         size = default if found is None else abs(float(found))
         if not math.isfinite(size):
-            raise InputError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
+            raise PrimError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
         return size
 
     def _radiance(self, prim: Any, area: float) -> tuple[Vec3, Modulation | None]:
