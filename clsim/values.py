@@ -34,7 +34,7 @@ def read_text(path: Path, most_bytes: int, expected: str, name: str | None = Non
             data = file.read(most_bytes + 1)
         if len(data) > most_bytes:
             raise InputError(f"{name}: is larger than {most_bytes >> 20} MiB, expected {expected}")
-        return data.decode().replace("\r\n", "\n")
+        return data.decode("utf-8-sig").replace("\r\n", "\n")
     except OSError as error:
         raise InputError(f"{name}: cannot be read ({error.strerror})") from None
     except UnicodeDecodeError as error:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.bridges.mujoco_cameras import camera_of
+from clsim.bridges.mujoco_cameras import FREE, camera_of, free_pose
 from clsim.bridges.mujoco_shapes import mesh_of
 from clsim.bridges.mujoco_surfaces import Surfaces, headlight, light, sky
 from clsim.errors import Error, InputError
@@ -66,6 +66,7 @@ class MujocoScene:
             model: an ``MjModel``.
             data: its ``MjData``; what has been computed of it is brought up to date.
             camera: name or number of a camera of the model; its vertical field of view holds, or its intrinsics.
+                A model without cameras is seen as MuJoCo's own viewer sees it at first.
             resolution: width and height [pixels].
             sensor: the event pixel.
             fps: frames per simulated second, where the simulator is not told another number.
@@ -157,6 +158,10 @@ class MujocoScene:
         return found
 
     def _camera_pose(self) -> Matrix:
+        if self._camera == FREE:
+            pose = free_pose(self._model)
+            pose[:3] = _UP @ pose[:3]
+            return pose
         pose = np.eye(4)
         pose[:3, :3] = _UP @ self._data.cam_xmat[self._camera].reshape(3, 3)
         pose[:3, 3] = _UP @ self._data.cam_xpos[self._camera]
@@ -173,6 +178,8 @@ def _camera_number(model: Any, camera: str | int) -> int:
     names = [model.camera(k).name for k in range(model.ncam)]
     if isinstance(camera, str) and camera in names:
         return names.index(camera)
+    if model.ncam == 0 and camera == 0:
+        return FREE
     if isinstance(camera, int) and 0 <= camera < model.ncam:
         return camera
     raise InputError(f"`camera` is {camera!r}, expected one of the model's: {', '.join(names) or 'it has none'}")

@@ -8,6 +8,22 @@ from typing import Any
 import numpy as np
 
 from clsim.scene import Camera, Lens, Motion
+from clsim.scene.motion import Matrix, compose
+
+FREE = -1
+"""Number of the camera with which MuJoCo's own viewer starts, for models that have none."""
+
+
+def free_pose(model: Any) -> Matrix:
+    """Return where MuJoCo's free camera stands at first, in MuJoCo's world ``[4, 4]``; it looks along −z."""
+    import mujoco
+
+    eye = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, eye)
+    turn, tilt = math.radians(eye.azimuth), math.radians(eye.elevation)
+    ahead = np.array([math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt)])
+    right = np.array([math.sin(turn), -math.cos(turn), 0.0])
+    return compose(eye.lookat - eye.distance * ahead, np.stack([right, np.cross(right, ahead), -ahead], axis=1))
 
 
 def camera_of(model: Any, data: Any, index: int, resolution: tuple[int, int], motion: Motion) -> tuple[Camera, str]:
@@ -19,11 +35,14 @@ def camera_of(model: Any, data: Any, index: int, resolution: tuple[int, int], mo
     Args:
         model: an ``MjModel``.
         data: its ``MjData``, brought up to date.
-        index: number of the camera.
+        index: number of the camera, or ``FREE``.
         resolution: width and height [pixels].
         motion: where it is.
     """
     width, height = resolution
+    if index == FREE:
+        upward = math.tan(math.radians(float(model.vis.global_.fovy)) / 2)
+        return Camera(width, height, 2 * math.degrees(math.atan(upward * width / height)), motion), ""
     sensor_m = np.asarray(model.cam_sensorsize[index], np.float64)
     upward, warning = math.tan(math.radians(float(model.cam_fovy[index])) / 2), ""
     if _is_orthographic(model, index):

@@ -78,7 +78,7 @@ def _read(path: Path, on_the_way: list[Path]) -> dict[str, Any]:
 def _parsed(place: str, data: bytes) -> dict[str, Any]:
     tomllib: Any = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
-        parsed: dict[str, Any] = tomllib.loads(data.decode())
+        parsed: dict[str, Any] = tomllib.loads(data.decode("utf-8-sig"))
     except UnicodeDecodeError:
         raise InputError(f"{place}: is no text in UTF-8") from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:

@@ -1,5 +1,6 @@
 """Lenses of MuJoCo's cameras, against the frustum that MuJoCo itself draws."""
 
+import numpy as np
 import pytest
 
 from clsim.bridges.mujoco import MujocoScene
@@ -27,6 +28,27 @@ def frustum(model: object, data: object, size: tuple[int, int]) -> list[float]:
     half = one.frustum_width or (one.frustum_top - one.frustum_bottom) / 2 * size[0] / size[1]
     edges = one.frustum_center - half, one.frustum_center + half, one.frustum_bottom, one.frustum_top
     return [edge / one.frustum_near for edge in edges]
+
+
+def test_models_without_cameras_are_seen_as_by_mujocos_viewer() -> None:
+    """Where MuJoCo's own free camera stands, and where it looks."""
+    body = '<light pos="0 0 3"/><geom type="plane" size="2 2 .1"/><body pos=".3 0 1"><geom size=".1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    camera = MujocoScene(model, data, resolution=(60, 40)).world.camera
+    scene, eye = mujoco.MjvScene(model, 100), mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, eye)
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, eye, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    one, up = scene.camera[0], np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    pose = camera.motion.pose(0.0)
+    # The scene has one for each eye, a little apart.
+    middle = (np.array(scene.camera[0].pos) + np.array(scene.camera[1].pos)) / 2
+    assert pose[:3, 3] == pytest.approx(up @ middle, abs=1e-5)
+    assert -pose[:3, 2] == pytest.approx(up @ np.array(one.forward), abs=1e-5)
+    assert pose[:3, 1] == pytest.approx(up @ np.array(one.up), abs=1e-5)
+    top = one.frustum_top / one.frustum_near
+    assert edges(camera)[2:] == pytest.approx([-top, top], abs=1e-6)
 
 
 def edges(camera: Camera) -> list[float]:
