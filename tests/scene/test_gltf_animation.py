@@ -132,7 +132,7 @@ def test_without_a_camera_the_animation_repeats_and_ends_where_it_starts(tmp_pat
 @pytest.mark.parametrize(
     ("channel", "part"),
     [
-        ((0, "translation", [0, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
+        ((0, "translation", [1, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
         ((0, "translation", [-1, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
         ((0, "translation", [0, 1], [(0, 0, 0)] * 3, "LINEAR"), "9 numbers, expected 2 keyframes of 1 × 3"),
         ((0, "translation", [0, 1], [(0, 0, 0)] * 2, "CUBICSPLINE"), "expected 2 keyframes of 3 × 3"),
