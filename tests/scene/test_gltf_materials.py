@@ -68,8 +68,6 @@ def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
 @pytest.mark.parametrize(
     ("name", "feature"),
     [
-        ("clearcoatTexture", "clearcoat textures"),
-        ("clearcoatRoughnessTexture", "clearcoat roughness textures"),
         ("clearcoatNormalTexture", "clearcoat normal textures"),
     ],
 )
