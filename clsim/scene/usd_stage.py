@@ -205,4 +205,5 @@ def _reason(error: Exception) -> str:
 
 
 def _short(text: str) -> str:
-    return textwrap.shorten(text, 300, placeholder=" …")
+    """Return a text in one line, without usd-core's addresses in memory, and not longer than a user reads."""
+    return textwrap.shorten(re.sub(r"\(instantiating stage on stage .*", "", text), 300, placeholder=" …")

@@ -5,6 +5,9 @@ from itertools import product
 import numpy as np
 import pytest
 from gltf_files import gltf, write_gltf
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from mitsuba_files import load
 from usd_files import METRES, mesh, usda
 
@@ -44,6 +47,24 @@ def test_gltf(tmp_path):
         world = load_world(write_gltf(tmp_path, tree))
         assert_faces(world.camera.motion.pose(0.0), matrix)
         assert_faces(world.punctual_lights[0].motion.pose(0.0), matrix)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(arrays(np.float64, (2, 3, 3), elements=st.floats(-1e3, 1e3)))
+def test_any_matrices_of_nodes_lead_a_gltf_camera(tmp_path, linear):
+    """A camera within a node within a node looks along the third column of the product."""
+    nodes = [{"mesh": 0}]
+    for k, part in enumerate(linear):
+        matrix = np.eye(4)
+        matrix[:3, :3] = part
+        nodes.append({"matrix": matrix.T.ravel().tolist(), "children": [k + 2]})
+    tree = gltf(nodes=[*nodes, {"camera": 0}], scenes=[{"nodes": [0, 1]}])
+    tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
+    pose = load_world(write_gltf(tmp_path, tree)).camera.motion.pose(0.0)
+    back = (linear[0] @ linear[1])[:, 2]
+    np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-9)
+    if np.abs(back).max() > 1e-100:
+        np.testing.assert_allclose(pose[:3, 2], back / np.linalg.norm(back), atol=1e-9)
 
 
 def test_gltf_cameras_that_pan_under_a_mirror(tmp_path):
