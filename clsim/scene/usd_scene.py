@@ -130,6 +130,7 @@ class _Reader:
         self.instances: list[Instance] = []
         self.cameras: list[Camera] = []
         self.moves = False
+        self._unseen: list[str] = []
         self._name = path.name
         self.stage = Stage(path, self.warn)
         if repeat is None:
@@ -148,7 +149,8 @@ class _Reader:
     def check_instances(self) -> None:
         """Raise InputError where nothing is to be seen, with what was left out."""
         if not self.instances:
-            why = "; ".join(text.removeprefix(f"{self._name}: ") for text in self.warnings[:3])
+            reasons = [text.removeprefix(f"{self._name}: ") for text in self.warnings] + self._unseen
+            why = "; ".join(reasons[:3])
             raise InputError(f"{self.stage.path}: has no triangles, expected a mesh" + (f" ({why})" if why else ""))
 
     def read(self) -> None:
@@ -196,6 +198,7 @@ class _Reader:
             if count > MAX_PRIMS:
                 raise InputError(f"{self.stage.path}: has more than {MAX_PRIMS} prims")
             if not self._is_seen(prim):
+                self._unseen.append(f"{prim.GetName()} is hidden, or a guide or a proxy")
                 iterator.PruneChildren()
                 continue
             if prim.IsA(UsdGeom.PointInstancer):
@@ -230,6 +233,8 @@ class _Reader:
                 mesh = read_body(self.stage, prim, self.materials.index)
                 if mesh is None:
                     self.warn(f"{prim.GetTypeName()} is left out (first {prim.GetName()})")
+            if mesh is None:
+                self._unseen.append(f"{prim.GetName()} has no faces that can be shown")
             self._shared[key] = None if mesh is None else self._mesh(mesh)
         return self._shared[key]
 

@@ -399,3 +399,19 @@ def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
     assert [instance.name for instance in world.instances] == ["square"]
     assert any("nowhere.usda" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('def Mesh "bare" {}', "bare has no faces that can be shown"),
+        (mesh('token visibility = "invisible"'), "square is hidden, or a guide or a proxy"),
+        (mesh('uniform token purpose = "guide"'), "square is hidden, or a guide or a proxy"),
+        ('def Points "dust" { point3f[] points = [(0, 0, 0)] }', "Points is left out (first dust)"),
+        ('def Scope "nothing" {}', "expected a mesh"),
+    ],
+)
+def test_files_without_triangles_say_why(tmp_path, text, why):
+    with pytest.raises(InputError) as caught:
+        load_world(usda(tmp_path, text))
+    assert "has no triangles" in str(caught.value) and why in str(caught.value) and "\n" not in str(caught.value)
