@@ -16,11 +16,12 @@ from clsim.events import EventBatch
 from clsim.events.batch import gather
 from clsim.eye import Eye
 from clsim.forks import check_process, is_orphan
+from clsim.live.made_worlds import check_world
 from clsim.live.options import LiveOptions
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.stages import Stages, in_colours_of, load_options_world, plan_stages
 from clsim.render import SceneData
-from clsim.scene import World, validate
+from clsim.scene import World
 from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
@@ -94,11 +95,8 @@ class Driver(ABC):
         given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
         kind: Clock = read_value("clock", clock, Clock)
         world = scene if isinstance(scene, World) else None
-        for option in ("resolution", "camera_path"):
-            if world is not None and given[option] is not None:
-                raise InputError(f"`{option}` is for scenes that are loaded; a World's camera has its own")
         if world is not None:
-            validate(world, world.name)
+            check_world(world, given)
             given["scene"] = world.name
         self._options = LiveOptions(**given)
         self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)

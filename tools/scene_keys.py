@@ -1,6 +1,6 @@
 """Write docs/scenes.md: how to describe a scene, with every key that a scene's TOML may hold.
 
-python tools/scene_keys.py docs/scenes.md
+python -m tools.scene_keys docs/scenes.md
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from clsim.scene.schema import key_table
+from tools.scene_formats import section
 
 INTRODUCTION = """# Scenes
 
@@ -289,7 +290,8 @@ a warning says so. Put a sphere light or a surface that emits behind it.
 
 def text() -> str:
     """Return the whole page."""
-    return f"{INTRODUCTION}\n{key_table().strip()}\n"
+    before = "## Materials of other programs"
+    return f"{INTRODUCTION.replace(before, section() + before)}\n{key_table().strip()}\n"
 
 
 if __name__ == "__main__":

@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from clsim.bridges.mujoco_cameras import FREE, camera_of, free_pose
 from clsim.bridges.mujoco_shapes import mesh_of
 from clsim.bridges.mujoco_surfaces import Surfaces, headlight, light, sky
 from clsim.errors import Error, InputError
-from clsim.scene import Camera, Material, Mesh, Sensor, Static, World, WorldBuilder, look_at
+from clsim.scene import Material, Mesh, Sensor, Static, World, WorldBuilder, look_at
 from clsim.scene.driven import CAMERA
 from clsim.scene.motion import Matrix
 
@@ -64,7 +65,8 @@ class MujocoScene:
         Args:
             model: an ``MjModel``.
             data: its ``MjData``; what has been computed of it is brought up to date.
-            camera: name or number of a camera of the model; its vertical field of view holds.
+            camera: name or number of a camera of the model; its vertical field of view holds, or its intrinsics.
+                A model without cameras is seen as MuJoCo's own viewer sees it at first.
             resolution: width and height [pixels].
             sensor: the event pixel.
             fps: frames per simulated second, where the simulator is not told another number.
@@ -82,14 +84,12 @@ class MujocoScene:
         self._camera = _camera_number(model, camera)
         self._start_s = self._last_s = float(data.time)
         self._moving: dict[int, str] = {}
-        width, height = resolution
-        upward = math.tan(math.radians(float(model.cam_fovy[self._camera])) / 2)
-        fov = 2 * math.degrees(math.atan(upward * width / height))
-        builder = WorldBuilder(Camera(width, height, fov, Static(self._camera_pose())), "mujoco")
+        eye, lacking = camera_of(model, data, self._camera, resolution, Static(self._camera_pose()))
+        builder = WorldBuilder(eye, "mujoco")
         self._add_bodies(builder)
         self._lights = self._add_lights(builder)
         world = builder.world(environment=sky(model), sensor=sensor, fps=fps)
-        self.world: World = _with_warnings(world, model)
+        self.world: World = _with_warnings(world, model, lacking)
 
     @property
     def time_us(self) -> int:
@@ -158,6 +158,10 @@ class MujocoScene:
         return found
 
     def _camera_pose(self) -> Matrix:
+        if self._camera == FREE:
+            pose = free_pose(self._model)
+            pose[:3] = _UP @ pose[:3]
+            return pose
         pose = np.eye(4)
         pose[:3, :3] = _UP @ self._data.cam_xmat[self._camera].reshape(3, 3)
         pose[:3, 3] = _UP @ self._data.cam_xpos[self._camera]
@@ -174,6 +178,8 @@ def _camera_number(model: Any, camera: str | int) -> int:
     names = [model.camera(k).name for k in range(model.ncam)]
     if isinstance(camera, str) and camera in names:
         return names.index(camera)
+    if model.ncam == 0 and camera == 0:
+        return FREE
     if isinstance(camera, int) and 0 <= camera < model.ncam:
         return camera
     raise InputError(f"`camera` is {camera!r}, expected one of the model's: {', '.join(names) or 'it has none'}")
@@ -201,7 +207,7 @@ def _lifted(quaternions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.stack([x - w, y + z, z - y, w + x], axis=1) * _HALF
 
 
-def _with_warnings(world: World, model: Any) -> World:
+def _with_warnings(world: World, model: Any, camera: str) -> World:
     import mujoco
 
     lacking = [
@@ -212,5 +218,7 @@ def _with_warnings(world: World, model: Any) -> World:
         ((model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).sum(), "a skybox"),
         ((model.mat_reflectance > 0).sum(), "reflectance"),
     ]
-    left_out = (f"mujoco: the model has {what}, which clsim leaves out" for count, what in lacking if count)
+    left_out = [f"mujoco: the model has {what}, which clsim leaves out" for count, what in lacking if count]
+    if camera:
+        left_out.append(f"mujoco: {camera}")
     return replace(world, warnings=(*world.warnings, *left_out))

@@ -187,16 +187,18 @@ def open_live(
     extra_sinks: Sequence[Sink] = (),
     told: Mapping[str, Any] = MappingProxyType({}),
     seat: Seat | None = None,
+    world: World | None = None,
 ) -> Session:
     """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered.
 
-    ``told`` takes the place of options in what files tell of their making. With a ``seat`` nothing is loaded.
+    ``told`` takes the place of options in what files tell of their making. With a ``seat`` or a ``world`` nothing is
+    loaded.
     """
     from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
     started = now()
-    stages = plan_stages(options, None if seat is None else seat.world)
+    stages = plan_stages(options, world if seat is None else seat.world)
     options = stages.options
     world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(

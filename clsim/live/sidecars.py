@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 from pathlib import Path
 from typing import Any
@@ -53,11 +52,11 @@ def about_camera(camera: Camera) -> dict[str, Any]:
     """Return a camera's size, lens and intrinsics [pixels], as OpenCV defines them for its model.
 
     The first pixel's corner is at 0, 0 and its centre at 0.5, 0.5; for OpenCV's own functions take 0.5 off ``cx`` and
-    ``cy``. The model ``fisheye`` is OpenCV's (equidistant); a focal length is that without distortion.
+    ``cy``. The model ``fisheye`` is OpenCV's (equidistant); a focal length is that without distortion, and
+    ``fx`` is negative where the image is mirrored.
     """
     lens, width = camera.lens, camera.width
-    fov = math.radians(camera.fov_deg)
-    focal = width / fov if lens.model == "fisheye" else width / (2.0 * math.tan(fov / 2.0))
+    fx, fy = camera.focal_px()
     names = _DISTORTION[lens.model]
     return {
         "width": width,
@@ -65,8 +64,8 @@ def about_camera(camera: Camera) -> dict[str, Any]:
         "fov_deg": camera.fov_deg,
         "model": lens.model,
         "intrinsics_px": {
-            "fx": focal,
-            "fy": focal,
+            "fx": fx,
+            "fy": fy,
             "cx": width * (0.5 + lens.principal_point[0]),
             "cy": camera.height / 2.0 + width * lens.principal_point[1],
         },

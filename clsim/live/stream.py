@@ -6,6 +6,7 @@ import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,12 +17,15 @@ from clsim.events.outputs import FileOptions
 from clsim.events.queue_sink import QueueSink
 from clsim.forks import check_process, is_orphan
 from clsim.frames import Policy
+from clsim.live.made_worlds import check_world
 from clsim.live.options import LiveOptions
 from clsim.live.pipeline import Pace
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.session import Session, open_live
 from clsim.live.sidecars import camera_pose
+from clsim.live.stages import alone, in_colours_of
 from clsim.live.summary import Summary
+from clsim.scene import World
 from clsim.scene.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 
@@ -39,10 +43,14 @@ class Stream(Iterator[EventBatch]):
         notes: what was chosen where the scene leaves it open, likewise.
     """
 
-    def __init__(self, options: LiveOptions) -> None:
-        """Load the scene and open the outputs; raises InputError."""
+    def __init__(self, options: LiveOptions, world: World | None = None) -> None:
+        """Load the scene, unless a world is given, and open the outputs; raises InputError."""
         self._queue = QueueSink(capacity=4)
-        self._session = open_live(options, extra_sinks=(self._queue,))
+        if world is not None:
+            world = alone(in_colours_of(options.sensor, world))
+        # No file's name leads back to a world that a program made.
+        told = {} if world is None else {"scene": None}
+        self._session = open_live(options, (self._queue,), told, world=world)
         self._taken = 0
         self.width, self.height = self._session.width, self._session.height
         self.fps = self._session.schedule.fps
@@ -123,7 +131,7 @@ def _close(session: Session, queue: QueueSink) -> None:
 
 
 def stream(
-    scene: str | Path,
+    scene: str | Path | World,
     *,
     duration_s: float | None = None,
     frame_count: int | None = None,
@@ -175,7 +183,7 @@ def stream(
     ...     print(len(events), "events")
 
     Args:
-        scene: name of a bundled scene, or a scene file.
+        scene: name of a bundled scene, a scene file, or a World, which has its own resolution and camera.
         duration_s, frame_count: simulated time [s], or number of frames; None plays the motion once.
         loop: start the motion anew at its end, for ever or until ``duration_s``.
         fps, resolution: frames per simulated second; width and height [pixels]; None takes the scene's.
@@ -203,4 +211,8 @@ def stream(
     Raises:
         InputError: a scene or option cannot be used.
     """
-    return Stream(LiveOptions(**locals() | {"files": FileOptions() if files is None else files}))
+    given: dict[str, Any] = {**locals(), "files": FileOptions() if files is None else files}
+    if isinstance(scene, World):
+        check_world(scene, given)
+        given["scene"] = scene.name
+    return Stream(LiveOptions(**given), scene if isinstance(scene, World) else None)

@@ -4,9 +4,10 @@
 
 Distortion is that of OpenCV ("Camera calibration and 3D reconstruction": pinhole model with k1, k2, p1, p2, k3, and
 fisheye model), whose pixel 0, 0 has its centre at image position 0.5, 0.5 here. ``fov_deg`` gives the focal length as
-if there were no distortion: f = w / (2 tan(fov / 2)) in perspective, f = w / fov for a fisheye. Rays are found by
-inverting the distortion for each sample by Newton's method, so that jitter within a pixel is distorted too. Where no
-ray leads to a pixel (beyond the fold of the distortion, or behind a fisheye) it stays black, with coverage 0.
+if there were no distortion: f = w / (2 tan(fov / 2)) in perspective, f = w / fov for a fisheye. Along columns it may
+differ, and along rows it is negative where the image is mirrored. Rays are found by inverting the distortion for each
+sample by Newton's method, so that jitter within a pixel is distorted too. Where no ray leads to a pixel (beyond the
+fold of the distortion, or behind a fisheye) it stays black, with coverage 0.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class CameraState:
     right: wp.vec3
     down: wp.vec3
     corner: wp.vec3
-    focal_px: float
+    focal_px: wp.vec2
     centre_px: wp.vec2
     distortion: vec5
     limit: float
@@ -136,8 +137,8 @@ def make_camera(features: Features) -> Any:
                 ray.origin = view.origin
                 ray.direction = wp.normalize(view.corner + view.right * x + view.down * y)
         else:
-            across = (x - view.centre_px[0]) / view.focal_px
-            down = (y - view.centre_px[1]) / view.focal_px
+            across = (x - view.centre_px[0]) / view.focal_px[0]
+            down = (y - view.centre_px[1]) / view.focal_px[1]
             target = wp.vec3(across, -down, -1.0)
             if wp.static(features.projection == "perspective" and features.distortion):
                 found = undistort_perspective(view.distortion, view.limit, wp.vec2(across, down))
@@ -210,7 +211,7 @@ def make_projection(features: Features) -> Any:
                     u = x * radial + 2.0 * k[2] * x * y + k[3] * (r2 + 2.0 * x * x)
                     y = y * radial + k[2] * (r2 + 2.0 * y * y) + 2.0 * k[3] * x * y
                     x = u
-        return wp.vec3(x * view.focal_px + view.centre_px[0], y * view.focal_px + view.centre_px[1], seen)
+        return wp.vec3(x * view.focal_px[0] + view.centre_px[0], y * view.focal_px[1] + view.centre_px[1], seen)
 
     return project
 
@@ -250,19 +251,18 @@ class CameraData:
         self._origin_m = origin_m
         self._shutter_s = camera.shutter_s if features.camera_blur else 0.0
         self._plain = plain(features)
-        fov, lens = math.radians(camera.fov_deg), camera.lens
-        fisheye = lens.model == "fisheye"
-        self._focal_px = camera.width / fov if fisheye else camera.width / (2.0 * math.tan(fov / 2.0))
+        lens = camera.lens
+        self._focal_px = camera.focal_px()
         self._centre_px = (
             camera.width * (0.5 + lens.principal_point[0]),
             camera.height / 2.0 + camera.width * lens.principal_point[1],
         )
         keys = len(key_times(0.0, self._shutter_s))
         self._view = CameraState()
-        self._view.focal_px = self._focal_px
+        self._view.focal_px = wp.vec2(*self._focal_px)
         self._view.centre_px = wp.vec2(*self._centre_px)
         self._view.distortion = vec5(*lens.distortion, *[0.0] * (5 - len(lens.distortion)))
-        self._view.limit = invertible(lens.distortion, fisheye)
+        self._view.limit = invertible(lens.distortion, lens.model == "fisheye")
         self._view.aperture_m = lens.aperture_radius_m
         self._view.focus_m = lens.focus_distance_m
         self._view.positions = wp.zeros(keys, dtype=wp.vec3, device=device)
@@ -328,8 +328,8 @@ class CameraData:
     def _images(self, poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Return the planes of the images of poses ``[K, 4, 4]``: right, down and the corner, ``[K, 3, 3]``."""
         right, up, back = np.moveaxis(_axes(poses), 2, 0)
-        x, y = (c / self._focal_px for c in self._centre_px)
-        return np.stack([right / self._focal_px, -up / self._focal_px, -back - right * x + up * y], axis=1)
+        (fx, fy), (cx, cy) = self._focal_px, self._centre_px
+        return np.stack([right / fx, -up / fy, -back - right * (cx / fx) + up * (cy / fy)], axis=1)
 
 
 def _axes(poses: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -27,18 +27,17 @@ def widest_pixel(camera: Camera) -> float:
     fisheye = lens.model == "fisheye"
     angle = np.linspace(1e-4, min(fov, math.pi) if fisheye else math.pi / 2 - 1e-4, _ANGLES)
     if fisheye:
-        focal_px = camera.width / fov
         t = angle**2
         radius = angle * (1.0 + t * (k[0] + t * (k[1] + t * (k[2] + t * k[3]))))
     else:
-        focal_px = camera.width / (2.0 * math.tan(fov / 2.0))
         r2 = np.tan(angle) ** 2
         radius = np.tan(angle) * (1.0 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])))
     x, y = lens.principal_point
-    corner = math.hypot(camera.width * (0.5 + abs(x)), camera.height / 2.0 + camera.width * abs(y)) / focal_px
+    fx, fy = map(abs, camera.focal_px())
+    corner = math.hypot(camera.width * (0.5 + abs(x)) / fx, (camera.height / 2.0 + camera.width * abs(y)) / fy)
     # Beyond the fold of the distortion, or the picture's corner, there are no pixels.
     folds = np.flatnonzero(np.diff(radius) <= 0.0)
     seen = slice(0, min(folds[0] if len(folds) else _ANGLES, int(np.searchsorted(radius, corner)) + 1))
     outwards = np.diff(angle[seen]) / np.diff(radius[seen])
     around = np.sin(angle[seen]) / radius[seen]
-    return float(max(outwards.max(initial=0.0), around.max()) / focal_px)
+    return float(max(outwards.max(initial=0.0), around.max()) / min(fx, fy))

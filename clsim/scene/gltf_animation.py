@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.scene.motion import Matrix, slerp_rows
-from clsim.scene.rigid import without_scale
 from clsim.scene.world import F32, I32
 
 F64 = npt.NDArray[np.float64]
@@ -185,12 +184,11 @@ class NodeTree:
 
 @dataclass(frozen=True)
 class NodeMotion:
-    """A node's pose, with a fixed placement inside it; ``rigid`` leaves out scale and shear, as cameras want it."""
+    """A node's pose, with a fixed placement inside it."""
 
     tree: NodeTree
     node: int
     offset: Matrix
-    rigid: bool = False
 
     @property
     def duration_s(self) -> float:
@@ -200,7 +198,7 @@ class NodeMotion:
     def pose(self, time_s: float) -> Matrix:
         """Return the pose at that time."""
         matrix: Matrix = self.tree.matrices(time_s)[self.node] @ self.offset
-        return without_scale(matrix) if self.rigid else matrix
+        return matrix
 
 
 @dataclass(frozen=True)

@@ -112,14 +112,21 @@ def _animation(file: GltfFile, index: int, warn: Callable[[str], None]) -> list[
                 mesh = None if node.mesh is None else file.item("meshes", file.json.meshes, node.mesh)
                 width = 0 if mesh is None else len(mesh.primitives[0].targets)
         sampler = file.item(f"animations[{index}].samplers", animation.samplers, channel.sampler)
-        found.append(_channel(file, name, place, width, sampler))
+        found.append(_channel(file, name, place, width, sampler, warn))
     return found
 
 
-def _channel(file: GltfFile, name: str, place: Place, width: int, sampler: schema.AnimationSampler) -> Channel:
+def _channel(
+    file: GltfFile,
+    name: str,
+    place: Place,
+    width: int,
+    sampler: schema.AnimationSampler,
+    warn: Callable[[str], None],
+) -> Channel:
     times = file.accessor(sampler.input, "animation times", "SCALAR")[:, 0].astype(np.float64)
     values = file.accessor(sampler.output, "animation values", "SCALAR", "VEC3", "VEC4").astype(np.float64)
-    if not len(times) or times[0] < 0 or (np.diff(times) <= 0).any():
+    if not len(times) or times[0] < 0 or (np.diff(times) < 0).any():
         raise InputError(f"{name} has times that do not increase from 0 or later")
     per_key = 3 if sampler.interpolation == "CUBICSPLINE" else 1
     if not width or values.size != len(times) * per_key * width:
@@ -128,6 +135,10 @@ def _channel(file: GltfFile, name: str, place: Place, width: int, sampler: schem
     at, changed = place
     if changed == "rotation" and (np.linalg.norm(keyed[:, per_key // 2], axis=1) < 1e-9).any():
         raise InputError(f"{name} has a quaternion of length 0, expected rotations")
+    last = np.append(np.diff(times) > 0, True)
+    if not last.all():
+        warn(f"of keyframes at the same time the last is played (first at {times[~last][0]:g} s)")
+        times, keyed = times[last], keyed[last]
     return Channel(at, changed, times, keyed if per_key == 3 else keyed[:, 0], sampler.interpolation)
 
 

@@ -13,7 +13,7 @@ from clsim.scene import gltf_material_schema as schema
 from clsim.scene.geometry import flipped_v
 from clsim.scene.gltf_accessors import EXTENSIONS, GltfFile
 from clsim.scene.gltf_light import LightTracks
-from clsim.scene.images import U8, PixelBudget, decode_rgba
+from clsim.scene.images import U8, PixelBudget, decode_rgba, decode_srgb
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
 
 WRAPS: dict[int, Wrap] = {33071: "clamp", 33648: "mirror", 10497: "repeat"}
@@ -64,12 +64,7 @@ class MaterialReader:
             self._warn(f"the extension {extension} of materials is left out")
         for feature, info in (
             ("thickness", extra.KHR_materials_volume.thicknessTexture),
-            ("transmission", extra.KHR_materials_transmission.transmissionTexture),
-            ("clearcoat", extra.KHR_materials_clearcoat.clearcoatTexture),
-            ("clearcoat roughness", extra.KHR_materials_clearcoat.clearcoatRoughnessTexture),
             ("clearcoat normal", extra.KHR_materials_clearcoat.clearcoatNormalTexture),
-            ("specular", extra.KHR_materials_specular.specularTexture),
-            ("specular colour", extra.KHR_materials_specular.specularColorTexture),
         ):
             if info is not None:
                 self._warn(f"{feature} textures are left out (the first is that of {name})")
@@ -95,7 +90,13 @@ class MaterialReader:
         else:
             base_texture = base
         specular, coat = extra.KHR_materials_specular, extra.KHR_materials_clearcoat
-        lobe = _scaled(specular.specularColorFactor, specular.specularFactor)
+        coated = self._mean("clearcoat", coat.clearcoatTexture, name)[0]
+        coat_roughness = self._mean("clearcoat roughness", coat.clearcoatRoughnessTexture, name)[1]
+        passed = extra.KHR_materials_transmission
+        strength_of_lobe = specular.specularFactor * self._mean("specular", specular.specularTexture, name)[3]
+        tint = self._mean("specular colour", specular.specularColorTexture, name, srgb=True)
+        r, g, b = (factor * mean for factor, mean in zip(specular.specularColorFactor, tint, strict=False))
+        lobe = _scaled((r, g, b), strength_of_lobe)
         if extra.KHR_materials_unlit is not None:
             lobe = (0.0, 0.0, 0.0)
         ior = extra.KHR_materials_ior.ior
@@ -113,9 +114,9 @@ class MaterialReader:
             metallic=metallic,
             ior=ior if ior >= 1.0 else 1.5,
             specular_color=lobe,
-            transmission=extra.KHR_materials_transmission.transmissionFactor,
-            clearcoat=coat.clearcoatFactor,
-            clearcoat_alpha=coat.clearcoatRoughnessFactor**2,
+            transmission=passed.transmissionFactor * self._mean("transmission", passed.transmissionTexture, name)[0],
+            clearcoat=coat.clearcoatFactor * coated,
+            clearcoat_alpha=(coat.clearcoatRoughnessFactor * coat_roughness) ** 2,
             normal_texture=self._texture(source.normalTexture, srgb=False),
             normal_scale=1.0 if source.normalTexture is None else source.normalTexture.scale,
             alpha_mode={"OPAQUE": "opaque", "MASK": "mask", "BLEND": "blend"}[source.alphaMode],  # type: ignore[arg-type]
@@ -126,17 +127,38 @@ class MaterialReader:
         )
         return _solid(material, extra.KHR_materials_volume)
 
+    def _mean(
+        self, feature: str, info: schema.TextureInfo | None, name: str, *, srgb: bool = False
+    ) -> tuple[float, float, float, float]:
+        """Return the mean of a texture that stands in for it, R, G, B, A from 0 to 1; 1 where there is none."""
+        source = None if info is None else self._image_of(info)
+        if source is None:
+            return (1.0, 1.0, 1.0, 1.0)
+        self._warn(f"the mean of {feature} textures stands in for them (the first is that of {name})")
+        values = self._image(source).reshape(-1, 4) / 255.0
+        if srgb:
+            values[:, :3] = decode_srgb(values[:, :3])
+        red, green, blue, alpha = values.mean(axis=0).tolist()
+        return red, green, blue, alpha
+
+    def _image_of(self, info: schema.TextureInfo) -> int | None:
+        """Return the number of a texture's image; None, with a warning, where clsim cannot read it."""
+        texture = self._file.item("textures", self._file.json.textures, info.index)
+        webp = texture.extensions.EXT_texture_webp
+        source = texture.source if webp is None else webp.source
+        if source is None:
+            self._warn(f"textures[{info.index}] has no image that clsim reads and is left out")
+        return source
+
     def _texture(self, info: schema.TextureInfo | None, *, srgb: bool) -> int:
         """Return the index into ``textures``, -1 for none."""
         if info is None:
             return -1
         json = self._file.json
-        texture = self._file.item("textures", json.textures, info.index)
-        webp = texture.extensions.EXT_texture_webp
-        source = texture.source if webp is None else webp.source
+        source = self._image_of(info)
         if source is None:
-            self._warn(f"textures[{info.index}] has no image that clsim reads and is left out")
             return -1
+        texture = self._file.item("textures", json.textures, info.index)
         sampler = schema.Sampler()
         if texture.sampler is not None:
             sampler = self._file.item("samplers", json.samplers, texture.sampler)

@@ -28,7 +28,7 @@ from clsim.scene.gltf_meshes import Geometry, read_geometry
 from clsim.scene.indoors import stand_inside
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
-from clsim.scene.rigid import without_scale
+from clsim.scene.rigid import Facing, facing
 from clsim.scene.world import Camera, Instance, Mesh, PunctualLight, Vec3, World
 
 LUMENS_PER_WATT = 683.0
@@ -358,18 +358,18 @@ class _Reader:
         if lens.aspectRatio is not None:
             height = max(1, min(round(width / lens.aspectRatio), 16384))
         fov_deg = 2 * math.degrees(math.atan(math.tan(lens.yfov / 2) * (lens.aspectRatio or width / height)))
-        motion: Motion = NodeMotion(self.tree, index, np.eye(4), rigid=True)
+        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
         if not self.tree.moving[index]:
-            motion = Static(without_scale(self.tree.matrices(0.0)[index]))
+            motion = Static(facing(self.tree.matrices(0.0)[index]))
         self.cameras.append(Camera(width, height, fov_deg, motion))
 
     def _add_light(self, index: int, light_index: int) -> None:
         light = self.file.item("lights", self.file.json.extensions.KHR_lights_punctual.lights, light_index)
         (r, g, b), modulation = self.light.lamp(light_index, light.color, light.intensity)
         intensity: Vec3 = (r / LUMENS_PER_WATT, g / LUMENS_PER_WATT, b / LUMENS_PER_WATT)
-        motion: Motion = NodeMotion(self.tree, index, np.eye(4), rigid=True)
+        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
         if not self.tree.moving[index]:
-            motion = Static(without_scale(self.tree.matrices(0.0)[index]))
+            motion = Static(facing(self.tree.matrices(0.0)[index]))
         cone = light.spot
         self.lights.append(
             PunctualLight(

@@ -172,6 +172,9 @@ def _load_bundled(name: str) -> World:
     from clsim.scene.toml_scene import load_toml
 
     names = bundled_names()
+    if name not in names and os.path.isfile(name):
+        ending = Path(name).suffix or "no ending"
+        raise InputError(f"{name}: is no scene that clsim reads ({ending}), expected one of {', '.join(SUFFIXES)}")
     if name not in names:
         close = difflib.get_close_matches(name, names, 1)
         hint = f"did you mean {close[0]}? " if close else ""

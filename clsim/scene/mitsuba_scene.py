@@ -20,11 +20,12 @@ from clsim.scene.geometry import is_similarity, placed_rigidly
 from clsim.scene.images import PixelBudget, read_linear
 from clsim.scene.mitsuba_daylight import KINDS, read_daylight, scales, sun_deg
 from clsim.scene.mitsuba_materials import MaterialReader
+from clsim.scene.mitsuba_places import ahead, placed, start_of
 from clsim.scene.mitsuba_shapes import read_shape
 from clsim.scene.mitsuba_values import Color, file_of
-from clsim.scene.mitsuba_xml import Animation, Plugin, read_scene
-from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose, look_at
-from clsim.scene.rigid import quaternion_of, without_scale
+from clsim.scene.mitsuba_xml import Plugin, read_scene
+from clsim.scene.motion import Matrix, Motion, Nested, Static, compose, look_at
+from clsim.scene.rigid import mirrors, without_stretch
 from clsim.scene.world import (
     Camera,
     EnvironmentMap,
@@ -38,8 +39,6 @@ from clsim.scene.world import (
     World,
 )
 
-TURN_ROUND = np.diag((-1.0, 1.0, -1.0, 1.0))
-"""Half a turn about y: from Mitsuba's +z ahead to clsim's −z."""
 IGNORED = ("film", "bsdf", "texture", "medium", "spectrum", "phase")
 FULL_FRAME_MM = (36.0, 24.0)
 
@@ -128,14 +127,11 @@ class _Reader:
         if shape.type == "instance":
             self._add_instances(shape)
             return
-        motion = _motion(shape)
+        motion, stretch = placed(shape)
         emitter = next(iter(shape.of_kind("emitter", "luminaire")), None)
-        if emitter is not None and self._add_sphere_light(shape, emitter, motion):
+        if emitter is not None and self._add_sphere_light(shape, emitter, motion, stretch):
             return
-        linear = np.eye(3)
-        if isinstance(motion, Static) and not is_similarity(motion.matrix[:3, :3]):
-            linear, motion = motion.matrix[:3, :3], Static(compose(motion.matrix[:3, 3], np.eye(3)))
-        mesh = self._mesh(shape, linear, emitter)
+        mesh = self._mesh(shape, stretch[:3, :3], emitter)
         if mesh is not None:
             self.instances.append(Instance(len(self.meshes), motion, shape.get("filename", "") or shape.type))
             self.meshes.append(mesh)
@@ -162,15 +158,15 @@ class _Reader:
         material = self.materials.index(bsdf, emission, texture, inside)
         return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
 
-    def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion) -> bool:
+    def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion, stretch: Matrix) -> bool:
         """Add a sphere that glows evenly as the light it is; tell whether it could be done."""
         if shape.type != "sphere" or emitter.type != "area" or emitter.child("radiance") is not None:
             return False
-        matrix = motion.pose(0.0)
-        if not is_similarity(matrix[:3, :3]) or shape.get("flip_normals", False):
+        linear = start_of(shape)[:3, :3]  # mirrored, a sphere is one
+        if not (is_similarity(linear) or is_similarity(-linear)) or shape.get("flip_normals", False):
             return False
-        scale = float(np.linalg.norm(matrix[:3, 0]))
-        center = compose(shape.get("center", np.zeros(3)), np.eye(3))
+        scale = float(np.linalg.norm(linear[:, 0]))
+        center = compose(stretch[:3, :3] @ shape.get("center", np.zeros(3)), np.eye(3))
         self.sphere_lights.append(
             SphereLight(
                 shape.get("radius", 1.0) * scale, _radiance(emitter, "radiance"), Nested(motion, Static(center))
@@ -188,20 +184,20 @@ class _Reader:
             for child in groups[0].of_kind("shape"):
                 mesh = None if child.type in ("instance", "shapegroup") else self._mesh(child, np.eye(3))
                 if mesh is not None:
-                    parts.append((len(self.meshes), _motion(child).pose(0.0)))
+                    parts.append((len(self.meshes), start_of(child)))
                     self.meshes.append(mesh)
             self.groups[key] = parts
-        motion = _motion(shape)
+        motion, stretch = placed(shape)
         for index, matrix in self.groups[key]:
             if isinstance(motion, Static):
-                placed, pose = placed_rigidly(self.meshes, index, motion.matrix @ matrix)
-                self.instances.append(Instance(placed, Static(pose), "instance"))
+                copy, pose = placed_rigidly(self.meshes, index, motion.matrix @ stretch @ matrix)
+                self.instances.append(Instance(copy, Static(pose), "instance"))
             else:
-                placed, pose = placed_rigidly(self.meshes, index, matrix)
-                self.instances.append(Instance(placed, Nested(motion, Static(pose)), "instance"))
+                copy, pose = placed_rigidly(self.meshes, index, stretch @ matrix)
+                self.instances.append(Instance(copy, Nested(motion, Static(pose)), "instance"))
 
     def _add_emitter(self, emitter: Plugin) -> None:
-        motion = _motion(emitter)
+        motion = ahead(emitter)
         kind = emitter.type
         if kind == "constant":
             self.environment = _radiance(emitter, "radiance")
@@ -209,24 +205,23 @@ class _Reader:
             path = file_of(emitter.place, emitter.get("filename", ""), self.folder)
             scale = np.float32(emitter.get("scale", 1.0))
             pixels = read_linear(path, PixelBudget()) * scale
-            self.environment_map = EnvironmentMap(pixels, without_scale(motion.pose(0.0))[:3, :3])
+            self.environment_map = EnvironmentMap(pixels, without_stretch(start_of(emitter)))
         elif kind in KINDS:
-            self._add_daylight(emitter, without_scale(motion.pose(0.0))[:3, :3])
+            self._add_daylight(emitter, without_stretch(start_of(emitter)))
         elif kind == "point":
             position = emitter.values.get("position")
             if position is not None:
                 motion = Static(compose(position, np.eye(3)))
-            self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), _rigid(motion)))
+            self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), motion))
         elif kind == "spot":
-            self.punctual_lights.append(self._spot(emitter, _rigid(motion)))
+            self.punctual_lights.append(self._spot(emitter, motion))
         elif kind == "projector":
-            self.punctual_lights.append(self._projector(emitter, _rigid(motion)))
+            self.punctual_lights.append(self._projector(emitter, motion))
         elif kind == "directional":
-            turned_motion: Motion = Nested(_rigid(motion), Static(TURN_ROUND))
             direction = emitter.values.get("direction")
             if direction is not None and np.linalg.norm(direction) > 0:
-                turned_motion = Static(look_at((0.0, 0.0, 0.0), direction))
-            self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), turned_motion))
+                motion = Static(look_at((0.0, 0.0, 0.0), direction))
+            self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), motion))
         elif kind != "area":  # which only shapes refer to
             self._warn(f"emitters of type {kind} are left out")
 
@@ -234,12 +229,12 @@ class _Reader:
         outer = emitter.get("cutoff_angle", 20.0)
         inner = emitter.get("beam_width", outer * 3 / 4)
         light = PunctualLight("spot", _radiance(emitter, "intensity"), motion, min(inner, outer), outer, "linear")
-        light = replace(light, motion=Nested(motion, Static(TURN_ROUND)))
         if (texture := emitter.child("texture")) is None:
             return light
         size = math.tan(math.radians(outer))
-        # Turned round, its right is Mitsuba's left; and there the picture stands on its head.
-        return replace(light, picture=self.materials.textures.index(texture), picture_size=(-size, -size))
+        # Its right is Mitsuba's left, unless that is mirrored; and there the picture stands on its head.
+        across = size if mirrors(start_of(emitter)) else -size
+        return replace(light, picture=self.materials.textures.index(texture), picture_size=(across, -size))
 
     def _projector(self, emitter: Plugin, motion: Motion) -> PunctualLight:
         """Return a projector: its picture, times its scale and π, is irradiance on a plane at a distance of 1."""
@@ -252,9 +247,8 @@ class _Reader:
         up = across * rows / columns
         strength = math.pi * emitter.get("scale", 1.0)
         outer = math.degrees(math.atan(math.hypot(across, up)))
-        turned = Nested(motion, Static(TURN_ROUND))
-        light = PunctualLight("spot", (strength,) * 3, turned, 0.0, outer, "frame")
-        return replace(light, picture=picture, picture_size=(across, up))
+        light = PunctualLight("spot", (strength,) * 3, motion, 0.0, outer, "frame")
+        return replace(light, picture=picture, picture_size=(-across if mirrors(start_of(emitter)) else across, up))
 
     @staticmethod
     def _fov_axis(emitter: Plugin, columns: int, rows: int) -> str:
@@ -289,9 +283,6 @@ class _Reader:
                 self._warn("the film's crop window is left out")
         if min(width, height) < 1:
             raise InputError(f"{sensor.place}: the film is {width}×{height}, expected at least one pixel")
-        motion = _motion(sensor)
-        if float(np.linalg.det(motion.pose(0.0)[:3, :3])) < 0:
-            self._warn("the camera's transform mirrors the image; it is shown unmirrored")
         thin = sensor.type == "thinlens"
         lens = Lens(
             aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
@@ -301,40 +292,18 @@ class _Reader:
                 -sensor.get("principal_point_offset_x", 0.0),
                 -sensor.get("principal_point_offset_y", 0.0) * height / width,
             ),
+            mirrored=mirrors(start_of(sensor)),
         )
         self.cameras.append(
             Camera(
                 width,
                 height,
                 _fov_deg(sensor, width, height),
-                Nested(_rigid(motion), Static(TURN_ROUND)) if motion.duration_s else Static(_turned(motion.pose(0.0))),
+                ahead(sensor),
                 max(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0), 0.0),
                 lens,
             )
         )
-
-
-def _turned(matrix: Matrix) -> Matrix:
-    pose: Matrix = without_scale(matrix) @ TURN_ROUND
-    return pose
-
-
-def _rigid(motion: Motion) -> Motion:
-    return Static(without_scale(motion.matrix)) if isinstance(motion, Static) else motion
-
-
-def _motion(plugin: Plugin) -> Motion:
-    """Return the motion of ``to_world``; keyframes are joined as poses, without their stretch."""
-    value = plugin.values.get("to_world")
-    if value is None:
-        return Static(np.eye(4))
-    if isinstance(value, Animation):
-        poses = [without_scale(matrix) for matrix in value.matrices]
-        positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
-        return Keyframes(value.times_s, tuple(positions), tuple(quaternion_of(p[:3, :3]) for p in poses))
-    if not isinstance(value, np.ndarray) or value.shape != (4, 4):
-        raise InputError(f"{plugin.place}: to_world is {value!r}, expected a transform")
-    return Static(value)
 
 
 def _radiance(plugin: Plugin, name: str) -> Vec3:

@@ -13,7 +13,7 @@ from clsim.scene.motion import Matrix, Static, compose, look_at
 from clsim.scene.pbrt_materials import MaterialReader
 from clsim.scene.pbrt_shapes import latitude_longitude
 from clsim.scene.pbrt_tokens import Parameters, file_of
-from clsim.scene.rigid import without_scale
+from clsim.scene.rigid import without_stretch
 from clsim.scene.world import EnvironmentMap, PunctualLight, Vec3
 
 InMirror = Callable[[Matrix], PunctualLight]
@@ -76,10 +76,7 @@ def read_environment(parameters: Parameters, matrix: Matrix, folder: Path) -> Ca
         return None
     image = read_linear(file_of(parameters.place, name, folder), PixelBudget())
     image = image * np.float32(parameters.number("scale", 1.0))
-    turn = without_scale(matrix)[:3, :3]
-    if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror is part of how the image lies
-        u, _, vt = np.linalg.svd(matrix[:3, :3])
-        turn = u @ vt
+    turn = without_stretch(matrix)  # a mirror is part of how the image lies
 
     def placed(mirror: Matrix) -> EnvironmentMap:
         return EnvironmentMap(latitude_longitude(image, turn.T @ mirror[:3, :3]), np.eye(3))

@@ -12,7 +12,7 @@ from clsim.errors import InputError
 from clsim.scene.geometry import placed_rigidly
 from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose
 from clsim.scene.pbrt_tokens import Parameters
-from clsim.scene.rigid import quaternion_of, without_scale
+from clsim.scene.rigid import facing, quaternion_of, without_scale
 from clsim.scene.world import Camera, Instance, Lens, Mesh, Vec3
 
 FLIP_Z = np.diag((1.0, 1.0, -1.0, 1.0))
@@ -44,7 +44,7 @@ def read_instance(
     if not np.allclose(without_scale(end @ turn)[:3, :3] @ stretch, end[:3, :3], atol=1e-6):
         warn("shapes that change their stretch over time keep that of the start")
     index, offset = placed_rigidly(meshes, placed.mesh, compose((0.0, 0.0, 0.0), stretch))
-    motion = _between(times_s, start @ turn, end @ turn)
+    motion = _between(times_s, without_scale(start @ turn), without_scale(end @ turn))
     return Instance(index, Nested(motion, Static(offset)), f"shape {placed.mesh}")
 
 
@@ -69,9 +69,9 @@ def read_camera(
         if name in parameters.found:
             warn(f"the camera's {name} is left out")
     start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
-    motion: Motion = Static(without_scale(start))
+    motion: Motion = Static(facing(start))
     if not np.array_equal(start, end):
-        motion = _between(times_s, start, end)
+        motion = _between(times_s, facing(start), facing(end))
     across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
     radius = parameters.number("lensradius", 0.0)
     lens = Lens()
@@ -81,7 +81,7 @@ def read_camera(
 
 
 def _between(times_s: Times, start: Matrix, end: Matrix) -> Motion:
-    """Return the motion between two transforms, without their stretch."""
-    poses = [without_scale(matrix) for matrix in (start, end)]
+    """Return the motion between two poses."""
+    poses = (start, end)
     positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
     return Keyframes(times_s, tuple(positions), tuple(quaternion_of(pose[:3, :3]) for pose in poses))

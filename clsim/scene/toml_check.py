@@ -44,6 +44,15 @@ KINDS_WITH: dict[str, tuple[str, ...]] = {
 """Which kinds of material have a key; what is not named here all have."""
 
 
+RENAMED: dict[str, tuple[tuple[str, ...], str]] = {
+    "two_sided": (
+        ("emits_behind", "back"),
+        "expected emits_behind (whether the back emits too) and, for what it scatters, back, such as 'same' or 'black'",
+    ),
+}
+"""Keys that once were: what took their place, and in words."""
+
+
 def parse(data: dict[str, Any], source: Path) -> SceneTable:
     """Turn a TOML's contents into the checked scene.
 
@@ -211,6 +220,8 @@ def _sentence(error: ErrorDetails) -> str:
         return plainly(error)
     if kind == "extra_forbidden":
         key, known = str(error["loc"][-1]), _known_keys(error["loc"])
+        if key in RENAMED and set(known).issuperset(RENAMED[key][0]):
+            return f"is no longer a key: {RENAMED[key][1]}"
         close = difflib.get_close_matches(key, known, 1)
         hint = f"did you mean {close[0]!r}?" if close else f"expected one of {', '.join(sorted(known))}"
         return f"unknown key, {hint}"

@@ -32,6 +32,7 @@ from clsim.scene.motion import (
 )
 from clsim.scene.parts import Parts, with_textures_from
 from clsim.scene.paths import read_path
+from clsim.scene.rigid import Facing
 from clsim.scene.spectra import METALS
 from clsim.scene.toml_light import read_daylight, read_film, read_modulation
 from clsim.scene.trajectory import CubicKeyframes, Interpolation, through
@@ -282,10 +283,10 @@ class _Builder:
                 raise InputError(f"{part.name} is animated, expected one scale for all axes, got {table.scale}")
             self.instances.append(Instance(index, placed, f"{name}/{part.name}"))
         for light in parts.lights:
-            placed = Nested(Attached(motion, stretch), light.motion)
+            placed = Facing(Nested(Attached(motion, stretch), light.motion))
             self.punctual_lights.append(replace(light, motion=placed, name=f"{name}/{light.name}"))
         for sphere in parts.spheres:
-            placed = Nested(Attached(motion, stretch), sphere.motion)
+            placed = Facing(Nested(Attached(motion, stretch), sphere.motion))
             size = float(np.cbrt(np.linalg.det(stretch[:3, :3])))
             radius_m = sphere.radius_m * size
             self.sphere_lights.append(replace(sphere, motion=placed, radius_m=radius_m, name=f"{name}/{sphere.name}"))

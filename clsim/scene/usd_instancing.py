@@ -9,10 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from pxr import Usd, UsdGeom
 
-from clsim.errors import InputError
 from clsim.scene.motion import Matrix
 from clsim.scene.usd_motion import moving_codes
-from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_stage import PrimError, Stage
 
 I64 = npt.NDArray[np.int64]
 MAX_KEPT = 1 << 21
@@ -39,7 +38,7 @@ class Copies:
         self._found: dict[float, Matrix] = {}
 
     def at(self, code: float) -> Matrix:
-        """Return the matrices from the prototypes' own spaces to our world ``[n, 4, 4]``."""
+        """Return the matrices from the prototypes' own spaces to the instancer's ``[n, 4, 4]``."""
         if code not in self._found:
             if len(self._found) * len(self.which) > MAX_KEPT:
                 self._found.clear()
@@ -49,13 +48,18 @@ class Copies:
             rows = np.array(found, np.float64).reshape(-1, 4, 4)
             if len(rows) != len(self.which):
                 where = f"{self._stage.path}: {self._prim.GetPath()}"
-                raise InputError(f"{where} has other than its {len(self.which)} copies' places at time {code:g}")
-            self._found[code] = self._stage.to_world(self._prim, code) @ rows.transpose(0, 2, 1)
+                raise PrimError(f"{where} has other than its {len(self.which)} copies' places at time {code:g}")
+            self._found[code] = rows.transpose(0, 2, 1)
         return self._found[code]
+
+    def moves_within(self, ancestor: Any) -> bool:
+        """Tell whether the copies move, in a space that an ancestor of the instancer spans."""
+        own = any(self._stage.times(self._prim.GetAttribute(name)) for name in _PLACES)
+        return own or bool(moving_codes(self._stage, self._prim, ancestor))
 
     def place(self, number: int, inside: Matrix) -> Callable[[float], Matrix]:
         """Return where a part of a copy is at time codes; ``inside`` leads from the part to its prototype's place."""
-        return lambda code: self.at(code)[number] @ inside
+        return lambda code: self._stage.to_world(self._prim, code) @ self.at(code)[number] @ inside
 
     def inside(self, part: Any, root: Any) -> Matrix:
         """Return the matrix from a part of a prototype to the space in which the prototype stands."""

@@ -14,9 +14,9 @@ from clsim.errors import InputError
 from clsim.scene.images import PixelBudget, decode_rgba, decode_srgb, read_linear
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Attached, Matrix, Motion, compose
-from clsim.scene.rigid import without_scale
+from clsim.scene.rigid import without_stretch
 from clsim.scene.usd_light_tracks import Source, brightest
-from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_stage import PrimError, Stage
 from clsim.scene.world import EnvironmentMap, Material, Mesh, PunctualLight, SphereLight, Vec3
 
 Place = Callable[[Any], Motion]
@@ -82,7 +82,7 @@ class LightReader:
         found = self._stage.value(prim.GetAttribute(f"inputs:{name}"))
         size = default if found is None else abs(float(found))
         if not math.isfinite(size):
-            raise InputError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
+            raise PrimError(f"{self._stage.path}: {prim.GetPath()} has a {name} that is not finite")
         return size
 
     def _radiance(self, prim: Any, area: float) -> tuple[Vec3, Modulation | None]:
@@ -172,7 +172,7 @@ class LightReader:
         if picture is None:
             self.lights.sky = radiance
             return
-        turn: Matrix = without_scale(self._stage.to_world(prim, self._stage.start))[:3, :3]
+        turn = without_stretch(self._stage.to_world(prim, self._stage.start))
         if prim.GetTypeName() == "DomeLight_1" and self._pole(prim) == "Z":
             turn = turn @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
         self.lights.sky_map = EnvironmentMap((picture * np.array(radiance)).astype(np.float32), turn)

@@ -114,7 +114,8 @@ def read_mesh(
     smooth = normals is None and stage.value(source.GetSubdivisionSchemeAttr()) in ("catmullClark", "loop")
     if smooth:
         warn(
-            f"surfaces that shall be subdivided are rendered as they are, with smooth normals (first {prim.GetName()})"
+            "surfaces that shall be subdivided are rendered as they are, with smooth normals "
+            f"(first {prim.GetName()}): subdivide them in the program that made them to see them round"
         )
         # Corners of one point share its normal, whatever else they have.
         whole = replace(mesh, vertices=points, triangles=_oriented(faces, mesh.triangles, split))

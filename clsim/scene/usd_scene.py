@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,17 +22,19 @@ from clsim.scene.indoors import stand_inside
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Matrix, Motion, Static
 from clsim.scene.parts import Parts
-from clsim.scene.rigid import without_scale
+from clsim.scene.rigid import facing, stretch_of
 from clsim.scene.usd_instancing import Copies, copies
 from clsim.scene.usd_lights import LightReader, suns
 from clsim.scene.usd_materials import MaterialReader
 from clsim.scene.usd_meshes import read_body, read_mesh
 from clsim.scene.usd_motion import Shapes, are_similar, motion_of, moving_codes
-from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_stage import PrimError, Stage
 from clsim.scene.world import Camera, Instance, Lens, Mesh, World
 
 MAX_INSTANCES = 100_000
 MAX_PRIMS = 2_000_000
+MAX_NESTED = 4
+"""How deep copies within copies are looked into; the deeper ones may be without end."""
 _LOOKS = 33
 """Times at which the place of what moves is looked at for stretching."""
 
@@ -45,8 +48,7 @@ def load_usd(path: Path) -> World:
     reader = _Reader(path, repeat=None)
     reader.read()
     lights, warnings, notes = reader.lamps.lights, list(reader.warnings), list(reader.notes)
-    if not reader.instances:
-        raise InputError(f"{path}: has no triangles, expected a mesh")
+    reader.check_instances()
     center, size = bounds(path, reader.meshes, reader.instances)
     spheres = [*lights.spheres, *suns(lights, center, float(np.linalg.norm(size)) / 2)]
     sky, sky_map, lamps = lights.sky, lights.sky_map, (lamp(center, size),)
@@ -91,8 +93,7 @@ def read_usd(path: Path) -> Parts:
     """
     reader = _Reader(path, repeat=True)
     reader.read()
-    if not reader.instances:
-        raise InputError(f"{path}: has no triangles, expected a mesh")
+    reader.check_instances()
     lights = reader.lamps.lights
     if lights.suns or any(lights.sky) or lights.sky_map is not None:
         reader.warn("its distant lights and domes are left out: a scene's own environment stands for them")
@@ -129,6 +130,7 @@ class _Reader:
         self.instances: list[Instance] = []
         self.cameras: list[Camera] = []
         self.moves = False
+        self._unseen: list[str] = []
         self._name = path.name
         self.stage = Stage(path, self.warn)
         if repeat is None:
@@ -144,10 +146,17 @@ class _Reader:
         if text not in self.warnings:
             self.warnings.append(text)
 
+    def check_instances(self) -> None:
+        """Raise InputError where nothing is to be seen, with what was left out."""
+        if not self.instances:
+            reasons = [text.removeprefix(f"{self._name}: ") for text in self.warnings] + self._unseen
+            why = "; ".join(reasons[:3])
+            raise InputError(f"{self.stage.path}: has no triangles, expected a mesh" + (f" ({why})" if why else ""))
+
     def read(self) -> None:
         """Visit all prims."""
         for prim in self._prims(self.stage.usd.GetPseudoRoot()):
-            with self.stage.naming(prim):
+            with self._leaving_out(prim):
                 self._add(prim)
         for mesh, material, prim in self.lamps.lights.surfaces:
             ids = np.full(len(mesh.triangles), self.materials.add(material), np.int32)
@@ -155,6 +164,15 @@ class _Reader:
         changes = [change.duration_s > 0 for change in self._changes() if change is not None]
         motions = [each.motion for each in self.instances] + [each.motion for each in self.cameras]
         self.moves = self.moves or any(changes) or any(motion.duration_s > 0 for motion in motions)
+
+    @contextmanager
+    def _leaving_out(self, prim: Any) -> Iterator[None]:
+        """Leave a prim out, with a warning, where something is wrong with it alone."""
+        try:
+            with self.stage.naming(prim):
+                yield
+        except PrimError as error:
+            self.warn(f"a prim is left out: {str(error).removeprefix(f'{self.stage.path}: ')}")
 
     def _add(self, prim: Any) -> None:
         if prim.IsA(UsdGeom.PointInstancer):
@@ -180,9 +198,10 @@ class _Reader:
             if count > MAX_PRIMS:
                 raise InputError(f"{self.stage.path}: has more than {MAX_PRIMS} prims")
             if not self._is_seen(prim):
+                self._unseen.append(f"{prim.GetName()} is hidden, or a guide or a proxy")
                 iterator.PruneChildren()
                 continue
-            if prim.IsA(UsdGeom.PointInstancer) and prim != root:
+            if prim.IsA(UsdGeom.PointInstancer):
                 iterator.PruneChildren()
             yield prim
 
@@ -214,6 +233,8 @@ class _Reader:
                 mesh = read_body(self.stage, prim, self.materials.index)
                 if mesh is None:
                     self.warn(f"{prim.GetTypeName()} is left out (first {prim.GetName()})")
+            if mesh is None:
+                self._unseen.append(f"{prim.GetName()} has no faces that can be shown")
             self._shared[key] = None if mesh is None else self._mesh(mesh)
         return self._shared[key]
 
@@ -245,7 +266,7 @@ class _Reader:
             looks = sorted({*codes, *np.linspace(codes[0], codes[-1], _LOOKS).tolist()})
         matrices = [matrix_at(code) for code in looks]
         if not are_similar(matrices) and deformation is None:
-            stretch = _stretch(matrices[0])
+            stretch = stretch_of(matrices[0])
             unstretched = np.eye(4) if stretch is None else np.linalg.inv(stretch)
             if stretch is not None and are_similar([matrix @ unstretched for matrix in matrices]):
                 mesh = self._mesh(transformed(self.meshes[mesh], stretch[:3, :3]))
@@ -286,16 +307,35 @@ class _Reader:
             return
         for number, root in enumerate(found.prototypes):
             chosen = np.flatnonzero(found.which == number)
-            for part in self._prims(root) if len(chosen) else ():
-                if not part.IsA(UsdGeom.Gprim) or (index := self._body(part)) is None:
-                    if part.IsA(UsdGeom.PointInstancer):
-                        self.warn(f"copies within copies are left out (first {part.GetName()})")
-                    continue
-                if moving_codes(self.stage, part, root.GetParent()):
-                    self.warn(f"parts that move within copies stand as at the start (first {part.GetName()})")
-                inside = found.inside(part, root)
-                for k in chosen.tolist():
-                    self._place_at(index, f"{_own(prim)}/{k}/{part.GetName()}", found.codes, found.place(k, inside))
+            for part, inside in self._contents(root, 0) if len(chosen) else ():
+                with self._leaving_out(part):
+                    index = self._body(part)
+                    for k in chosen.tolist() if index is not None else ():
+                        name = f"{_own(prim)}/{k}/{part.GetName()}"
+                        self._place_at(index or 0, name, found.codes, found.place(k, inside))
+
+    def _contents(self, root: Any, depth: int) -> Iterator[tuple[Any, Matrix]]:
+        """Yield the bodies of a prototype, those of instancers within it too, each with its 4×4 matrix there."""
+        for part in self._prims(root):
+            if moving_codes(self.stage, part, root.GetParent()):
+                self.warn(f"parts that move within copies stand as at the start (first {part.GetName()})")
+            inside = self.stage.to_ancestor(part, root.GetParent())
+            if not part.IsA(UsdGeom.PointInstancer):
+                if part.IsA(UsdGeom.Gprim):
+                    yield part, inside
+                continue
+            if depth == MAX_NESTED:
+                self.warn(f"copies more than {MAX_NESTED} levels deep in copies are left out (first {part.GetName()})")
+                continue
+            found = copies(self.stage, part, self.warn, MAX_INSTANCES)
+            if found is None:
+                continue
+            if found.moves_within(root):
+                self.warn(f"copies that move within copies stand as at the start (first {part.GetName()})")
+            for number, inner in enumerate(found.prototypes):
+                for k in np.flatnonzero(found.which == number).tolist():
+                    for body, matrix in self._contents(inner, depth + 1):
+                        yield body, inside @ found.at(self.stage.start)[k] @ matrix
 
     def _add_camera(self, prim: Any) -> None:
         source = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode(self.stage.start))
@@ -304,7 +344,7 @@ class _Reader:
             return
         across, up, focal = source.horizontalAperture, source.verticalAperture, source.focalLength
         if not all(0 < size < 1e9 for size in (across, up, focal)):
-            raise InputError(
+            raise PrimError(
                 f"{self.stage.path}: {prim.GetPath()} has an aperture or a focal length that is not positive"
             )
         if self.stage.times(prim.GetAttribute("focalLength")):
@@ -322,20 +362,8 @@ class _Reader:
     def _rigid(self, prim: Any) -> Motion:
         """Return how a lamp or a camera moves, which no scale of its place makes larger."""
         codes = moving_codes(self.stage, prim)
-        return motion_of(
-            self.stage, codes, lambda code: without_scale(self.stage.to_world(prim, code)), repeat=self._repeat
-        )
+        return motion_of(self.stage, codes, lambda code: facing(self.stage.to_world(prim, code)), repeat=self._repeat)
 
 
 def _own(prim: Any) -> str:
     return str(prim.GetPath()).lstrip("/")
-
-
-def _stretch(matrix: Matrix) -> Matrix | None:
-    """Return what a matrix does besides turning and moving, 4×4; None where it squeezes flat."""
-    u, sizes, vt = np.linalg.svd(matrix[:3, :3])
-    if sizes.min() <= 1e-9 * sizes.max():
-        return None
-    stretch = np.eye(4)
-    stretch[:3, :3] = vt.T @ np.diag(sizes) @ vt * np.sign(np.linalg.det(u @ vt))
-    return stretch

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import textwrap
 import zipfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,6 +20,10 @@ from clsim.scene.usd_bounds import check_bounds
 
 MAX_BYTES = 1 << 30
 """Largest picture within a package, and most that shapes which change, and places of copies, may take in all."""
+
+
+class PrimError(InputError):
+    """What is wrong with one prim, without which the others can be shown."""
 
 
 class Stage:
@@ -50,15 +55,16 @@ class Stage:
             complaints = [each.commentary for each in collector.TakeUncoalescedDiagnostics()]
         for complaint in dict.fromkeys(map(_short, complaints)):
             warn(complaint)
-        self.metres = float(UsdGeom.GetStageMetersPerUnit(self.usd))
+        self.metres: float = self._metadata("metersPerUnit", UsdGeom.GetStageMetersPerUnit)
         if not 1e-9 <= self.metres <= 1e9:
             raise InputError(f"{path}: metersPerUnit is {self.metres:g}, expected a positive number of metres")
-        self.z_up = UsdGeom.GetStageUpAxis(self.usd) == UsdGeom.Tokens.z
+        self.z_up = self._metadata("upAxis", UsdGeom.GetStageUpAxis, str) == UsdGeom.Tokens.z
         self.root: Matrix = np.diag([self.metres, self.metres, self.metres, 1.0])
         if self.z_up:
             self.root = self.root @ [[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]
-        self.codes_per_s = float(self.usd.GetTimeCodesPerSecond())
-        self.start, self.end = float(self.usd.GetStartTimeCode()), float(self.usd.GetEndTimeCode())
+        self.codes_per_s: float = self._metadata("timeCodesPerSecond", Usd.Stage.GetTimeCodesPerSecond)
+        self.start = self._metadata("startTimeCode", Usd.Stage.GetStartTimeCode)
+        self.end = self._metadata("endTimeCode", Usd.Stage.GetEndTimeCode)
         if not (self.codes_per_s > 0 and np.isfinite([self.start, self.end, self.codes_per_s]).all()):
             told = f"time codes {self.start:g} to {self.end:g}, {self.codes_per_s:g} per second"
             raise InputError(f"{path}: has {told}, expected finite numbers, and more than 0 per second")
@@ -67,14 +73,25 @@ class Stage:
         self._bake_skins()
         self._cache: Any = UsdGeom.XformCache()
 
+    def _metadata(self, name: str, getter: Callable[[Any], Any], kind: Callable[[Any], Any] = float) -> Any:
+        """Return what the file tells of itself, also where that is of another type, as float for double."""
+        try:
+            return kind(getter(self.usd))
+        except Tf.ErrorException:
+            found = self.usd.GetMetadata(name)
+        try:
+            return kind(found)
+        except (TypeError, ValueError):
+            raise InputError(f"{self.path}: {name} is {found!r}, expected another type") from None
+
     @property
     def duration_s(self) -> float:
         """Length of its time [s]; 0 where it tells none."""
-        return (self.end - self.start) / self.codes_per_s
+        return float((self.end - self.start) / self.codes_per_s)
 
     def seconds(self, code: float) -> float:
         """Return the time of a time code [s]."""
-        return (code - self.start) / self.codes_per_s
+        return float((code - self.start) / self.codes_per_s)
 
     def to_world(self, prim: Any, code: float) -> Matrix:
         """Return the 4×4 matrix from a prim's space to our world at a time code."""
@@ -83,7 +100,7 @@ class Stage:
         # USD's vectors are rows, ours are columns.
         matrix: Matrix = self.root @ np.array(self._cache.GetLocalToWorldTransform(prim)).T
         if not np.isfinite(matrix.astype(np.float32)).all():
-            raise InputError(f"{self.path}: {prim.GetPath()} stands at a place that is not finite")
+            raise PrimError(f"{self.path}: {prim.GetPath()} stands at a place that is not finite")
         return matrix
 
     def to_ancestor(self, prim: Any, ancestor: Any) -> Matrix:
@@ -100,7 +117,7 @@ class Stage:
         try:
             return attribute.Get(self.start if code is None else code)
         except (Tf.ErrorException, TypeError) as error:
-            raise InputError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
+            raise PrimError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
 
     @contextmanager
     def naming(self, prim: Any) -> Iterator[None]:
@@ -110,7 +127,7 @@ class Stage:
         except InputError:
             raise
         except (Tf.ErrorException, TypeError, ValueError, IndexError) as error:
-            raise InputError(
+            raise PrimError(
                 f"{self.path}: {prim.GetPath()} has a value that cannot be used ({_reason(error)})"
             ) from None
 
@@ -124,7 +141,7 @@ class Stage:
         try:
             sampled = attribute.GetTimeSamples() if attribute.ValueMightBeTimeVarying() else None
         except Tf.ErrorException as error:
-            raise InputError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
+            raise PrimError(f"{self.path}: {attribute.GetPath()} cannot be read ({_reason(error)})") from None
         if sampled is None:
             return []
         return [self.start, *(code for code in sampled if self.start < code < self.end), self.end]
@@ -188,4 +205,5 @@ def _reason(error: Exception) -> str:
 
 
 def _short(text: str) -> str:
-    return " ".join(text.split())[:160]
+    """Return a text in one line, without usd-core's addresses in memory, and not longer than a user reads."""
+    return textwrap.shorten(re.sub(r"\(instantiating stage on stage .*", "", text), 300, placeholder=" …")

@@ -197,6 +197,8 @@ def _camera_problems(camera: Camera) -> Iterator[str]:
         yield f"camera: fov_deg is {camera.fov_deg}, expected more than 0 and less than {widest}"
     if not all(map(math.isfinite, lens.principal_point)):
         yield f"camera: principal_point is {lens.principal_point}, expected finite numbers"
+    if not 0 < lens.aspect < math.inf:
+        yield f"camera: aspect is {lens.aspect}, expected a positive number"
     if len(lens.distortion) > terms or not all(map(math.isfinite, lens.distortion)):
         yield f"camera: distortion is {lens.distortion}, expected at most {terms} finite numbers"
     if not _within((lens.aperture_radius_m,)) or not 0 < lens.focus_distance_m < math.inf:

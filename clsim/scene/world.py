@@ -5,6 +5,7 @@ Right-handed, +y up, metres, seconds; colours are linear Rec. 709; radiance in W
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
@@ -230,7 +231,7 @@ class EnvironmentMap:
 
     Attributes:
         radiance: float32 ``[h, w, 3]``; row 0 is +y, column 0…w runs from −z over +x, +z, −x back to −z.
-        to_world: 3×3 rotation from the image's frame to the world, at time 0.
+        to_world: 3×3 rotation or reflection from the image's frame to the world, at time 0.
         turn_deg_per_s: how fast it turns about the world's +y, counter-clockwise seen from above.
     """
 
@@ -249,6 +250,8 @@ class Lens:
         model: ``perspective`` with Brown–Conrady ``distortion`` (k1, k2, p1, p2, k3), or ``fisheye``
             (equidistant, Kannala–Brandt) with (k1, k2, k3, k4), as OpenCV defines them.
         principal_point: offset of the optical centre from the image centre, in image widths, x right and y down.
+        mirrored: whether the image is turned over, left for right.
+        aspect: focal length along rows over that along columns, in pixels: below 1, pixels are wider than high.
     """
 
     aperture_radius_m: float = 0.0
@@ -256,11 +259,13 @@ class Lens:
     model: Literal["perspective", "fisheye"] = "perspective"
     distortion: tuple[float, ...] = ()
     principal_point: tuple[float, float] = (0.0, 0.0)
+    mirrored: bool = False
+    aspect: float = 1.0
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera; ``fov_deg`` is horizontal, pixels are square."""
+    """A camera; ``fov_deg`` is horizontal, pixels are square unless the lens says otherwise."""
 
     width: int
     height: int
@@ -268,6 +273,12 @@ class Camera:
     motion: Motion
     shutter_s: float = 0.0
     lens: Lens = field(default_factory=Lens)
+
+    def focal_px(self) -> tuple[float, float]:
+        """Return the focal length along rows, negative where the image is mirrored, and along columns [pixels]."""
+        fov = math.radians(self.fov_deg)
+        across = self.width / fov if self.lens.model == "fisheye" else self.width / (2.0 * math.tan(fov / 2.0))
+        return -across if self.lens.mirrored else across, across / self.lens.aspect
 
 
 @dataclass(frozen=True)

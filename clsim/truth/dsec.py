@@ -110,7 +110,7 @@ class DsecLayout(Layout):
     def _write_truth(self, name: str, shot: Shot) -> None:
         planes = shot.planes
         if "depth" in planes:
-            focal = self._about.camera["intrinsics_px"]["fx"]
+            focal = abs(self._about.camera["intrinsics_px"]["fx"])
             disparity = disparity_image(planes["depth"], focal * self._about.baseline_m)
             write_png(self._path / "disparity" / "event" / name, disparity)
         for key, way in (("flow", "forward"), ("backward-flow", "backward")):
@@ -253,7 +253,7 @@ def read_recording(path: Path) -> Recording:
         moving=tuple(name for name in tracks if name != "camera"),
         baseline_m=baseline_m,
     )
-    focal = camera["intrinsics_px"]["fx"]
+    focal = abs(camera["intrinsics_px"]["fx"])
 
     def shots() -> Iterator[Shot]:
         with h5py.File(path / "events" / "left" / "events.h5", "r") as file:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_table_of_scene_keys_is_current() -> None:
-    assert (ROOT / "docs" / "scenes.md").read_text() == text(), "run: python tools/scene_keys.py docs/scenes.md"
+    assert (ROOT / "docs" / "scenes.md").read_text() == text(), "run: python -m tools.scene_keys docs/scenes.md"
 
 
 def test_the_example_scene_is_one(tmp_path: Path) -> None:

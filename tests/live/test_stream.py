@@ -159,3 +159,23 @@ def test_what_the_package_shows() -> None:
         assert getattr(clsim, name) is not None
     with pytest.raises(AttributeError, match="has no attribute 'strem'"):
         clsim.strem  # noqa: B018
+
+
+def test_a_world_is_streamed_as_the_file_that_it_was_loaded_from():
+    """The same events as of the name, and none of the options that belong to files."""
+    options = {"fps": 60, "frame_count": 4, "quality": "draft"}
+    with clsim.stream("two-boxes", resolution=(24, 18), **options) as named:
+        expected = np.concatenate([batch["t"] for batch in named])
+    world = clsim.load_scene("two-boxes", resolution=(24, 18))
+    with clsim.stream(world, **options) as made:
+        found = np.concatenate([batch["t"] for batch in made])
+    assert len(found) and np.array_equal(found, expected)
+    with pytest.raises(InputError, match="`resolution` is for scenes that are loaded"):
+        clsim.stream(world, resolution=(24, 18))
+
+
+def test_what_tells_of_a_run_names_no_file_for_a_world(tmp_path):
+    world = clsim.load_scene("two-boxes", resolution=(24, 18))
+    with clsim.stream(world, frame_count=2, quality="draft", outputs=str(tmp_path / "a.npz")) as made:
+        list(made)
+    assert json.loads((tmp_path / "a.npz.json").read_text())["options"]["scene"] is None

@@ -75,7 +75,7 @@ def text_or_type(value: object) -> str:
 @pytest.fixture
 def options_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let `clsim.stream` return its options, and run nothing."""
-    monkeypatch.setattr(stream_module, "Stream", lambda options: options)
+    monkeypatch.setattr(stream_module, "Stream", lambda options, world=None: options)
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_a_wrong_value_is_told_with_its_name(options_alone: None, name: str, val
 @example(name="files", value=np.zeros((2, 2)))
 def test_any_value_is_used_or_refused(name: str, value: Any) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(stream_module, "Stream", lambda options: options)
+        patch.setattr(stream_module, "Stream", lambda options, world=None: options)
         try:
             options: Any = clsim.stream("still", **{name: value})
         except clsim.Error as error:

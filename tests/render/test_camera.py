@@ -79,7 +79,9 @@ def intrinsics(view):
     fov = np.radians(view.fov_deg)
     f = view.width / fov if view.lens.model == "fisheye" else view.width / 2 / np.tan(fov / 2)
     px, py = view.lens.principal_point
-    return f, view.width * (0.5 + px) - 0.5, view.height / 2 + view.width * py - 0.5
+    across = -f if view.lens.mirrored else f
+    centre = view.width * (0.5 + px) - 0.5, view.height / 2 + view.width * py - 0.5
+    return (across, f / view.lens.aspect), *centre
 
 
 def project(view, directions):
@@ -99,7 +101,7 @@ def project(view, directions):
         radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
         x2 = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
         y2 = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return np.stack([f * x2 + cx, f * y2 + cy], axis=1)
+    return np.stack([f[0] * x2 + cx, f[1] * y2 + cy], axis=1)
 
 
 VIEWS = {
@@ -109,6 +111,10 @@ VIEWS = {
     "pincushion": camera(Lens(distortion=(0.3, 0.1)), fov_deg=60.0),
     "tangential": camera(Lens(distortion=(0.0, 0.0, 0.02, -0.03)), fov_deg=50.0),
     "fisheye": camera(Lens(model="fisheye", distortion=KANNALA, principal_point=(0.02, 0.01)), fov_deg=170.0),
+    "mirrored": camera(Lens(principal_point=(0.06, -0.04), mirrored=True)),
+    "mirrored brown-conrady": camera(Lens(distortion=BROWN, mirrored=True)),
+    "wide pixels": camera(Lens(principal_point=(0.06, -0.04), aspect=0.5)),
+    "high pixels of a fisheye": camera(Lens(model="fisheye", aspect=1.5), fov_deg=100.0),
     "equidistant": camera(Lens(model="fisheye"), fov_deg=120.0),
 }
 
@@ -132,7 +138,7 @@ def test_opencv_projects_our_rays_back(name):
     xy = positions(view)
     _, directions, _ = trace_rays(view, xy)
     f, cx, cy = intrinsics(view)
-    matrix = np.array([[f, 0, cx], [0, f, cy], [0, 0, 1]])
+    matrix = np.array([[f[0], 0, cx], [0, f[1], cy], [0, 0, 1]])
     if view.lens.model == "fisheye":
         k = np.array((*view.lens.distortion, 0, 0, 0, 0)[:4], np.float64)
         ahead = directions[:, 2] > 0.02

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pygltflib
 import pytest
-from gltf_files import ASSETS, CORNERS, animate, decoded, gltf, needs_assets, with_camera, write_gltf
+from gltf_files import ASSETS, CORNERS, add, animate, decoded, gltf, needs_assets, with_camera, write_gltf
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -132,7 +132,7 @@ def test_without_a_camera_the_animation_repeats_and_ends_where_it_starts(tmp_pat
 @pytest.mark.parametrize(
     ("channel", "part"),
     [
-        ((0, "translation", [0, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
+        ((0, "translation", [1, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
         ((0, "translation", [-1, 0], [(0, 0, 0)] * 2, "LINEAR"), "do not increase"),
         ((0, "translation", [0, 1], [(0, 0, 0)] * 3, "LINEAR"), "9 numbers, expected 2 keyframes of 1 × 3"),
         ((0, "translation", [0, 1], [(0, 0, 0)] * 2, "CUBICSPLINE"), "expected 2 keyframes of 3 × 3"),
@@ -190,3 +190,15 @@ def test_files_within_a_toml_keep_their_motion_and_lights(tmp_path):
     toml.write_text(text.format("[1, 2, 1]"))
     with pytest.raises(InputError, match="one scale for all axes"):
         load_world(toml)
+
+
+def test_of_keyframes_at_one_time_the_last_is_played(tmp_path):
+    """A jump: up to 1 s on the way to 1, from there on from 5; and the keys at 2 s are one."""
+    tree = gltf()
+    times, places = add(tree, [0, 1, 1, 2, 2]), add(tree, [(x, 0, 0) for x in (0, 1, 5, 6, 7)])
+    channel = {"sampler": 0, "target": {"node": 0, "path": "translation"}}
+    tree["animations"] = [{"samplers": [{"input": times, "output": places}], "channels": [channel]}]
+    world = load_world(write_gltf(tmp_path, tree))
+    assert any("of keyframes at the same time the last is played (first at 1 s)" in text for text in world.warnings)
+    motion = world.instances[0].motion
+    assert [motion.pose(t)[0, 3] for t in (0.5, 1.0, 1.5)] == [2.5, 5.0, 6.0]

@@ -68,8 +68,6 @@ def test_materials_keep_their_factors_textures_and_extensions(tmp_path):
 @pytest.mark.parametrize(
     ("name", "feature"),
     [
-        ("clearcoatTexture", "clearcoat textures"),
-        ("clearcoatRoughnessTexture", "clearcoat roughness textures"),
         ("clearcoatNormalTexture", "clearcoat normal textures"),
     ],
 )
@@ -298,3 +296,29 @@ def test_cones_of_spots(tmp_path):
         (light,) = load_gltf(write_gltf(tmp_path, tree)).punctual_lights
         assert (light.inner_deg, light.outer_deg) == pytest.approx(tuple(map(math.degrees, expected)))
         assert light.intensity == (1, 1, 1)
+
+
+def test_means_of_textures_stand_in_for_those_of_coats_lobes_and_glass(tmp_path):
+    """Half of each picture is 0 and half is full: a half, of the channel that the extension names."""
+    pixels = np.zeros((2, 4, 4), np.uint8)
+    pixels[:, 2:], pixels[..., 2] = 255, 255
+    info = {"index": 0}
+    extensions = {
+        "KHR_materials_clearcoat": {
+            "clearcoatFactor": 0.8,
+            "clearcoatTexture": info,
+            "clearcoatRoughnessFactor": 0.6,
+            "clearcoatRoughnessTexture": info,
+        },
+        "KHR_materials_transmission": {"transmissionFactor": 0.9, "transmissionTexture": info},
+        "KHR_materials_specular": {"specularFactor": 0.5, "specularTexture": info, "specularColorTexture": info},
+    }
+    tree = gltf(materials=[{"extensions": extensions}], images=[{"uri": image_uri(pixels)}], textures=[{"source": 0}])
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_world(write_gltf(tmp_path, tree))
+    found = world.materials[0]
+    assert (found.clearcoat, found.transmission) == pytest.approx((0.4, 0.45))
+    assert found.clearcoat_alpha == pytest.approx(0.3**2)
+    assert found.specular_color == pytest.approx((0.125, 0.125, 0.25))
+    assert sum("stands in for them" in warning for warning in world.warnings) == 5
+    assert not world.textures

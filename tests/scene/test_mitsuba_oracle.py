@@ -1,5 +1,6 @@
 """Mitsuba scenes as Mitsuba 3 itself reads them: rays, hits, lights and environment."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,9 @@ ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "
 FILM = '<film type="hdrfilm"><integer name="width" value="{}"/><integer name="height" value="{}"/></film>'
 POSE = '<transform name="to_world"><rotate x="0.6" y="0.8" angle="33"/><translate x="1" y="-2" z="3"/></transform>'
 
+SIGNS = [" ".join(f'{axis}="{sign}"' for axis, sign in zip("xyz", s, strict=True)) for s in product((1, -1), repeat=3)]
+MIRRORED = '<transform name="to_world"><scale {}/><rotate x="0.6" y="0.8" angle="33"/></transform>'
+ACROSS = '<transform name="to_world"><rotate z="1" angle="20"/><scale {}/><rotate y="1" angle="50"/></transform>'
 STRETCH = '<transform name="to_world"><scale x="-1.5" y="2" z="0.5"/></transform>'
 KINDS = ["rectangle", "cube", "sphere", "disk", "cylinder", "obj", "ply", "obj-flat", "flipped"]
 
@@ -30,11 +34,44 @@ def both(tmp_path, body):
     return load_world(path), mi.load_file(str(path))
 
 
+@pytest.mark.parametrize("signs", SIGNS)
+@pytest.mark.parametrize("place", [MIRRORED, ACROSS])
+@pytest.mark.parametrize("size", [(60, 40)])
+def test_mirrored_cameras_send_the_same_rays(tmp_path, size, place, signs):
+    offset = '<float name="principal_point_offset_x" value="0.1"/><float name="fov" value="50"/>'
+    body = f'<sensor type="perspective">{offset}{place.format(signs)}{FILM.format(*size)}</sensor>'
+    world, scene = both(tmp_path, body)
+    for x, y in ((0.5, 0.5), (0.1, 0.2), (0.9, 0.3), (0.3, 0.95)):
+        ray, _ = scene.sensors()[0].sample_ray(0, 0.5, [x, y], [0.5, 0.5])
+        np.testing.assert_allclose(our_ray(world.camera, x, y)[1], np.array(ray.d), atol=2e-6)
+
+
+@pytest.mark.parametrize("signs", SIGNS)
+def test_mirrored_lamps_shine_where_mitsubas_do(tmp_path, signs):
+    place = ACROSS.format(signs)
+    body = f'<emitter type="spot">{place}</emitter><emitter type="directional">{place}</emitter>'
+    sheared = '<transform name="to_world"><matrix value="1 0.3 0.8 0 0 1 -0.4 0 0.2 0 -2 0 0 0 0 1"/></transform>'
+    body += f'<emitter type="directional">{sheared}</emitter>'
+    world, scene = both(tmp_path, body)
+    si = mi.SurfaceInteraction3f()
+    for light, emitter in zip(world.punctual_lights[1:], scene.emitters()[1:], strict=True):
+        record, _ = emitter.sample_direction(si, [0.5, 0.5])
+        # Where it stretches, Mitsuba's is no unit vector.
+        np.testing.assert_allclose(light.motion.pose(0.0)[:3, 2], _unit(np.array(record.d)), atol=1e-6)
+    axis = -world.punctual_lights[0].motion.pose(0.0)[:3, 2]
+    for direction in (axis, -axis):
+        si.p = mi.Point3f(2 * direction)
+        _, value = scene.emitters()[0].sample_direction(si, [0.5, 0.5])
+        assert (np.array(value).max() > 0) == (direction @ axis > 0)
+
+
 def our_ray(camera, x, y):
     """Return the direction through a point of the film, x and y from 0 at the top left to 1."""
     pose, half = camera.motion.pose(0.0), np.tan(np.radians(camera.fov_deg) / 2)
     right, down = camera.lens.principal_point
-    d = pose[:3, :3] @ (2 * half * (x - 0.5 - right), -2 * half * ((y - 0.5) * camera.height / camera.width - down), -1)
+    across = -1 if camera.lens.mirrored else 1
+    up = -2 * half * ((y - 0.5) * camera.height / camera.width - down)
+    d = pose[:3, :3] @ (across * 2 * half * (x - 0.5 - right), up, -1)
     return pose[:3, 3], d / np.linalg.norm(d)
 
 
@@ -154,7 +191,15 @@ def _unit(v):
     return v / np.linalg.norm(v)
 
 
-@pytest.mark.parametrize("placed", ["", POSE, '<transform name="to_world"><rotate y="1" angle="90"/></transform>'])
+@pytest.mark.parametrize(
+    "placed",
+    [
+        "",
+        POSE,
+        '<transform name="to_world"><rotate y="1" angle="90"/></transform>',
+        *(place.format(signs) for place in (MIRRORED, ACROSS) for signs in SIGNS[1:]),
+    ],
+)
 def test_environment_maps_lie_as_in_mitsuba(tmp_path, placed):
     """Each direction finds in the map, by its documented layout, what Mitsuba finds."""
     h, w = 64, 128

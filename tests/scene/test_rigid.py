@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from clsim.scene.rigid import quaternions_of, rotation_vectors
+from clsim.scene.rigid import facing, mirrors, quaternions_of, rotation_vectors
 
 
 def turns(kind: str) -> np.ndarray:
@@ -39,3 +42,34 @@ def test_quaternions_are_scipys(kind: str) -> None:
 def test_what_does_not_turn_has_a_vector_of_nothing() -> None:
     assert not rotation_vectors(np.eye(3)[None]).any()
     assert quaternions_of(np.zeros((0, 3, 3))).shape == (0, 4)
+
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+LENGTHS = st.one_of(FINITE, st.floats(-10, 10), st.sampled_from([0.0, 1.0, -1.0]))
+
+
+@settings(max_examples=300, deadline=None)
+@given(arrays(np.float64, (3, 3), elements=LENGTHS))
+def test_any_finite_matrix_faces_where_its_axis_leads(linear: np.ndarray) -> None:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, (1, 2, 3)
+    with np.errstate(all="raise", under="ignore"):
+        pose = facing(matrix)
+    turn = pose[:3, :3]
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) > 0
+    np.testing.assert_array_equal(pose[:3, 3], (1, 2, 3))
+    back, up = (axis / np.abs(axis).max() if axis.any() else axis for axis in linear.T[[2, 1]])
+    if back.any():
+        np.testing.assert_allclose(turn[:, 2], back / np.linalg.norm(back), atol=1e-12)
+        up = up / max(np.linalg.norm(up), 1e-300)
+        if np.linalg.norm(np.cross(up, turn[:, 2])) > 1e-6:
+            assert turn[:, 1] @ up > 0 and abs(turn[:, 0] @ up) < 1e-9
+
+
+def test_rotations_face_as_they_are() -> None:
+    for turn in Rotation.random(20, random_state=1).as_matrix():
+        matrix = np.eye(4)
+        matrix[:3, :3] = 3.5 * turn
+        np.testing.assert_allclose(facing(matrix)[:3, :3], turn, atol=1e-14)
+        assert not mirrors(matrix) and mirrors(matrix @ np.diag((1, -1, 1, 1)))

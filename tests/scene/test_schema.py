@@ -288,3 +288,24 @@ def test_wrong_counts_are_told_in_plain_words(tmp_path):
     with pytest.raises(InputError) as caught:
         load(tmp_path, CAMERA + "[camera.lens]\ndistortion = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]\n")
     assert "camera.lens.distortion: expected at most 5 items, got [1.0" in str(caught.value)
+
+
+def test_keys_that_were_renamed_say_so(tmp_path):
+    path = tmp_path / "old.toml"
+    path.write_text("[camera]\nposition = [0, 0, 1]\n[materials.a]\ntwo_sided = false\n")
+    with pytest.raises(InputError) as caught:
+        load_world(path)
+    assert "materials.a.two_sided: is no longer a key: expected emits_behind" in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+def test_a_mark_of_the_byte_order_is_no_text(tmp_path):
+    path = tmp_path / "marked.toml"
+    path.write_bytes(b"\xef\xbb\xbf[camera]\nposition = [0, 0, 1]\n[environment]\nradiance = [1, 1, 1]\n")
+    assert load_world(path).environment == (1.0, 1.0, 1.0)
+
+
+def test_files_that_are_no_scenes_are_not_said_to_be_missing(tmp_path):
+    (tmp_path / "a.mat").write_bytes(b"")
+    with pytest.raises(InputError, match=r"a\.mat: is no scene that clsim reads \(\.mat\), expected one of \.toml"):
+        load_world(tmp_path / "a.mat")

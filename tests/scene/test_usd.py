@@ -1,5 +1,7 @@
 """USD files: where things are and how they move, against usd-core's own evaluation, and what a hostile file is told."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pxr import Usd, UsdGeom, UsdUtils
@@ -300,16 +302,76 @@ def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
         (mesh() + 'def SphereLight "bulb" { float inputs:color = 3 }', "/bulb has a value that cannot be used"),
         (mesh() + HOT, "/bulb has a value that cannot be used (a colour temperature of nan K)"),
         ('def Capsule "pill" { double radius = nan }', "/pill has a value that cannot be used (a radius of nan)"),
-        ('def Capsule "pill" { double radius = 0\n double height = 0 }', "has no extent"),
         (mesh('uniform token[] xformOpOrder = ["odd"]'), "/square has a value that cannot be used (Invalid xform op"),
         (mesh("rel material:binding = </red>") + RED, "/red has a value that cannot be used"),
         (mesh() + VANISHING, "/twice has other than its 2 copies' places at time 34"),
     ],
 )
-def test_numbers_that_cannot_be_are_told_in_one_sentence(tmp_path, text, said):
-    with pytest.raises(InputError) as caught:
-        load_world(usda(tmp_path, text, TIMED))
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+def test_prims_with_numbers_that_cannot_be_are_left_out_with_a_word(tmp_path, text, said):
+    world = load_world(usda(tmp_path, mesh(name="whole") + text, TIMED))
+    assert "whole" in [instance.name for instance in world.instances]
+    assert sum(said in warning for warning in world.warnings) == 1
+    assert all("\n" not in warning for warning in world.warnings)
+    if not text.startswith(mesh()):  # and it alone is nothing, which says why
+        with pytest.raises(InputError) as caught:
+            load_world(usda(tmp_path, text, TIMED, "alone.usda"))
+        assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_what_has_no_extent_is_told(tmp_path):
+    with pytest.raises(InputError, match="has no extent"):
+        load_world(usda(tmp_path, 'def Capsule "pill" { double radius = 0\n double height = 0 }', TIMED))
+
+
+CASE = Path(__file__).resolve().parents[3] / "shared" / "cases" / "float_metres.usdc"
+
+
+@pytest.mark.skipif(not CASE.is_file(), reason="the file is not beside this checkout")
+def test_metres_may_be_float_for_double():
+    """A file in which a number has another type than the schema's, as some exporters write it."""
+    from pxr import Usd
+
+    from clsim.scene.usd_stage import Stage
+
+    told = Usd.Stage.Open(str(CASE)).GetMetadata("metersPerUnit")
+    assert Stage(CASE, print).metres == pytest.approx(told)
+    assert load_world(CASE).instances
+
+
+def test_copies_within_copies(tmp_path):
+    """Two rows of three boxes 4 apart, 10 above each other; an instancer may itself be what is copied."""
+    inner = """def PointInstancer "inner" {
+        point3f[] positions = [(-4, 0, 0), (0, 0, 0), (4, 0, 0)]
+        int[] protoIndices = [0, 0, 0]
+        rel prototypes = </outer/PLACE/box>
+        def Cube "box" { double size = 1 } }"""
+    outer = """def PointInstancer "outer" {
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        int[] protoIndices = [0, 0]
+        rel prototypes = </outer/TARGET>
+        BODY }"""
+    for target, place in (("row", "row/inner"), ("inner", "inner")):
+        part = inner.replace("PLACE", place)
+        body = part if target == "inner" else f'def Xform "row" {{ {part} }}'
+        text = outer.replace("TARGET", target).replace("BODY", body)
+        world = load_world(usda(tmp_path, text, METRES, f"{target}.usda"))
+        found = sorted(tuple(each.motion.pose(0.0)[:3, 3].tolist()) for each in world.instances)
+        assert found == [(x, y, 0.0) for x in (-4.0, 0.0, 4.0) for y in (0.0, 10.0)]
+        assert not world.warnings
+
+
+def test_copies_that_hold_themselves_end(tmp_path):
+    text = """def PointInstancer "outer" {
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        int[] protoIndices = [0, 0]
+        rel prototypes = </outer/row>
+        def Xform "row" { def PointInstancer "again" {
+            point3f[] positions = [(1, 0, 0)]
+            int[] protoIndices = [0]
+            rel prototypes = </outer/row> }
+            def Cube "box" {} } }"""
+    world = load_world(usda(tmp_path, text))
+    assert any("levels deep" in warning for warning in world.warnings) and len(world.instances) < 20
 
 
 def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
@@ -337,3 +399,19 @@ def test_what_is_missing_or_hidden_is_not_there(tmp_path):
     world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
     assert [instance.name for instance in world.instances] == ["square"]
     assert any("nowhere.usda" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('def Mesh "bare" {}', "bare has no faces that can be shown"),
+        (mesh('token visibility = "invisible"'), "square is hidden, or a guide or a proxy"),
+        (mesh('uniform token purpose = "guide"'), "square is hidden, or a guide or a proxy"),
+        ('def Points "dust" { point3f[] points = [(0, 0, 0)] }', "Points is left out (first dust)"),
+        ('def Scope "nothing" {}', "expected a mesh"),
+    ],
+)
+def test_files_without_triangles_say_why(tmp_path, text, why):
+    with pytest.raises(InputError) as caught:
+        load_world(usda(tmp_path, text))
+    assert "has no triangles" in str(caught.value) and why in str(caught.value) and "\n" not in str(caught.value)
