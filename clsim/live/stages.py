@@ -196,6 +196,7 @@ def plan_stages(
         light_cache=point.sampling == "cached",
         stored_paths=point.stored_paths,
         follow_every=point.follow_every,
+        lights_set=lights_set,
         light_hz=None if options.time == "fixed" else BASE_FPS,
         fires_at=detector.fires_at if ideal and point.sampling == "cached" and options.time == "fixed" else None,
         fps=fps,

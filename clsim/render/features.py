@@ -213,11 +213,13 @@ def view_features(
     first_hits: bool = False,
     light_cache: bool = False,
     requests: bool = False,
+    lights_set: bool = False,
     replay: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
     lamp_light = first_hits and lamps_apart(scene, strategy)
-    about_kept_light = {name: getattr(scene, name) and light_cache for name in ("light_changes", "deforms")}
+    changes = light_cache and (scene.light_changes or lights_set)
+    about_kept_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(
         # Of how many lamps there are, other kernels know nothing, and are the same ones.
         **(vars(scene) | {"few_lamps": lamp_light} | about_kept_light),

@@ -87,6 +87,8 @@ class RenderOptions:
     """Where more than the camera moves: paths stored in a cell of light, traced again where what they met has moved."""
     follow_every: int = 4
     """Frames in which each of these is traced again once, in turn, where lamps move; in between it changes steadily."""
+    lights_set: bool = False
+    """Whether lights are set from outside: light that is kept follows them then, where nothing else moves too."""
     light_hz: float | None = None
     """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
 
@@ -181,6 +183,7 @@ class RenderOptions:
             first_hits,
             self.light_cache,
             requests,
+            self.lights_set,
             replay,
         )
 

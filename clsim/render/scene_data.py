@@ -212,7 +212,7 @@ class SceneData:
             from clsim.render.stored_paths import build_storing
 
             kernels.append(build_updates().open_cells)
-            if not light_stands_still(self.world):
+            if options.lights_set or not light_stands_still(self.world):
                 kernels.append(build_storing().choose_paths)
                 replay = options.features(self.features, self.world.camera, replay=True)
                 kernels.insert(1, build_kernel(replay, self.tree))

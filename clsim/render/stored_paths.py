@@ -194,10 +194,10 @@ def _told(cell: Followed, light: wp.vec3, count: float, joining: bool) -> Follow
     after.count = count
     for c in range(3):
         base = cell.base_last[c]
-        if joining:
+        if joining and cell.count_last == 0.0:
             base = light[c]
-            if cell.count_last > 0.0 and cell.last[c] > 0.0:
-                base = cell.base_last[c] * light[c] / cell.last[c]
+        elif joining and cell.last[c] > 0.0:
+            base = cell.base_last[c] * light[c] / cell.last[c]
         after.base[c] = base
         if base > 0.0:
             after.factor[c] = wp.min(light[c] / base, _MOST)

@@ -131,7 +131,7 @@ class View:
                 from clsim.render.light_keeper import LightKeeper, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
-                store = None if data.still else self._path_store(options, camera)
+                store = self._path_store(options, camera) if features.anchored else None
                 self._steerer = LightKeeper(
                     *size, effort, sight, options.light_hz, event, options.look_again, store, self._device
                 )

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import clsim
-from clsim.errors import InputError
 from clsim.events.files import open_source
 from clsim.live import session as live_session
 from clsim.live.options import LiveOptions
@@ -150,7 +149,7 @@ def test_of_a_real_sensor_noise_is_told_as_ideal_pixels_have_it(monkeypatch: pyt
     assert real["noise_share"] is ideal["ideal_noise_share"] is None
 
 
-def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:
+def test_a_quality_keeps_light_in_every_driver() -> None:
     """With the bits of a run that asks for it, unless a setting goes without it."""
     asked = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=6)
     assert len(asked) > 0
@@ -160,14 +159,7 @@ def test_a_quality_keeps_light_where_it_stands_still_in_every_driver() -> None:
     others = ({"sampling": "adaptive"}, {"method": "irradiance"}, {"noise": "independent"}, {"quality": "exact"})
     kept = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
     assert kept == [True, False, False, False, False]
-    assert not plan_stages(LiveOptions("moving-light")).render.light_cache
-
-
-def test_light_is_not_kept_where_a_lamp_moves() -> None:
-    with pytest.raises(
-        InputError, match="nothing but the camera moves and no light changes, but in moving-light more does"
-    ):
-        events_of("moving-light", sampling="cached", quality="balanced")
+    assert plan_stages(LiveOptions("moving-light")).render.light_cache
 
 
 @pytest.mark.parametrize("quality", ["draft", "accurate"])

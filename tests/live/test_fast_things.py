@@ -51,7 +51,6 @@ def test_fast_things_are_followed_between_frames_and_slow_ones_are_not(quality):
         {"confidence": 1.0},
         {"noise": "independent"},
         {"event_rule": "frame"},
-        {"sampling": "in-turn"},
         {"fps": 2 * FPS},
     ],
     ids=str,

@@ -140,14 +140,19 @@ def test_light_cannot_be_set_while_time_is_adaptive():
 
 
 def test_where_lamps_move_frames_are_as_many_as_without_and_it_is_told():
-    """First-hit rays between frames know nothing of a lamp's way; whole paths do."""
-    moving, whole, still = (
-        plan_stages(LiveOptions(scene, time="adaptive", quality=quality))
-        for scene, quality in (("moving-light", "balanced"), ("moving-light", "exact"), ("two-boxes", "balanced"))
+    """Light found anew knows nothing of a lamp's way between frames; kept light and whole paths do."""
+    moving, kept, whole, still = (
+        plan_stages(LiveOptions(scene, time="adaptive", **given))
+        for scene, given in (
+            ("moving-light", {"sampling": "adaptive"}),
+            ("moving-light", {}),
+            ("moving-light", {"quality": "exact"}),
+            ("two-boxes", {}),
+        )
     )
-    assert (moving.fps, whole.fps, still.fps) == (120.0, 120.0, 30.0)
+    assert (moving.fps, kept.fps, whole.fps, still.fps) == (120.0, 120.0, 120.0, 30.0)
     assert ["lamps move in moving-light" in told for told in moving.warnings] == [True]
-    assert whole.warnings == still.warnings == ()
+    assert kept.warnings == whole.warnings == still.warnings == ()
     assert plan_stages(LiveOptions("moving-light", time="adaptive", fps=60.0)).fps == 60.0
 
 

@@ -353,7 +353,7 @@ def test_the_build_is_described():
     lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "lens distortion"]
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "light kept on surfaces"]
     sampling += [
-        "paths kept and traced again in turn",
+        "stored paths that follow the light",
         "light of coats kept apart",
         "light straight from lamps in closed form",
     ]

@@ -107,7 +107,7 @@ def test_darkness_is_dark_whatever_was_kept_before(tmp_path: Path) -> None:
             pictures.append(run.frame().planes[:3])
     lit, dark, twice = pictures
     assert lit.max() > 0.1 and dark.max() == 0
-    np.testing.assert_allclose(twice, 2 * lit, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(twice, 2 * lit, rtol=2e-3, atol=1e-6)
 
 
 @pytest.mark.slow

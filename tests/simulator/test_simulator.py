@@ -59,20 +59,6 @@ def test_where_a_live_run_chooses_by_the_scene_so_does_a_simulator(scene: str, o
         assert run.step(round((FRAMES - 1) * 1e6 / FPS)).tobytes() == expected.tobytes()
 
 
-def test_a_camera_that_is_set_chooses_other_settings_than_one_that_stands_still() -> None:
-    with simulator("cornell", quality="accurate") as run:
-        run.step(0)
-        assert run._eye.stages.options.sampling == "in-turn"
-    with simulator("cornell", quality="accurate") as run:
-        run.set_camera(run.pose("camera"), 0)
-        run.step(0)
-        assert run._eye.stages.options.sampling != "in-turn"
-    with simulator("cornell", quality="accurate") as run:
-        run.set_light(next(iter(run._driving.shining())), (1.0, 1.0, 1.0))
-        run.step(0)
-        assert run._eye.stages.options.sampling != "in-turn"
-
-
 def test_no_thread_is_needed_nor_left() -> None:
     before = set(threading.enumerate())
     with simulator("two-boxes", threads=1) as run:
