@@ -20,7 +20,7 @@ from clsim.sensor.statistics import Statistics, distances, statistics
 from tools.real.page import Compared, page
 from tools.real.scene import Look, Texture
 from tools.real.streams import Taken, at_rate, camera, v2e
-from tools.real.two_samples import accuracy, features
+from tools.real.two_samples import OF_CAMERAS, FloatArray, accuracy, features
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,7 @@ def compare(case: Case, folder: Path) -> Compared:
     """Return what a recording and its simulated streams are like."""
     with open_source(folder / case.file) as source:
         real = np.concatenate([empty_batch(0), *(batch.copy() for batch in source)])
+    real = real[np.lexsort((real["x"], real["y"], real["t"]))]
     size, seconds = case.size, float(real["t"][-1] - real["t"][0]) * 1e-6
     texture = Texture(case.look, *size)
     preset = load_sensor(case.preset)
@@ -63,7 +64,7 @@ def compare(case: Case, folder: Path) -> Compared:
         "v2e": v2e(texture, size, seconds),
     }
     of_real = features(real)
-    found: dict[str, tuple[Taken, Statistics, dict[str, object], float]] = {}
+    found: dict[str, tuple[Taken, Statistics, dict[str, object], tuple[float, float]]] = {}
     speed = case.speed
     for name, run in runs.items():
         begun = time.monotonic()
@@ -71,7 +72,7 @@ def compare(case: Case, folder: Path) -> Compared:
         if name != "v2e":
             speed = taken.speed
         own = statistics(taken.events, *size)
-        told = accuracy(features(taken.events), of_real)
+        told = both(features(taken.events), of_real)
         found[name] = taken, own, distances(own, statistics(real, *size)), told
         took = time.monotonic() - begun
         print(f"{case.file} {name}: {len(taken.events)} of {len(real)} events, {took:.0f} s", file=sys.stderr)
@@ -80,10 +81,15 @@ def compare(case: Case, folder: Path) -> Compared:
     )
 
 
-def halves(events: EventBatch) -> float:
+def both(one: FloatArray, other: FloatArray) -> tuple[float, float]:
+    """Return how well the line tells two sets of patches apart: by all features, and by those of cameras alone."""
+    return accuracy(one, other), accuracy(one[:, -len(OF_CAMERAS) :], other[:, -len(OF_CAMERAS) :])
+
+
+def halves(events: EventBatch) -> tuple[float, float]:
     """Return how well the line tells a recording's first half from its second: what it can tell of nothing."""
     middle = events["t"][0] + (events["t"][-1] - events["t"][0]) // 2
-    return accuracy(features(events[events["t"] < middle]), features(events[events["t"] >= middle]))
+    return both(features(events[events["t"] < middle]), features(events[events["t"] >= middle]))
 
 
 def main() -> None:

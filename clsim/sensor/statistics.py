@@ -42,6 +42,8 @@ class Statistics:
         shared_time: share of events whose time [µs] another event has too.
         row_mates: of neighbours in the stream that lie in one row, the share that have one and the same time.
         column_mates: the same for columns.
+        one_row: of events next to each other by time and row that have one time, the share that lie in one row.
+        one_column: the same by time and column, for columns.
         opposite_next: share of a pixel's events that have the other polarity than the one before.
         lonely: share of events before which none of the eight neighbours fired for 5 ms.
         hottest: share of events that the busiest hundredth of the pixels that fire have, at least one pixel.
@@ -58,6 +60,8 @@ class Statistics:
     shared_time: float | None
     row_mates: float | None
     column_mates: float | None
+    one_row: float | None
+    one_column: float | None
     opposite_next: float | None
     lonely: float | None
     hottest: float | None
@@ -98,6 +102,8 @@ def statistics(events: EventBatch, width: int | None = None, height: int | None 
         shared_time=_share(np.append(at_once, False) | np.insert(at_once, 0, False)) if count else None,
         row_mates=_share(at_once[np.diff(events["y"].astype(np.int64)) == 0]),
         column_mates=_share(at_once[np.diff(events["x"].astype(np.int64)) == 0]),
+        one_row=_of_one_line(t, events["y"]),
+        one_column=_of_one_line(t, events["x"]),
         opposite_next=_share(flips),
         lonely=_lonely(events),
         hottest=_hottest(fired),
@@ -106,6 +112,11 @@ def statistics(events: EventBatch, width: int | None = None, height: int | None 
 
 def _share(flags: npt.NDArray[Any]) -> float | None:
     return float(flags.mean()) if len(flags) else None
+
+
+def _of_one_line(t: npt.NDArray[np.int64], lines: npt.NDArray[np.uint16]) -> float | None:
+    order = np.lexsort((lines, t))
+    return _share((np.diff(lines[order].astype(np.int64)) == 0)[np.diff(t[order]) == 0])
 
 
 def _hottest(fired: npt.NDArray[np.int64]) -> float | None:
@@ -151,8 +162,8 @@ def read_statistics(
 _TIMES = ("events_per_s", "events_per_pixel_s", "interval_us")
 """What differs by a factor; all else are shares."""
 _COMPARED = (
-    *_TIMES, "active_share", "on_share", "shared_time", "row_mates", "column_mates", "opposite_next", "lonely",
-    "hottest",
+    *_TIMES, "active_share", "on_share", "shared_time", "row_mates", "column_mates", "one_row", "one_column",
+    "opposite_next", "lonely", "hottest",
 )  # fmt: skip
 
 

@@ -51,6 +51,17 @@ def test_times_that_events_share():
     assert statistics(stream((0, 0, 0, True), (0, 9, 9, True), (1, 0, 0, True))).row_mates is None
 
 
+def test_events_of_one_time_lie_in_one_row_or_not():
+    # At 0: two of row 1 and one of row 2; two of column 4 and one of column 3.
+    assert statistics(HANDMADE).one_row == statistics(HANDMADE).one_column == 0.5
+    assert statistics(HANDMADE[[0, 2, 1]]).one_row == 0.5  # whatever the order of the stream
+    row = stream(*((k // 4, k, 1, True) for k in range(8)))
+    column = stream(*((k // 4, 1, k, True) for k in range(8)))
+    assert (statistics(row).one_row, statistics(row).one_column) == (1, 0)
+    assert (statistics(column).one_row, statistics(column).one_column) == (0, 1)
+    assert statistics(HANDMADE[3:]).one_row is None
+
+
 @pytest.mark.parametrize("dy", (-1, 0, 1))
 @pytest.mark.parametrize("dx", (-1, 0, 1))
 def test_an_event_is_lonely_unless_a_neighbour_fired_lately(dx, dy):

@@ -31,19 +31,31 @@ class Look:
     brighter: float = 0.0
 
 
+LAYERS = ((0.4, 0.5), (1.0, 1.0), (2.2, 0.7))
+"""Parts of what moves: how fast each goes, and how strong its contrast is, over the scene's."""
+
+
 class Texture:
-    """Dark and bright patches with soft edges, in those parts of the picture where something moves."""
+    """Dark and bright patches with soft edges, in those parts of the picture where something moves, at three speeds."""
 
     def __init__(self, look: Look, width: int, height: int, seed: int = 0) -> None:
         """Draw it; it repeats after the picture's size."""
         random = np.random.default_rng(seed)
-        noise = ndimage.gaussian_filter(random.normal(size=(height, width)), look.patch_px, mode="wrap")
+
+        def cloud(size_px: float) -> FloatArray:
+            found = ndimage.gaussian_filter(random.normal(size=(height, width)), size_px, mode="wrap")
+            return np.asarray(found / found.std())
+
+        noise = cloud(look.patch_px)
         patches = np.where(noise > np.quantile(noise, 0.5 - 0.5 * look.brighter), 0.5, -0.5)
-        fine = ndimage.gaussian_filter(random.normal(size=(height, width)), 1.0, mode="wrap")
-        texture = look.contrast * (patches + 0.02 * fine / fine.std())
+        # Patches of any strength, and a little structure in them.
+        texture = look.contrast * (
+            patches * np.clip(0.6 + 0.4 * cloud(2 * look.patch_px), 0.1, 1.5) + 0.02 * cloud(1.0)
+        )
         self._texture = ndimage.gaussian_filter(texture, 0.7, mode="wrap")
-        places = ndimage.gaussian_filter(random.normal(size=(height, width)), 25.0, mode="wrap")
-        self._active = places > np.quantile(places, 1 - look.active)
+        places, of_layer = cloud(25.0), cloud(25.0)
+        self._layer = np.searchsorted(np.quantile(of_layer, (1 / 3, 2 / 3)), of_layer)
+        self._layer[places <= np.quantile(places, 1 - look.active)] = -1
 
     @property
     def brightest(self) -> float:
@@ -52,11 +64,18 @@ class Texture:
 
     def at(self, moved_px: float) -> FloatArray:
         """Return the levels where the texture has moved so far, ``[height, width]``."""
-        # A line between whole pixels along the drift, which leaves less blur than a pixel's own aperture.
+        levels = np.zeros_like(self._texture)
+        for layer, (pace, strength) in enumerate(LAYERS):
+            here = self._layer == layer
+            levels[here] = strength * self._moved(moved_px * pace)[here]
+        return levels
+
+    def _moved(self, by_px: float) -> FloatArray:
+        # A line between whole pixels, which leaves less blur than a pixel's own aperture.
         picture = self._texture
         for axis, share in ((1, DIRECTION[0]), (0, DIRECTION[1])):
-            whole = int(np.floor(moved_px * share))
-            part = moved_px * share - whole
+            whole = int(np.floor(by_px * share))
+            part = by_px * share - whole
             near = np.roll(picture, whole, axis)
             picture = (1 - part) * near + part * np.roll(near, 1, axis)
-        return np.where(self._active, picture, 0.0)
+        return picture

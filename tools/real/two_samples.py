@@ -9,10 +9,15 @@ from clsim.events import EventBatch
 from clsim.sensor.statistics import statistics
 
 PATCH_US, PATCH_PX, LEAST_EVENTS = 5000, 64, 60
-FEATURES = (
-    "log of events", "log of active pixels", "share of ON", "log of the interval: 1, 50, 99 %", "shared times",
-    "row-mates", "column-mates", "next of opposite sign", "lonely", "hottest",
+OF_SCENES = (
+    "log of events", "log of active pixels", "share of ON", "log of the interval, 50 %", "log of the interval, 99 %",
+    "next of opposite sign", "hottest",
 )  # fmt: skip
+OF_CAMERAS = (
+    "log of the interval, 1 %", "shared times", "row-mates", "column-mates", "of one time, in one row",
+    "of one time, in one column", "lonely",
+)  # fmt: skip
+"""Features, those that cameras decide more than scenes last."""
 _RIDGE, _FOLDS = 1e-2, 5
 FloatArray = npt.NDArray[np.float64]
 
@@ -27,18 +32,11 @@ def features(events: EventBatch) -> FloatArray:
         if len(part) < LEAST_EVENTS:
             continue
         s = statistics(part)
-        times = (0.0, 0.0, 0.0) if s.interval_us is None else np.log10(np.maximum(s.interval_us, 1.0))
-        shares = (s.shared_time, s.row_mates, s.column_mates, s.opposite_next, s.lonely, s.hottest)
-        rows.append(
-            [
-                np.log10(s.events),
-                np.log10(s.active_pixels),
-                s.on_share,
-                *times,
-                *(0.0 if x is None else x for x in shares),
-            ]
-        )
-    return np.array(rows, np.float64).reshape(-1, len(FEATURES) + 2)
+        low, middle, high = (0, 0, 0) if s.interval_us is None else np.log10(np.maximum(s.interval_us, 1.0))
+        of_scene = np.log10(s.events), np.log10(s.active_pixels), s.on_share, middle, high, s.opposite_next, s.hottest
+        of_camera = low, s.shared_time, s.row_mates, s.column_mates, s.one_row, s.one_column, s.lonely
+        rows.append([0.0 if number is None else number for number in (*of_scene, *of_camera)])
+    return np.array(rows, np.float64).reshape(-1, len(OF_SCENES) + len(OF_CAMERAS))
 
 
 def accuracy(one: FloatArray, other: FloatArray, seed: int = 0) -> float:
