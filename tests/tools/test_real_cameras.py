@@ -1,6 +1,7 @@
 """What docs/real-cameras.md is made with: a drifting texture, v2e's equations, the search for a rate, and the line."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -92,6 +93,8 @@ def test_the_page_has_each_recording_with_its_models_and_the_nearest_in_bold():
     assert "## Camera: a.raw" in text and "# 7 minutes" in text and "| near | far |" in text
     row = next(line for line in text.splitlines() if line.startswith("| a.raw | of one time, in one row |"))
     assert row.split("|")[3].strip().startswith("**") and not row.split("|")[4].strip().startswith("**")
+    near_in, far_in = map(int, re.search(r"near in (\d), far in (\d), of 6 rows", text).groups())
+    assert near_in >= 5 > 3 > far_in and near_in + far_in >= 6
     assert "| a.raw | cameras' | 0.40 | 0.70 | 0.70 |" in text
 
 

@@ -77,10 +77,16 @@ def _summary(compared: Sequence[Compared]) -> str:
         "## How far from the recording\n\nDifferences of shares that a camera decides more than a scene; the nearest"
         " is bold.\n\n"
         + _table(["recording", "statistic", *models], rows)
+        + _nearest(rows, models)
         + "\nHow often the line tells a patch of a stream from a patch of the recording; .5 is by chance. *Halves*: the"
         " recording's first half from its second, which it should not tell either.\n\n"
         + _table(["recording", "features", "halves", *models], told)
     )
+
+
+def _nearest(rows: Sequence[Sequence[str]], models: Sequence[str]) -> str:
+    counts = (f"{name} in {sum(row[2 + k].startswith('**') for row in rows)}" for k, name in enumerate(models))
+    return f"\nNearest, ties for each: {', '.join(counts)}, of {len(rows)} rows.\n"
 
 
 def _far(far: float | None, known: Sequence[float]) -> str:
@@ -122,7 +128,8 @@ streams of the same number of events in the same time: of the ideal pixel, of th
 published equations, with the defaults of its command line, and a frame for each pixel of motion).
 
 *Read this first.* The scene is not theirs: a texture of dark and bright patches drifts in a part of the picture, before
-pixels at some 100 lux. Its speed is sought so that as many events come out. How fast light changes, how much of it
+pixels at some 100 lux. Its speed is sought so that as many events come out; where a model fires less at any speed, its
+row of events says so. How fast light changes, how much of it
 rises and where it does, scenes decide and not cameras: rows in plain letters tell that. Rows in **bold** letters a
 camera decides more than its scene. Numbers of the presets were partly read of these same recordings (`[sources]` says
 which): that they fit them is no proof that they fit another camera's, or one with other biases.
