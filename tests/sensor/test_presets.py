@@ -1,7 +1,7 @@
 """Sensors by name and from files: what each says, where it is from, and what is refused."""
 
 import math
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -12,6 +12,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
 from clsim.sensor.lab import Lab
+from clsim.sensor.stage import Context
 
 CAMERAS = {
     "atis": (304, 240),
@@ -134,6 +135,16 @@ def written(folder, text, name="mine.toml"):
     file = folder / name
     file.write_text(text)
     return str(file)
+
+
+def test_one_rate_of_noise_over_a_base_with_several_holds_in_all_light(tmp_path):
+    noise = load_sensor(written(tmp_path, 'base = "davis346"\n[noise]\non_hz = 0.5\n')).noise
+    assert noise.on_hz == (0.5,) and len(noise.off_hz) == len(noise.lux) == 3
+    constants = noise.constants(Context(0.2, 0.2, 100.0))
+    assert constants["RATE_ON"] == (0.5, 0.5, 0.5) and constants["RATE_OFF"] == noise.off_hz
+    assert constants["RATE_MOST"] == 0.5 + max(noise.off_hz)
+    with pytest.raises(InputError, match="`off_hz` has 2 numbers, expected 3"):
+        replace(noise, off_hz=(1.0, 2.0))
 
 
 def test_a_file_says_what_differs_from_its_base(tmp_path):
