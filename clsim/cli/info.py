@@ -17,6 +17,7 @@ from clsim.errors import InputError
 
 if TYPE_CHECKING:
     from clsim.scene import World
+    from clsim.sensor.statistics import Statistics
 
 _PICTURE_SIDE, _PICTURE_SPP = 64, 64
 _LABELS = {"built in": "compiled", "left out": "not needed here, so not compiled:"}
@@ -28,14 +29,22 @@ def info(
         str,
         typer.Argument(help="A bundled scene, a scene file, EXR frames, a video or pictures, an event file or folder."),
     ],
+    statistics: Annotated[
+        bool, typer.Option("--statistics", help="Of a recording: intervals, shared times, lonely events and more.")
+    ] = False,
+    against: Annotated[
+        str | None, typer.Option(metavar="RECORDING", help="How far its statistics are from those of this one.")
+    ] = None,
     as_json: JSON = False,
     strict: STRICT_ORDER = False,
 ) -> None:
     """Describe a scene and what of the renderer is compiled for it, frames and their features, video, or events.
 
-    Example: `clsim info two-boxes`
+    Examples: `clsim info two-boxes`, `clsim info run.aedat4 --statistics --against real.raw`
     """
     facts = _facts(what, strict)
+    if statistics or against is not None:
+        facts |= _statistics(what, facts, against)
     if as_json:
         typer.echo(json.dumps(facts))
         return
@@ -181,6 +190,36 @@ def _events(what: str, form: str, strict: bool) -> dict[str, Any]:
         "moved_events": source.moved_events,
         "dropped_events": source.dropped_events,
     }
+
+
+def _statistics(what: str, facts: dict[str, Any], against: str | None) -> dict[str, Any]:
+    """Return the statistics of a recording, and how far they are from those of another one."""
+    from clsim.sensor.statistics import distances
+
+    option = "--statistics" if against is None else "--against"
+    if "events" not in facts:
+        raise InputError(f"{option} is for recordings of events, and {what} is none")
+    own = _statistics_of(what, facts["events"])
+    if against is None:
+        return {"statistics": own.as_dict()}
+    others = _facts(against)
+    if "events" not in others:
+        raise InputError(f"--against {against}: is no recording of events")
+    other = _statistics_of(against, others["events"])
+    apart = distances(own, other)
+    return {"statistics": own.as_dict(), "against": other.as_dict(), "distances": apart}
+
+
+def _statistics_of(what: str, facts: dict[str, Any]) -> Statistics:
+    from clsim.events.files import open_source
+    from clsim.sensor.statistics import MOST_EVENTS, read_statistics
+
+    width, height = facts["resolution"] or (None, None)
+    with open_source(what) as source:
+        found, more = read_statistics(source, width, height)
+    if more:
+        typer.echo(f"clsim: {what}: statistics are of its first {MOST_EVENTS} events", err=True)
+    return found
 
 
 def _text(value: Any) -> str:

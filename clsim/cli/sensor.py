@@ -22,20 +22,24 @@ sensor = typer.Typer(help="Look at simulated cameras, and fit one to recordings.
 
 @sensor.command()
 def plot(
-    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A preset, such as davis346, or a .toml file.")],
+    names: Annotated[
+        list[str], typer.Argument(metavar="NAME|FILE…", help="Presets, such as davis346, or .toml files; up to eight.")
+    ],
     out: Annotated[Path, typer.Option(help="The picture, as PNG.")],
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
 ) -> None:
     """Draw what a camera is like: noise, bandwidth and latency against light, thresholds, response to contrast.
 
-    All but the bandwidth is measured of simulated pixels. Needs the [plot] extra.
+    Several are drawn over each other, with what their readouts let through. All but the bandwidth is measured of
+    simulated pixels. Needs the [plot] extra.
 
-    Example: `clsim sensor plot davis346 --out davis346.png`
+    Examples: `clsim sensor plot davis346 --out davis346.png`,
+    `clsim sensor plot davis346 dvxplorer gen4.1 --out three.png`
     """
-    from clsim.cli.sensor_plot import plot_sensor
+    from clsim.cli.sensor_plot import plot_sensors
 
     _check_ending(out, ".png")
-    plot_sensor(_load(name, "sensor plot"), out, seed)
+    plot_sensors([_load(name, "sensor plot") for name in names], out, seed)
     typer.echo(out)
 
 

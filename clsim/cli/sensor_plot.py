@@ -1,8 +1,8 @@
-"""A sensor drawn: what a user wants to know of it before choosing it."""
+"""Sensors drawn: what a user wants to know of them before choosing one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -17,19 +17,36 @@ _ON, _OFF, _LINE = "#0072B2", "#D55E00", "#333333"
 """Blue, vermilion of Okabe and Ito, which colour-blind people tell apart; and a dark grey."""
 _LUX = np.logspace(-2, 4, 25)
 _WATCHED_LUX = np.logspace(-2, 4, 19)
+_ASKED_PER_S = np.logspace(5, 8.5, 15)
 _LONGEST_LISTED = 24
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
+"""Of Okabe and Ito, and a grey: one a camera."""
 
 
-def plot_sensor(settings: SensorSettings, file: str | Path, seed: int = 0) -> None:
-    """Draw noise, bandwidth and latency against light, thresholds, responses to contrast, and the numbers, into a PNG.
+def plot_sensors(sensors: Sequence[SensorSettings], file: str | Path, seed: int = 0) -> None:
+    """Draw one sensor with its numbers, or several over each other, into a PNG.
 
     Raises:
-        InputError: matplotlib is not installed, or the file cannot be written.
+        InputError: matplotlib is not installed, there are more sensors than colours, or the file cannot be written.
     """
+    if len(sensors) > len(_COLOURS):
+        raise InputError(f"cannot tell more than {len(_COLOURS)} sensors apart in one picture, got {len(sensors)}")
     figure = new_figure("a sensor", 15, 8)
     if not Path(file).absolute().parent.is_dir():
         # Told before the seconds that measuring takes.
         raise InputError(f"cannot write {file}: there is no folder {Path(file).parent}")
+    if len(sensors) == 1:
+        _draw_one(figure, sensors[0], seed)
+    else:
+        _draw_over_each_other(figure, sensors, seed)
+    try:
+        figure.savefig(file, format="png", dpi=100)
+    except OSError as error:
+        raise InputError(f"cannot write {file}: {error.strerror}") from None
+
+
+def _draw_one(figure: Any, settings: SensorSettings, seed: int) -> None:
+    """Draw noise, bandwidth and latency against light, thresholds, responses to contrast, and the numbers."""
     draw: tuple[Callable[[Any, SensorSettings, int], None], ...] = (
         _draw_noise,
         _draw_bandwidth,
@@ -41,10 +58,40 @@ def plot_sensor(settings: SensorSettings, file: str | Path, seed: int = 0) -> No
     for panel, each in zip(figure.subplots(2, 3).flat, draw, strict=True):
         each(panel, settings, seed)
     figure.suptitle(settings.name, fontsize=14)
-    try:
-        figure.savefig(file, format="png", dpi=100)
-    except OSError as error:
-        raise InputError(f"cannot write {file}: {error.strerror}") from None
+
+
+def _draw_over_each_other(figure: Any, sensors: Sequence[SensorSettings], seed: int) -> None:
+    """Draw the same of several sensors, ON in full lines and OFF in broken ones; and what readouts let through."""
+    noise, bandwidth, latency, thresholds, responses, readout = figure.subplots(2, 3).flat
+    _axes(noise, "Noise of a pixel, none of the hot ones", "illuminance [lux]", "events [1/s]", light=True)
+    _axes(bandwidth, "Bandwidth", "illuminance [lux]", "−3 dB [Hz]", light=True)
+    _axes(latency, "Time to the first event, half of the pixels", "illuminance before [lux]", "[µs]", light=True)
+    _axes(thresholds, "Contrast thresholds of pixels", "[natural-log units]", "pixels below [%]")
+    title = f"Pixels that fire within 10 ms of a step, at {characteristics.BRIGHT_LUX:g} lux"
+    _axes(responses, title, "contrast [natural-log units]", "[%]")
+    _axes(readout, "Readout: pixels ask at random times", "asked for [events/s]", "read [events/s]")
+    for settings, colour in zip(sensors, _COLOURS, strict=False):
+        rates = characteristics.noise_rates(settings, _WATCHED_LUX, seed)
+        latencies = characteristics.step_latencies(settings, _LUX, seed)
+        found = characteristics.thresholds(settings, seed=seed)
+        shares = characteristics.step_responses(settings, seed)
+        for style, hz, late_s, of_pixels, share in (
+            ("-", rates.on_hz, latencies.on_s, found[0], shares.on),
+            ("--", rates.off_hz, latencies.off_s, found[1], shares.off),
+        ):
+            line = {"color": colour, "linestyle": style, "linewidth": 1.2}
+            noise.plot(rates.lux, np.where(hz > 0, hz, np.nan), **line)
+            latency.plot(latencies.lux, late_s[1] * 1e6, **line)
+            thresholds.plot(np.sort(of_pixels), np.linspace(0, 100, len(of_pixels)), **line)
+            responses.plot(shares.steps, 100 * share, **line)
+        hz = characteristics.bandwidth_hz(settings.front_end, _LUX)
+        bandwidth.plot(_LUX, np.where(np.isinf(hz), np.nan, hz), color=colour)
+        read = characteristics.read_rates(settings, _ASKED_PER_S, seed)
+        readout.plot(_ASKED_PER_S, read, color=colour, label=settings.name)
+    for panel in (noise, bandwidth, latency, readout):
+        panel.set_yscale("log")
+    readout.set_xscale("log")
+    readout.legend(frameon=False, title="ON: full lines, OFF: broken ones")
 
 
 def _axes(panel: Any, title: str, x: str, y: str, *, light: bool = False) -> None:
@@ -123,7 +170,7 @@ def _write_numbers(panel: Any, settings: SensorSettings, seed: int) -> None:
     lines, marked = _numbers(settings)
     if marked:
         lines.append("")
-        lines.append("* clsim's default, not measured of this camera")
+        lines.append("* a guess, or another camera's")
     panel.text(0, 1, "\n".join(lines), transform=panel.transAxes, va="top", family="monospace", fontsize=9)
 
 
@@ -145,12 +192,15 @@ def _numbers(settings: SensorSettings) -> tuple[list[str], bool]:
 
 
 def _is_default(settings: SensorSettings, source: str) -> bool:
-    """Whether a source, or what it is said to be like, is a default of clsim's."""
+    """Whether a source, or what it is said to be like, is none of this camera."""
     if source.startswith("as ") and source[3:] in settings.sources:
         return _is_default(settings, settings.sources[source[3:]])
-    return source.startswith("clsim's default")
+    return source.startswith(("guess", "shared"))
 
 
 def _short(value: Any) -> str:
-    text = ", ".join(f"{each:g}" for each in value) if isinstance(value, tuple) else f"{value:g}"
+    if isinstance(value, tuple):
+        text = ", ".join(f"{each:g}" for each in value)
+    else:
+        text = value if isinstance(value, str) else "yes" if value is True else f"{value:g}"
     return text if len(text) <= _LONGEST_LISTED else text[: _LONGEST_LISTED - 2] + " …"

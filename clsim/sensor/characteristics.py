@@ -1,6 +1,6 @@
 """What a sensor is, in curves as data sheets have them: measured of its pixels, in a lab of even light.
 
-A bus is left out: where all pixels fire at once, it alone would show.
+The readout is measured by itself, and left out of all else: where all pixels fire at once, it alone would show.
 """
 
 from __future__ import annotations
@@ -11,8 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from clsim.opencl.device import choose_device
+from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor.lab import Lab, thresholds_of, without
+from clsim.sensor.pixel import REQUEST
 from clsim.sensor.pixel_stages import FrontEnd
+from clsim.sensor.readout import Bus
 from clsim.sensor.settings import SensorSettings
 
 FloatArray = npt.NDArray[np.float64]
@@ -30,6 +34,9 @@ _STEP_US = 1
 _WAIT_US = 10_000
 _LONGEST_LATENCY_US = 10_000_000
 _RAMP_US = 100_000_000
+_REQUESTS, _ASKED_S = 100_000, 2e-3
+"""To a readout, at least so many, and for so long."""
+_UNNAMED_SIZE = (640, 480)
 
 
 @dataclass(frozen=True)
@@ -140,3 +147,26 @@ def step_responses(settings: SensorSettings, seed: int = 0) -> Responses:
             fired[events["y"], events["x"]] = True
         shares.append(fired.mean(axis=1))
     return Responses(steps, *shares)
+
+
+def read_rates(settings: SensorSettings, asked_per_s: FloatArray, seed: int = 0) -> FloatArray:
+    """Return how many events leave the chip [1/s] where so many are asked for by pixels all over it, at random times.
+
+    In a scene a chip is asked for less: pixels rest after each event.
+    """
+    width, height = settings.optics.width or _UNNAMED_SIZE[0], settings.optics.height or _UNNAMED_SIZE[1]
+    device = choose_device()
+    place = Workplace(device, Grid(width, height, device.lanes, np.float32), device.queue())
+    random = np.random.default_rng(seed)
+    found = []
+    for rate in asked_per_s:
+        count = max(_REQUESTS, round(_ASKED_S * rate))
+        end_ns = round(1e9 * count / rate)
+        asked = np.zeros(count, REQUEST)
+        asked["t"] = np.sort(random.integers(1, end_ns, count, endpoint=True))
+        asked["x"], asked["y"] = random.integers(0, width, count), random.integers(0, height, count)
+        read, _ = Bus(place, settings.readout).run(asked, end_ns)
+        # By then queues are as long as they will be, if they come to rest at all.
+        late = (read["t"] > end_ns // 2) & (read["t"] <= end_ns)
+        found.append(1e9 * np.count_nonzero(late) / (end_ns - end_ns // 2))
+    return np.array(found)

@@ -103,8 +103,8 @@ class Noise(Stage):
     """Background activity, in one of two ways: events at given rates, or the noise that brings them about.
 
     Attributes:
-        on_hz, off_hz: rate of noise events of each polarity, of a pixel that rests otherwise [1/s]; one number, or one
-            for each of ``lux``. Poisson.
+        on_hz, off_hz: rate of noise events of each polarity, of a pixel that rests otherwise [1/s]; one number for all
+            light, or one for each of ``lux``. Poisson.
         lux: illuminances to which the rates belong, rising; between them rates are linear in the log of light.
         spread_decades: standard deviation of log10 of the rates over the pixels.
         shot: standard deviation in the dark of noise in what the pixel compares [natural-log units]. It has the front
@@ -130,7 +130,7 @@ class Noise(Stage):
         wanted = max(1, len(self.lux))
         for name in ("on_hz", "off_hz"):
             count = len(getattr(self, name))
-            if count not in (0, wanted):
+            if count not in (0, 1, wanted):
                 raise InputError(f"`{name}` has {count} numbers, expected {wanted}, as many as `lux`")
         if list(self.lux) != sorted(set(self.lux)):
             raise InputError(f"`lux` must rise, got {', '.join(f'{each:g}' for each in self.lux)}")
@@ -143,7 +143,8 @@ class Noise(Stage):
     def constants(self, context: Context) -> Constants:
         """Rates in 1/s at levels."""
         levels = tuple(math.log(lux / context.lux) for lux in self.lux) or (0.0,)
-        on, off = (rates or (0.0,) * len(levels) for rates in (self.on_hz, self.off_hz))
+        # One number holds in all light.
+        on, off = (rates if len(rates) > 1 else (rates or (0.0,)) * len(levels) for rates in (self.on_hz, self.off_hz))
         most = max(map(sum, zip(on, off, strict=True)))
         return {
             "RATE_LEVEL": levels,

@@ -12,6 +12,8 @@ from clsim.sensor.settings import Readout
 
 Requests: TypeAlias = npt.NDArray[Any]
 """Events as pixels ask for them: t in ns, x, y, on, cause."""
+_WAITS = -2
+"""In place of a time, as sensor_readout.cl has it: of a request whose row's turn has not come."""
 
 
 class Pool:
@@ -39,11 +41,24 @@ class Bus:
     def __init__(self, place: Workplace[Grid], settings: Readout) -> None:
         """Build what is on."""
         self._place, self._settings = place, settings
-        self._serve = place.kernels("sensor_readout", ("serve",))[0] if settings.queues else None
+        layout = place.layout
+        columns_ns = round(1e3 * settings.column_us) * layout.width
+        self._scan_ns = max(round(1e3 * settings.scan_us), columns_ns)
+        self._rows: tuple[Buffer, ...] = ()
+        if not settings.queues:
+            self._serve = None
+        elif settings.arbiter == "rows":
+            self._serve = place.kernels("sensor_readout", ("serve_rows",))[0]
+            heads, tails, queue = (place.allocate((layout.height,), np.int32) for _ in range(3))
+            place.fill(heads, -1)
+            self._rows = place.allocate((layout.height * layout.width,), np.uint8), heads, tails, queue
+        else:
+            self._serve = place.kernels("sensor_readout", ("serve",))[0]
         self._state = place.allocate((2,), np.int64)
         place.write(self._state, np.array([0, -1]))
         self._buffers: tuple[Buffer, ...] = ()
-        self._waiting: Requests | None = None
+        self._for_scan: Requests | None = None
+        self._for_row: Requests | None = None
         self._period, self._passed = -1, 0
 
     def run(self, requests: Requests, end_ns: int) -> tuple[Requests, int]:
@@ -51,57 +66,92 @@ class Bus:
 
         Times may lie after ``end_ns``. Nothing that a later call brings comes before what this one returns.
         """
-        asked, settings = len(requests), self._settings
+        asked, settings = len(requests) + self._waiting, self._settings
         if settings.scan_us > 0:
-            requests, held = self._scanned(requests, end_ns)
-            asked -= held
-        if self._serve is not None and len(requests):
-            requests = self._served(requests)
+            requests = self._scanned(requests, end_ns)
+        if self._serve is not None:
+            requests = self._served_rows(requests, end_ns) if self._rows else self._served(requests)
         if settings.most_in_period is not None:
             requests = self._controlled(requests)
-        return requests, asked - len(requests)
+        return requests, asked - self._waiting - len(requests)
 
-    def _scanned(self, requests: Requests, end_ns: int) -> tuple[Requests, int]:
-        """Return the events of the scans up to ``end_ns``, and how many more wait now than before.
+    @property
+    def _waiting(self) -> int:
+        return sum(0 if each is None else len(each) for each in (self._for_scan, self._for_row))
 
-        All columns are held and read at multiples of the period: one event of a pixel a scan, the first.
+    def _scanned(self, requests: Requests, end_ns: int) -> Requests:
+        """Return the events of the scans up to ``end_ns``.
+
+        All columns are held at multiples of the period, and read one after the other from then on: one event of a pixel
+        a scan, the first.
         """
-        before = 0 if self._waiting is None else len(self._waiting)
-        if self._waiting is not None:
-            requests = np.concatenate([self._waiting, requests])
-        period = round(self._settings.scan_us * 1e3)
-        scans = -(-requests["t"] // period)
-        done = scans * period <= end_ns
-        self._waiting = requests[~done]
+        if self._for_scan is not None:
+            requests = np.concatenate([self._for_scan, requests])
+        scans = -(-requests["t"] // self._scan_ns)
+        done = scans * self._scan_ns <= end_ns
+        self._for_scan = requests[~done]
         requests, scans = requests[done], scans[done]
+        columns = self._place.layout.width - 1 - requests["x"].astype(np.int64)
         # By scan, column, row and then time: the first of each pixel stays.
-        order = np.lexsort((requests["t"], requests["y"], requests["x"], scans))
-        requests, scans = requests[order], scans[order]
+        order = np.lexsort((requests["t"], requests["y"], columns, scans))
+        requests, scans, columns = requests[order], scans[order], columns[order]
         again = np.zeros(len(requests), dtype=bool)
         again[1:] = scans[1:] == scans[:-1]
         for name in ("x", "y"):
             again[1:] &= requests[name][1:] == requests[name][:-1]
         read = requests[~again]
-        read["t"] = scans[~again] * period
-        return read, len(self._waiting) - before
+        read["t"] = scans[~again] * self._scan_ns + round(1e3 * self._settings.column_us) * columns[~again]
+        return read
 
     def _served(self, requests: Requests) -> Requests:
-        place, settings, count = self._place, self._settings, len(requests)
-        if not self._buffers or self._buffers[0].shape[0] < count:
-            self._buffers = tuple(place.allocate((2 * count,), kind) for kind in (np.int64, np.uint16, np.int64))
-        times, rows, out = self._buffers
-        place.write(times, requests["t"])
-        place.write(rows, requests["y"])
-        most_ns = (1 << 62) if settings.most_wait_us is None else round(settings.most_wait_us * 1e3)
-        place.launch(
-            self._serve, (1,), times, rows, count, np.int64(round(settings.event_us * 1e3)),
-            np.int64(round(settings.row_us * 1e3)), np.int64(most_ns), self._state, out,
-        )  # fmt: skip
-        served = place.read(out, np.empty(count, dtype=np.int64))
+        count = len(requests)
+        if not count:
+            return requests
+        times, _, rows, out = self._buffers_for(requests)[:4]
+        self._place.launch(self._serve, (1,), times, rows, count, *self._numbers, self._state, out)
+        served = self._place.read(out, np.empty(count, dtype=np.int64))
         kept = served >= 0
         requests = requests[kept]
         requests["t"] = served[kept]
         return requests
+
+    def _served_rows(self, requests: Requests, end_ns: int) -> Requests:
+        """Return what is read of rows whose turn comes up to ``end_ns``."""
+        if self._for_row is not None:
+            requests = np.concatenate([self._for_row, requests])
+        count = len(requests)
+        if not count:
+            return requests
+        times, columns, rows, out, following = self._buffers_for(requests)
+        self._place.launch(
+            self._serve, (1,), times, columns, rows, count, self._place.layout.width, self._place.layout.height,
+            *self._numbers, int(self._settings.row_stamps), np.int64(end_ns), self._state, *self._rows, following, out,
+        )  # fmt: skip
+        served = self._place.read(out, np.empty(count, dtype=np.int64))
+        self._for_row = requests[served == _WAITS]
+        kept = np.flatnonzero(served >= 0)
+        kept = kept[np.argsort(served[kept], kind="stable")]
+        requests = requests[kept]
+        requests["t"] = served[kept]
+        return requests
+
+    @property
+    def _numbers(self) -> tuple[np.int64, ...]:
+        """Return the times of an event and of a row, and the longest wait [ns]."""
+        settings = self._settings
+        most_us = settings.most_wait_us
+        most_ns = (1 << 62) if most_us is None else round(1e3 * most_us)
+        return tuple(np.int64(each) for each in (round(1e3 * settings.event_us), round(1e3 * settings.row_us), most_ns))
+
+    def _buffers_for(self, requests: Requests) -> tuple[Buffer, ...]:
+        """Return memory with times, columns and rows of requests; two more for times and for numbers of requests."""
+        count = len(requests)
+        if not self._buffers or self._buffers[0].shape[0] < count:
+            kinds = (np.int64, np.uint16, np.uint16, np.int64, np.int32)
+            self._buffers = tuple(self._place.allocate((2 * count,), kind) for kind in kinds)
+        for buffer, name in zip(self._buffers, ("t", "x", "y"), strict=False):
+            self._place.write(buffer, np.ascontiguousarray(requests[name]))
+        return self._buffers
 
     def _controlled(self, requests: Requests) -> Requests:
         """Let the first so many of each period pass."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.scene.spectral import are_weights
@@ -16,13 +16,20 @@ from clsim.values import read_fields, read_value
 
 @dataclass(frozen=True)
 class Readout:
-    """From requests of pixels to events on the wire, in this order: scan, queue, controller, stamp.
+    """From requests of pixels to events on the wire, in this order: scan, bus, controller, stamp.
 
     Attributes:
         scan_us: period of a scan of all columns, which holds the image: an event is read at the next scan, and one of
             a pixel each [µs]; 0 lets pixels ask at any time.
+        column_us: how long a scan takes for a column [µs], the last column first; where all take longer than
+            ``scan_us``, they are the period. 0 reads and stamps all at once.
+        arbiter: whom the bus serves: "events", one by one in the order in which pixels ask; or "rows", in the order in
+            which they ask first, and all that waits in a row by then together. A pixel that waits asks for nothing
+            more: what it fires meanwhile is lost.
         event_us: how long the bus takes for an event [µs]: 1 / its largest rate.
-        row_us: how much longer where an event is of another row than the one before [µs].
+        row_us: how much longer for a row [µs]: for each that is read, or, where events are served, for each event of
+            another row than the one before.
+        row_stamps: events that are read together bear one time, that of the row; else each that at which it leaves.
         most_wait_us: who would wait longer for the bus is lost [µs]; None waits for ever.
         control_period_us: period of the event-rate controller [µs].
         most_in_period: events that it lets pass in each, the first; None lets all pass.
@@ -30,8 +37,11 @@ class Readout:
     """
 
     scan_us: float = 0.0
+    column_us: float = 0.0
+    arbiter: Literal["events", "rows"] = "events"
     event_us: float = 0.0
     row_us: float = 0.0
+    row_stamps: bool = False
     most_wait_us: float | None = None
     control_period_us: float = 200.0
     most_in_period: int | None = None
@@ -40,11 +50,17 @@ class Readout:
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         read_fields(self)
-        check_not_negative(self, "scan_us", "event_us", "row_us", "most_wait_us")
+        check_not_negative(self, "scan_us", "column_us", "event_us", "row_us", "most_wait_us")
         check_positive(self, "control_period_us", "most_in_period", "stamp_us")
         for name in ("scan_us", "control_period_us"):
             if 0 < getattr(self, name) < 1:
                 raise InputError(f"`{name}` must be at least 1 µs, got {getattr(self, name):g}")
+        if self.column_us > 0 and self.scan_us == 0:
+            raise InputError("`column_us` is of a scan: give `scan_us` too")
+        if self.arbiter == "rows" and not self.queues:
+            raise InputError("an `arbiter` of rows takes time: give `row_us`")
+        if self.row_stamps and self.arbiter != "rows":
+            raise InputError('`row_stamps` needs rows that are read together: give `arbiter = "rows"`')
 
     @property
     def queues(self) -> bool:

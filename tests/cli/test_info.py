@@ -148,3 +148,23 @@ def test_the_light_on_the_sensor_is_told_in_lux(clsim, tmp_path, monkeypatch):
     lux = told(clsim, tmp_path / "sky.toml")["scene"]["illuminance_lux"]
     assert list(lux.values()) == pytest.approx([600] * 3)
     assert [shape[1:] for shape in shapes] == [(64, 16)]
+
+
+def test_statistics_of_a_recording_and_against_another(clsim, tmp_path):
+    events = np.array([(0, 3, 1, True), (0, 4, 1, True), (100, 3, 1, False), (300, 3, 1, False)], dtype=EVENT_DTYPE)
+    for name, some in (("a", events), ("b", events[:3])):
+        sink = open_sink(tmp_path / f"{name}.aedat4", 10, 5)
+        sink.write(some, end_of(some))
+        sink.close()
+    one, other = tmp_path / "a.aedat4", tmp_path / "b.aedat4"
+    facts = json.loads(clsim("info", one, "--against", other, "--json").stdout)
+    assert facts["statistics"]["active_share"] == 2 / 50 and facts["statistics"]["row_mates"] == pytest.approx(1 / 3)
+    assert facts["against"]["events"] == 3 and facts["distances"]["row_mates"] == pytest.approx(1 / 6)
+    assert "row_mates            0.333333" in clsim("info", one, "--statistics").stdout
+    assert "statistics" not in told(clsim, one)
+    for arguments, name in (
+        (("two-boxes", "--statistics"), "two-boxes"),
+        ((one, "--against", "two-boxes"), "--against"),
+    ):
+        refused = clsim("info", *arguments)
+        assert refused.status == 2 and name in refused.stderr and "recording" in refused.stderr

@@ -9,6 +9,7 @@ from scipy import stats
 from clsim.errors import InputError
 from clsim.sensor import SensorSettings, characteristics, load_sensor
 from clsim.sensor.pixel_stages import FrontEnd, Leak, Noise, Threshold
+from clsim.sensor.settings import Readout
 
 LUX = np.array([0.1, 10.0, 1000.0])
 
@@ -67,24 +68,47 @@ def test_pixels_without_faults_are_ideal():
     assert all(found == pytest.approx(np.full(50, 0.2)) for found in characteristics.thresholds(ideal, 50))
 
 
+def test_readouts_let_as_much_through_as_their_numbers_say():
+    def read(asked, **numbers):
+        return characteristics.read_rates(SensorSettings(readout=Readout(**numbers)), np.array([asked]))[0]
+
+    assert read(1e6) == pytest.approx(1e6, rel=0.02)
+    assert read(4e6, event_us=1.0) == pytest.approx(1e6, rel=1e-3)
+    # Rows that all ask are read once a round, with all of their 640 pixels that asked in its time.
+    round_s = 480e-6
+    assert read(2e7, arbiter="rows", row_us=1.0) == pytest.approx(2e7, rel=0.02)
+    pixel_hz = 3e8 / (640 * 480)
+    full = -np.expm1(-pixel_hz * round_s) * 640 * 480 / round_s
+    assert read(3e8, arbiter="rows", row_us=1.0) == pytest.approx(full, rel=0.02)
+    # A scan of 500 µs reads each pixel that asked once.
+    assert read(3e8, scan_us=500.0) == pytest.approx(-np.expm1(-pixel_hz * 500e-6) * 640 * 480 / 500e-6, rel=0.02)
+
+
 @pytest.mark.slow
 def test_a_plot_is_a_picture(tmp_path):
     matplotlib = pytest.importorskip("matplotlib.image")
     sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
-    sensor_plot.plot_sensor(SensorSettings(), tmp_path / "a.png")
-    assert matplotlib.imread(tmp_path / "a.png").shape == (800, 1500, 4)
+    sensor_plot.plot_sensors([SensorSettings()], tmp_path / "a.png")
+    sensor_plot.plot_sensors([SensorSettings(), load_sensor("gen3.1")], tmp_path / "b.png")
+    one, two = (matplotlib.imread(tmp_path / name) for name in ("a.png", "b.png"))
+    assert one.shape == two.shape == (800, 1500, 4) and (one != two).any()
 
 
 def test_numbers_without_a_measurement_are_marked():
     sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
     lines, marked = sensor_plot._numbers(load_sensor("dvs128"))
     stars = {line.split("*")[0].strip() for line in lines if "*" in line}
-    assert marked and {"threshold.on", "threshold.off", "refractory.us"} <= stars
+    assert marked and {"front_end.dark_lux", "noise.off_hz", "refractory.us"} <= stars
     assert not stars & {"threshold.mismatch", "optics.width", "front_end.follower_hz"}
+    written = [line.split() for line in sensor_plot._numbers(load_sensor("gen4.1"))[0]]
+    assert ["readout.arbiter", "rows"] in written and ["readout.row_stamps", "yes"] in written
     assert sensor_plot._numbers(SensorSettings())[1] is False
 
 
 def test_a_picture_that_cannot_be_written_is_told_so(tmp_path):
     sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
     with pytest.raises(InputError, match=r"cannot write .*a\.png: there is no folder"):
-        sensor_plot.plot_sensor(SensorSettings(), tmp_path / "no" / "a.png")
+        sensor_plot.plot_sensors([SensorSettings()], tmp_path / "no" / "a.png")
+    with pytest.raises(InputError, match="more than 8 sensors apart in one picture, got 9"):
+        sensor_plot.plot_sensors([SensorSettings()] * 9, tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())

@@ -1,16 +1,21 @@
 """Sensors by name and from files: what each says, where it is from, and what is refused."""
 
 import math
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
+from itertools import combinations
 
+import numpy as np
 import pytest
 
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
+from clsim.sensor.lab import Lab
+from clsim.sensor.stage import Context
 
 CAMERAS = {
+    "atis": (304, 240),
     "davis240": (240, 180),
     "davis346": (346, 260),
     "dvs128": (128, 128),
@@ -20,6 +25,9 @@ CAMERAS = {
     "imx636": (1280, 720),
     "genx320": (320, 320),
 }
+KINDS = ("data sheet", "paper", "code", "recording", "guess", "shared")
+"""Where numbers are from: a maker's own words, a paper, the text of a program, clsim's reading of a recording, nowhere,
+or another camera."""
 SIMULATORS = ("ideal", "v2e-clean", "v2e-noisy")
 
 
@@ -51,7 +59,44 @@ def test_a_camera_has_its_chip_and_every_kind_of_fault_that_all_have(name):
 def test_every_number_has_a_source_and_every_source_its_number(name):
     settings = load_sensor(name)
     assert numbers_that_differ(settings) == set(settings.sources)
-    assert all(len(source) > 10 for source in settings.sources.values())
+    for source in settings.sources.values():
+        kind, _, what = source.partition(": ")
+        assert (kind in KINDS and len(what) > 3) or source.removeprefix("as ") in settings.sources, source
+
+
+def stream_of(name):
+    """Return what a grating fires that drifts for 0.3 s before 40×30 pixels of a camera, at some 100 lux."""
+    lab = Lab(load_sensor(name), 40, 30, seed=5)
+    x, y = np.meshgrid(np.arange(40), np.arange(30))
+    parts = [
+        lab.to(t, np.sin(0.4 * x + 0.15 * y + 2e-5 * t) + 0.3 * np.sin(1.1 * y - 5e-6 * t)).events.copy()
+        for t in range(0, 300_001, 2000)
+    ]
+    return np.concatenate(parts)
+
+
+def test_no_two_cameras_fire_the_same_stream():
+    streams = {name: stream_of(name) for name in CAMERAS if name != "imx636"}
+    assert min(map(len, streams.values())) > 3000
+    for (one, events), (other, others) in combinations(streams.items(), 2):
+        same = len(np.intersect1d(events, others)) / min(len(events), len(others))
+        assert same < 0.05, f"{one} and {other} share {same:.0%} of their events"
+    np.testing.assert_array_equal(stream_of("imx636"), streams["gen4.1"])
+
+
+def test_what_tells_cameras_apart_is_told_of_each():
+    """Thresholds, bandwidth, noise, leak, rest and readout: two cameras have the same numbers only if one says so."""
+    cameras = {name: load_sensor(name) for name in CAMERAS if name != "imx636"}
+    for (one, a), (other, b) in combinations(cameras.items(), 2):
+        for group in ("threshold", "front_end", "noise", "leak", "refractory", "delay", "readout"):
+            if getattr(a, group) != getattr(b, group) or not getattr(a, group).__dict__:
+                continue
+            sources = [text for each in (a, b) for key, text in each.sources.items() if key.startswith(group)]
+            assert any("shared" in text or "guess" in text or "libcaer" in text for text in sources), (
+                one,
+                other,
+                group,
+            )
 
 
 def test_noise_of_v2e_falls_by_three_quarters_from_black_to_white():
@@ -92,6 +137,16 @@ def written(folder, text, name="mine.toml"):
     return str(file)
 
 
+def test_one_rate_of_noise_over_a_base_with_several_holds_in_all_light(tmp_path):
+    noise = load_sensor(written(tmp_path, 'base = "davis346"\n[noise]\non_hz = 0.5\n')).noise
+    assert noise.on_hz == (0.5,) and len(noise.off_hz) == len(noise.lux) == 3
+    constants = noise.constants(Context(0.2, 0.2, 100.0))
+    assert constants["RATE_ON"] == (0.5, 0.5, 0.5) and constants["RATE_OFF"] == noise.off_hz
+    assert constants["RATE_MOST"] == 0.5 + max(noise.off_hz)
+    with pytest.raises(InputError, match="`off_hz` has 2 numbers, expected 3"):
+        replace(noise, off_hz=(1.0, 2.0))
+
+
 def test_a_file_says_what_differs_from_its_base(tmp_path):
     mine = load_sensor(written(tmp_path, 'base = "davis346"\n[threshold]\non = 0.3\n[defects]\nhot_share = 0.001\n'))
     davis = load_sensor("davis346")
@@ -124,5 +179,5 @@ def test_what_a_file_may_not_say_is_told_in_a_sentence(tmp_path, text, told):
 def test_a_name_that_is_nearly_one_is_recognised():
     with pytest.raises(InputError, match="no sensor 'davis364'; did you mean davis346"):
         load_sensor("davis364")
-    with pytest.raises(InputError, match=r"expected one of davis240, .*, or a \.toml file"):
+    with pytest.raises(InputError, match=r"expected one of atis, .*, or a \.toml file"):
         load_sensor("retina")

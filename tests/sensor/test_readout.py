@@ -5,8 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy import stats
 
+from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from clsim.opencl.workplace import Grid, Workplace
 from clsim.sensor import SensorSettings
@@ -63,8 +66,18 @@ def test_who_waits_exactly_as_long_as_may_be_is_served():
 def test_a_scan_reads_column_after_column():
     asked = requests_at([1000] * 40, rows=8)
     read = bus(scan_us=500.0).run(asked, END_NS)[0]
-    places = list(zip(read["x"].tolist(), read["y"].tolist(), strict=True))
-    assert places == sorted(set(zip(asked["x"].tolist(), asked["y"].tolist(), strict=True)))
+    places = list(zip((-read["x"].astype(int)).tolist(), read["y"].tolist(), strict=True))
+    assert places == sorted(set(zip((-asked["x"].astype(int)).tolist(), asked["y"].tolist(), strict=True)))
+
+
+def test_columns_of_a_scan_bear_times_of_their_own():
+    asked = requests_at([1000, 499_000, 500_000, 500_001], rows=8)
+    asked["x"], asked["y"] = (63, 0, 10, 10), 5
+    read, lost = bus(scan_us=500.0, column_us=2.0).run(asked, END_NS)
+    assert lost == 0 and read["t"].tolist() == [500_000, 500_000 + 53 * 2000, 500_000 + 63 * 2000, 1_106_000]
+    # 64 columns take longer than such a period: the next scan begins when they are through.
+    read = bus(scan_us=100.0, column_us=2.0).run(asked, END_NS)[0]
+    assert read["t"].tolist() == [128_000, 512_000 + 53 * 2000, 512_000 + 63 * 2000]
 
 
 def test_another_row_takes_longer():
@@ -74,6 +87,70 @@ def test_another_row_takes_longer():
     assert same["t"].tolist() == [1000 + 3000 + 1000 * k for k in range(1, 11)]
     changes = 1 + np.count_nonzero(np.diff(other["y"].astype(int)))
     assert other["t"][-1] == 1000 + 10 * 1000 + 3000 * changes
+
+
+def row_reads(requests, event_ns, row_ns, most_ns, shared):
+    """Return when each request is served by an arbiter of rows, None if it is lost: told anew, event by event."""
+    waiting, free, times, i = [], 0, [None] * len(requests), 0
+    asked = [(int(r["t"]), int(r["y"]), int(r["x"])) for r in requests]
+    while waiting or i < len(asked):
+        begin = max(free, asked[waiting[0]][0]) if waiting else None
+        if begin is None or (i < len(asked) and asked[i][0] <= begin):
+            if asked[i][1:] not in [asked[k][1:] for k in waiting]:
+                waiting.append(i)
+            i += 1
+            continue
+        row = asked[waiting[0]][1]
+        read = [k for k in waiting if asked[k][1] == row]
+        waiting = [k for k in waiting if asked[k][1] != row]
+        read = [k for k in read if begin - asked[k][0] <= most_ns]
+        for nth, k in enumerate(read, 1):
+            times[k] = begin + row_ns + (0 if shared else nth * event_ns)
+        free = begin + row_ns + len(read) * event_ns
+    return times
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 4000), st.integers(0, 3), st.integers(0, 2)), max_size=60),
+    st.integers(0, 90),
+    st.integers(10, 300),
+    st.sampled_from([None, 0.05, 0.4]),
+    st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_rows_are_read_as_they_asked_first_and_all_that_waits_in_one_together(asked, event_ns, row_ns, most_us, shared):
+    requests = np.zeros(len(asked), REQUEST)
+    for name, values in zip(("t", "y", "x"), zip(*asked, strict=True), strict=False):
+        requests[name] = values
+    requests = requests[np.lexsort((requests["x"], requests["y"], requests["t"]))]
+    numbers = {"event_us": event_ns / 1e3, "row_us": row_ns / 1e3, "most_wait_us": most_us, "row_stamps": shared}
+    times = row_reads(requests, event_ns, row_ns, 10**9 if most_us is None else round(1e3 * most_us), shared)
+    whole, lost = bus(arbiter="rows", **numbers).run(requests, END_NS)
+    assert lost == times.count(None)
+    expected = sorted((t, *r.tolist()[1:3]) for t, r in zip(times, requests, strict=True) if t is not None)
+    assert sorted(zip(*(whole[name].tolist() for name in ("t", "x", "y")), strict=True)) == expected
+    assert (np.diff(whole["t"]) >= 0).all()
+    parts, part, gone = [], bus(arbiter="rows", **numbers), 0
+    for begin, end in pairwise((0, 700, 701, 2500, END_NS)):
+        read, more = part.run(requests[(requests["t"] > begin) & (requests["t"] <= end)], end)
+        parts.append(read)
+        gone += more
+    np.testing.assert_array_equal(np.concatenate(parts), whole)
+    assert gone == lost
+
+
+def test_rows_that_all_ask_always_are_read_once_a_round():
+    # Each of 64 rows has 8 pixels that ask every µs; a row takes 100 ns and 5 an event: a round takes 64 · 140 ns.
+    times = np.repeat(np.arange(1, 2001) * 1000, 512)
+    asked = np.zeros(len(times), REQUEST)
+    asked["t"], asked["x"], asked["y"] = times, np.tile(np.arange(512) // 64, 2000), np.tile(np.arange(512) % 64, 2000)
+    read, lost = bus(arbiter="rows", row_us=0.1, event_us=0.005, row_stamps=True).run(asked, 2_000_000)
+    assert np.diff(np.unique(read["t"])).tolist() == [140] * (len(read) // 8 - 1)
+    of_one = np.diff(np.unique(read["t"][read["y"] == 5]))
+    assert of_one.mean() == pytest.approx(64 * 140, rel=0.05) and of_one.max() < 70 * 140
+    assert len(np.unique(read["t"])) == len(np.unique(read[["t", "y"]]))  # one row a time
+    # What a pixel asks while it waits is lost: all but one of the 8.96 a round.
+    assert lost / len(asked) == pytest.approx(1 - 1 / 8.96, abs=0.005)
 
 
 def test_a_scan_stamps_its_own_times_and_reads_a_pixel_once():
@@ -104,6 +181,9 @@ def test_the_controller_lets_so_many_pass_in_each_period():
         {"scan_us": 700.0},
         {"control_period_us": 300.0, "most_in_period": 20},
         {"scan_us": 300.0, "event_us": 1.0, "control_period_us": 1000.0, "most_in_period": 200},
+        {"scan_us": 300.0, "column_us": 4.0, "event_us": 1.0},
+        {"arbiter": "rows", "row_us": 5.0, "event_us": 0.5, "row_stamps": True, "most_wait_us": 200.0},
+        {"arbiter": "rows", "row_us": 5.0, "event_us": 1.0, "control_period_us": 500.0, "most_in_period": 100},
     ],
 )
 def test_calls_on_the_way_change_nothing(numbers):
@@ -121,7 +201,7 @@ def test_calls_on_the_way_change_nothing(numbers):
 
 
 def test_stamps_are_multiples_and_every_event_comes_once_whatever_the_frame_rate():
-    settings = replace(
+    sensor = replace(
         with_stages(noise={"on_hz": 40.0, "off_hz": 20.0}),
         readout=Readout(
             event_us=5.0, row_us=5.0, most_wait_us=300.0, control_period_us=1000.0, most_in_period=60, stamp_us=100
@@ -129,7 +209,7 @@ def test_stamps_are_multiples_and_every_event_comes_once_whatever_the_frame_rate
     )
     found = []
     for times_us in SPLITS.values():
-        bench = Benchtop(settings, 40, 30)
+        bench = Benchtop(sensor, 40, 30)
         found.append(bench.along(times_us, [0.0] * len(times_us)))
     assert len(found[0]) > 5000 and (found[0]["t"] % 100 == 0).all()
     for events in found[1:]:
@@ -139,3 +219,17 @@ def test_stamps_are_multiples_and_every_event_comes_once_whatever_the_frame_rate
 def test_a_perfect_readout_leaves_no_trace():
     assert SensorSettings(readout=Readout(control_period_us=100.0)).is_ideal
     assert not SensorSettings(readout=Readout(stamp_us=10)).is_ideal
+
+
+@pytest.mark.parametrize(
+    ("numbers", "told"),
+    [
+        ({"column_us": 1.0}, "`column_us` is of a scan"),
+        ({"arbiter": "rows"}, "give `row_us`"),
+        ({"arbiter": "columns"}, "`arbiter`"),
+        ({"row_us": 1.0, "row_stamps": True}, "`row_stamps` needs rows"),
+    ],
+)
+def test_numbers_that_do_not_go_together_are_refused(numbers, told):
+    with pytest.raises(InputError, match=told):
+        Readout(**numbers)

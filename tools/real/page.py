@@ -1,0 +1,158 @@
+"""The page of docs/real-cameras.md, from what was measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clsim.sensor.statistics import Statistics
+from tools.real.scene import Look
+from tools.real.streams import Taken
+from tools.real.two_samples import LEAST_EVENTS, OF_CAMERAS, OF_SCENES, PATCH_PX, PATCH_US
+
+ROWS = (
+    ("events", "events", True),
+    ("events_per_pixel_s", "events a pixel and second", True),
+    ("active_share", "active pixels", True),
+    ("on_share", "share of ON", True),
+    ("interval_us", "interval of a pixel [µs]: 1, 50, 99 %", True),
+    ("opposite_next", "next of opposite sign", True),
+    ("hottest", "events of the hottest hundredth", True),
+    ("shared_time", "**share their µs**", False),
+    ("row_mates", "**row-mates**", False),
+    ("column_mates", "**column-mates**", False),
+    ("one_row", "**of one time, in one row**", False),
+    ("one_column", "**of one time, in one column**", False),
+    ("lonely", "**lonely**", False),
+)
+"""Name, what it is called, and whether it is a scene's more than a camera's."""
+DECIDED_BY_CAMERAS = tuple(name for name, _, of_scene in ROWS if not of_scene)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A recording beside streams of models: of each the stream, its statistics, distances, and how well it is told."""
+
+    file: str
+    camera: str
+    preset: str
+    look: Look
+    real: Statistics
+    halves: tuple[float, float]
+    patches: int
+    models: Mapping[str, tuple[Taken, Statistics, Mapping[str, Any], tuple[float, float]]]
+
+
+def page(compared: Sequence[Compared], minutes: float) -> str:
+    """Return the page."""
+    scenes, cameras = "; ".join(OF_SCENES), "; ".join(OF_CAMERAS)
+    head = _HEAD.format(scenes=scenes, cameras=cameras, ms=PATCH_US // 1000, px=PATCH_PX, least=LEAST_EVENTS)
+    parts = [head, _summary(compared), *map(_recording, compared), _TAIL.format(minutes=minutes)]
+    return "\n".join(parts)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head), *("| " + " | ".join(row) + " |" for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _summary(compared: Sequence[Compared]) -> str:
+    models = list(compared[0].models)
+    rows = []
+    for each in compared:
+        for name in DECIDED_BY_CAMERAS:
+            apart = [each.models[model][2][name] for model in models]
+            known = [far for far in apart if far is not None]
+            rows.append(
+                [each.file, {key: text for key, text, _ in ROWS}[name].strip("*")] + [_far(far, known) for far in apart]
+            )
+    told = [
+        [each.file, seen, f"{each.halves[k]:.2f}", *(f"{each.models[model][3][k]:.2f}" for model in models)]
+        for each in compared
+        for k, seen in enumerate(("all", "cameras'"))
+    ]
+    return (
+        "## How far from the recording\n\nDifferences of shares that a camera decides more than a scene; the nearest"
+        " is bold.\n\n"
+        + _table(["recording", "statistic", *models], rows)
+        + _nearest(rows, models)
+        + "\nHow often the line tells a patch of a stream from a patch of the recording; .5 is by chance. *Halves*: the"
+        " recording's first half from its second, which it should not tell either.\n\n"
+        + _table(["recording", "features", "halves", *models], told)
+    )
+
+
+def _nearest(rows: Sequence[Sequence[str]], models: Sequence[str]) -> str:
+    counts = (f"{name} in {sum(row[2 + k].startswith('**') for row in rows)}" for k, name in enumerate(models))
+    return f"\nNearest, ties for each: {', '.join(counts)}, of {len(rows)} rows.\n"
+
+
+def _far(far: float | None, known: Sequence[float]) -> str:
+    if far is None:
+        return "none"
+    text = f"{far:.3f}"
+    return f"**{text}**" if far == min(known) else text
+
+
+def _recording(each: Compared) -> str:
+    rows = []
+    for name, text, _ in ROWS:
+        values = [getattr(each.real, name), *(getattr(model[1], name) for model in each.models.values())]
+        rows.append([text, *map(_value, values)])
+    rows.append(["lost by the readout", "unknown", *(str(model[0].lost) for model in each.models.values())])
+    rows.append(["speed of the texture [pixels/s]", "", *(f"{model[0].speed:.0f}" for model in each.models.values())])
+    look = each.look
+    return (
+        f"## {each.camera}: {each.file}\n\n`--sensor {each.preset}`; {look.contrast:g} ln units of contrast, patches of"
+        f" {look.patch_px:g} pixels, in {look.active:.0%} of the picture. {each.patches} patches for the line.\n\n"
+        + _table(["", "real", *each.models], rows)
+    )
+
+
+def _value(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return ", ".join(f"{each:.0f}" for each in value)
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:.3f}" if math.isfinite(value) and value < 10 else f"{value:.1f}"
+
+
+_HEAD = """# Held against real cameras
+
+What simulated streams share with recordings of real cameras, and what they do not. Each recording stands beside three
+streams of the same number of events in the same time: of the ideal pixel, of the camera's preset, and of v2e (its
+published equations, with the defaults of its command line, and a frame for each pixel of motion).
+
+*Read this first.* The scene is not theirs: a texture of dark and bright patches drifts in a part of the picture, before
+pixels at some 100 lux. Its speed is sought so that as many events come out; where a model fires less at any speed, its
+row of events says so. How fast light changes, how much of it
+rises and where it does, scenes decide and not cameras: rows in plain letters tell that. Rows in **bold** letters a
+camera decides more than its scene. Numbers of the presets were partly read of these same recordings (`[sources]` says
+which): that they fit them is no proof that they fit another camera's, or one with other biases.
+
+Statistics are those of `clsim info RECORDING --statistics` ([what they are](sensor.md#statistics-of-a-stream)).
+Row-mates and column-mates hang on the order of events of one time: all streams are sorted by time, row and column here.
+In the order of their files the recordings' row-mates are .95, .96, 1.00 and .11.
+
+Row-mates tell little at millions of events a second, where neighbours have one time anyway. How many events of one time
+lie in one row tells whether rows are read together.
+
+The line is Fisher's discriminant over patches of {ms} ms and {px}×{px} pixels with at least {least} events, five-fold
+crosswise. It sees of each, as scenes decide it: {scenes}. As cameras do: {cameras}.
+"""
+_TAIL = """## Left out
+
+`dvs-320x240.es` is no recording of a camera: in its first millisecond all 76,800 pixels but 15 fire, all of them
+ON; no pixel ever fires twice in one, and all times are whole multiples of it. It was made of frames.
+
+## Again
+
+```sh
+# {minutes:.0f} minutes on two cores of a busy machine
+python -m tools.real_cameras ../shared/real docs/real-cameras.md
+```
+"""
