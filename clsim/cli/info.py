@@ -202,7 +202,7 @@ def _statistics(what: str, facts: dict[str, Any], against: str | None) -> dict[s
     own = _statistics_of(what, facts["events"])
     if against is None:
         return {"statistics": own.as_dict()}
-    others = _facts(against)
+    others = _facts(against, False)
     if "events" not in others:
         raise InputError(f"--against {against}: is no recording of events")
     other = _statistics_of(against, others["events"])
