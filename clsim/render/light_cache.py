@@ -31,10 +31,12 @@ _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
 _ALIGNED = wp.constant(0.9999)
 """Where a surface faces along an axis so nearly, it lies within one layer of cells."""
-_SURE = wp.constant(2.0)
+_SURE = wp.constant(4.0)
 """Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
 _WANTED_STORED = wp.constant(64.0)
 """Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
+_LEAST_FACTOR = wp.constant(0.05)
+"""Where light has become less than this part of what it was, it tells nothing of that."""
 _PROBES = wp.constant(64)
 BLOCK = 16
 """Cells side by side on a surface that have neighbouring rows."""
@@ -71,25 +73,18 @@ class Followed:
     """How the light of a cell has changed: it is ``factor`` times what was averaged, and ``more``; stored paths tell.
 
     Attributes:
-        factor: by which the light has changed since paths were first stored here.
+        factor: by which the light has changed.
         more: light that came where next to none was.
         count: number of stored paths; 0 tells of no change.
-        light: mean of what they find now, irradiance over π.
-        base: what that would be if nothing had changed.
-        step: by how much the factor has changed in the step to the frame ``stepped``.
-        last, base_last, count_last: light, base and number before the last change of any.
+        step: by how much the factor has changed in the step to the frame ``stepped``, from what it was ``last``.
         stepped: number of a frame.
     """
 
     factor: wp.vec3
     more: wp.vec3
     count: float
-    light: wp.vec3
-    base: wp.vec3
     step: wp.vec3
     last: wp.vec3
-    base_last: wp.vec3
-    count_last: float
     stepped: int
 
 
@@ -106,6 +101,7 @@ class Kept:
         off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
             chance, which is always the same. Where nobody asked, 0.
         off_before: the same of the light before.
+        factor, more: of `Followed`, 1 and 0 where no path is stored.
     """
 
     light: wp.vec3
@@ -115,6 +111,8 @@ class Kept:
     finely: float
     off: float
     off_before: float
+    factor: wp.vec3
+    more: wp.vec3
 
 
 @wp.struct
@@ -390,9 +388,37 @@ def look_up(
         side_m = side_m * 0.5
         level = level - 1
     kept.known = whole.paths
+    kept.factor = factor
+    kept.more = more
     kept.light = wp.cw_mul(whole.light, factor) + more
     kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
     kept.known_before = whole_before.paths > 0.0
     kept.before = wp.cw_mul(whole_before.light, factor) + more
     kept.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
     return kept
+
+
+@wp.func
+def look_up_at(
+    cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
+) -> Kept:
+    """Return what is known where a path began: its position and normal are as `light_updates.open_cells` takes them."""
+    place = wp.vec3(position[0], position[1], position[2])
+    facing = wp.vec3(normal[0], normal[1], normal[2])
+    kind = int(normal[3])
+    return look_up(cells, followed, asked, place, facing, kind // 2, kind % 2 == 1, position[3])
+
+
+@wp.func
+def tells_before(kept: Kept) -> bool:
+    """Whether light there tells what it was before it changed: what is dark now tells nothing."""
+    return kept.factor[0] + kept.factor[1] + kept.factor[2] > _LEAST_FACTOR
+
+
+@wp.func
+def before_change(kept: Kept, light: wp.vec3) -> wp.vec3:
+    """Return what that light was before it changed."""
+    before = wp.vec3()
+    for c in range(3):
+        before[c] = wp.max(light[c] - kept.more[c], 0.0) / wp.max(kept.factor[c], _LEAST_FACTOR)
+    return before

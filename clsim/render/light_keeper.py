@@ -343,16 +343,20 @@ class LightKeeper:
         self._open_cells()
         while self._is_full() and self._grow():
             self._open_cells()
-        self._add.set_param_by_name("sums", self._sums)
-        self._add.set_param_by_name("followed", self._told[1])
+        asked = self._asked()
+        # Until something has changed, nothing needs to be asked how it was before.
+        asked.follows = self._store is not None and self._store.followed
+        table = {"asked": asked, "cells": self._cells, "followed": self._told[1], "sums": self._sums}
+        for name, value in table.items():
+            self._add.set_param_by_name(name, value)
         self._add.launch()
         self._average.set_param_by_name("sums", self._sums)
         self._average.set_param_by_name("cells", self._cells)
         self._average.launch()
         if self._store is not None:
-            found = {name: self._found[f"out_{name}"] for name in ("positions", "met")}
+            found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
-            self._store.store(found, self._cells, self._told, self._found_paths)
+            self._store.store(found, asked, self._cells, self._told, self._found_paths)
             self.paths += self._store.take_count()
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
@@ -386,7 +390,7 @@ class LightKeeper:
         )  # fmt: skip
         self._add = record(
             kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows,
-            follows=self._store is not None, followed=self._told[1], sums=self._sums,
+            normals=normals, asked=self._asked(), cells=self._cells, followed=self._told[1], sums=self._sums,
         )  # fmt: skip
         self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
 

@@ -15,12 +15,15 @@ from clsim.render.light_cache import (
     Asked,
     Cell,
     Followed,
+    before_change,
     face_of,
     find_or_make,
     grid_of,
     in_cells,
     key_of,
+    look_up_at,
     size_of,
+    tells_before,
 )
 
 wp.set_module_options(kernel_options())
@@ -32,8 +35,6 @@ _PATHS = wp.constant(1)
 """Of what a pixel spent: first-hit rays, and these."""
 _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
-_LEAST_FACTOR = wp.constant(0.05)
-"""Where light has become less than this part of what it was, it tells nothing of that."""
 _LARGEST = wp.constant(65536.0)
 """Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
 
@@ -86,30 +87,29 @@ def open_cells(
 def add_to_cells(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
+    normals: wp.array2d(dtype=wp.vec4),
     lights: wp.array2d(dtype=wp.vec3),
     rows: wp.array3d(dtype=int),
-    follows: bool,
+    asked: Asked,
+    cells: wp.array(dtype=Cell),
     followed: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
 ):
     """Add each path's irradiance to its cells; a thread is a pixel.
 
-    Where the light is followed, it is what the path would have found before it changed.
+    Where the light is followed, it is what the path would have found before that changed.
     """
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
         if positions[i, pixel][3] > 0.0:
-            found = lights[i, pixel]
+            light = lights[i, pixel]
+            known = bool(True)
+            if asked.follows:
+                kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                known = tells_before(kept)
+                light = before_change(kept, light)
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
-                light = found
-                known = bool(True)
-                if row >= 0 and follows:
-                    by = followed[row]
-                    if by.count > 0.0:
-                        known = by.factor[0] + by.factor[1] + by.factor[2] > _LEAST_FACTOR
-                        for c in range(3):
-                            light[c] = (found[c] - by.more[c]) / wp.max(by.factor[c], _LEAST_FACTOR)
                 if row >= 0 and known:
                     bright = float(0.0)
                     for channel in range(3):

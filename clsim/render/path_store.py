@@ -26,6 +26,7 @@ class PathStore:
         paths: how many were traced again so far.
         stored: how many there are.
         frame: number of the last frame.
+        followed: whether anything was ever traced again.
     """
 
     def __init__(self, kernel: Any, data: SceneData, settings: Any, most: int, every: int, threads: int | None) -> None:
@@ -43,6 +44,7 @@ class PathStore:
         self._device = data.device
         self.paths = self.stored = self._taken = 0
         self.frame = 0
+        self.followed = False
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
         self._boxes: Any = wp.zeros(4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
@@ -64,8 +66,12 @@ class PathStore:
         count, self._taken = self.paths - self._taken, self.paths
         return count
 
+    def cancel(self) -> None:
+        """Trace nothing more; safe from any thread."""
+        self._tiles.cancel()
+
     def close(self) -> None:
-        """End the threads."""
+        """End the threads; safe to call twice."""
         self._tiles.close()
 
     def table(self, rows: int) -> tuple[Any, Any]:
@@ -74,22 +80,23 @@ class PathStore:
         followed: Any = wp.zeros(rows, dtype=Followed, device=self._device)
         return sums, followed
 
-    def store(self, found: dict[str, Any], cells: Any, table: tuple[Any, Any], paths: int) -> None:
+    def store(self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any], paths: int) -> None:
         """Store some paths of a frame, and trace them.
 
         Args:
-            found: of the frame's paths: how many each pixel ``spent`` and ever ``traced``, their ``positions``, what
-                they ``met``, and the ``rows`` of their cells.
+            found: of the frame's paths: how many each pixel ``spent`` and ever ``traced``, their ``positions`` and
+                ``normals``, what they ``met``, and the ``rows`` of their cells.
+            asked: which cells tell how the light has changed.
             cells: all cells, to which they were added.
             table: what is known of them here.
             paths: how many there are.
         """
         if self.stored + paths > len(self._paths):
             self._allocate(max(2 * len(self._paths), self.stored + paths))
-        given = [found[name] for name in ("spent", "positions", "traced", "met", "rows")]
+        given = [found[name] for name in ("spent", "positions", "normals", "traced", "met", "rows")]
         wp.launch(
             build_storing().choose_paths, dim=len(found["traced"]), device=self._device,
-            inputs=[*given, self._most, cells, table[0], self._paths, self._count],
+            inputs=[*given, self._most, asked, cells, table[1], table[0], self._paths, self._count],
         )  # fmt: skip
         first, self.stored = self.stored, int(self._count.numpy()[0])
         self._trace(first, every=1)
@@ -111,6 +118,7 @@ class PathStore:
             rows = boxes.reshape(-1, 3).astype(np.float32)
             wp.copy(self._boxes, wp.array(rows, dtype=wp.vec3, device=self._device), count=len(rows))
         self._moved.assign(moved.astype(np.int32))
+        self.followed = True
         self._trace(0, every, len(boxes))
         self._add(0, table, steady=steady)
 

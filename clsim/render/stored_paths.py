@@ -4,7 +4,7 @@
 
 Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
 of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. What they find
-now on average, beside what they found at first, tells by which factor the light has changed.
+now, beside what they would find if light had not changed since the first frame, tells by which factor it has.
 
 A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
 where lights have changed.
@@ -21,16 +21,25 @@ from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.geometry import make_placement, transform_vector
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.lamp_light import AT_NONE
-from clsim.render.light_cache import LEVELS, Cell, Followed
+from clsim.render.light_cache import (
+    LEVELS,
+    Asked,
+    Cell,
+    Followed,
+    Kept,
+    before_change,
+    look_up_at,
+    tells_before,
+)
 from clsim.render.sobol import make_sampler, reverse_bits
 from clsim.render.things import lit_albedo
 from clsim.render.trails import trail_crosses
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 4
-"""Of R, G and B, and the number of paths."""
-_COUNT = wp.constant(3)
+FOLLOWED_SUMS = 7
+"""Of R, G and B, the number of paths, and R, G and B as they were before light changed."""
+_COUNT, _BASE = wp.constant(3), wp.constant(4)
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -42,6 +51,8 @@ _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
+_MOST_UNEVEN = wp.constant(4.0)
+"""Times as many paths are stored at most where they find light that differs much."""
 _MOST = wp.constant(8.0)
 """Largest factor by which light changes; what is more is added."""
 _OFF = wp.constant(3.0e-5)
@@ -71,6 +82,7 @@ class StoredPath:
         found: the same when it was traced last, …
         age: … and how many frames ago that was.
         rate: by how much that changes in a frame.
+        base: what it would find if light had not changed; before it is traced, 1 over the factor by which it has.
         places: of its trail.
     """
 
@@ -82,22 +94,36 @@ class StoredPath:
     found: wp.vec3
     age: int
     rate: wp.vec3
+    base: wp.vec3
     places: int
+
+
+@wp.func
+def _unevenness(cell: Cell) -> float:
+    """Return how many times as many paths know a cell's light as well as where they differ by as much as they find."""
+    bright = (cell.light[0] + cell.light[1] + cell.light[2]) / 3.0
+    variance = cell.error * cell.error * cell.count
+    return wp.clamp(variance / wp.max(bright * bright, 1.0e-20), 1.0, _MOST_UNEVEN)
 
 
 def choose_paths(
     spent: wp.array2d(dtype=int),
     positions: wp.array2d(dtype=wp.vec4),
+    normals: wp.array2d(dtype=wp.vec4),
     traced: wp.array(dtype=int),
     met: wp.array2d(dtype=Met),
     rows: wp.array3d(dtype=int),
     most: int,
+    asked: Asked,
     cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
     sums: wp.array2d(dtype=wp.int64),
     paths: wp.array(dtype=StoredPath),
     out_count: wp.array(dtype=int),
 ):
     """Store paths of the last frame, chosen by chance, so that their cells hold some ``most``; a thread is a pixel.
+
+    There are more where paths find light that differs more.
 
     ``traced`` tells how many paths each pixel has traced, those of that frame included.
     """
@@ -111,15 +137,20 @@ def choose_paths(
             row = rows[i, level, pixel]
             if row >= 0:
                 number = traced[pixel] - count + i
-                wanted = float(most) - float(sums[row, _COUNT])
+                wanted = float(most) * _unevenness(cells[row]) - float(sums[row, _COUNT])
                 there = cells[row].count - cells[row].count_before
                 chance = sampling.uniform_of(sampling.absorb(wp.uint64(pixel), number), 0)
-                if chance * there < wanted:
+                kept = Kept()
+                kept.factor = wp.vec3(1.0, 1.0, 1.0)
+                if asked.follows and chance * there < wanted:
+                    kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                if chance * there < wanted and tells_before(kept):
                     slot = wp.atomic_add(out_count, 0, 1)
                     path = StoredPath()
                     path.met = met[i, pixel]
                     path.pixel = pixel
                     path.number = number
+                    path.base = before_change(kept, wp.vec3(1.0, 1.0, 1.0) + kept.more)
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     paths[slot] = path
 
@@ -165,6 +196,8 @@ def add_paths(
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:
         path = _advanced(paths[i], found[i], traced_again[i] > 0, steady and not joining)
+        if joining:
+            path.base = wp.cw_mul(path.base, path.light)
         for k in range(_LEVELS):
             row = path.rows[k]
             if row >= 0:
@@ -173,37 +206,27 @@ def add_paths(
                     if not joining:
                         change = change - _whole(paths[i].light[c])
                     wp.atomic_add(sums, row, c, change)
+                    if joining:
+                        wp.atomic_add(sums, row, _BASE + c, _whole(path.base[c]))
                 if joining:
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
-                # What is known until the new mean is told.
-                followed[row].last = followed[row].light
-                followed[row].base_last = followed[row].base
-                followed[row].count_last = followed[row].count
+                followed[row].last = followed[row].factor
         path.places = paths[i].places
         paths[i] = path
 
 
 @wp.func
-def _told(cell: Followed, light: wp.vec3, count: float, joining: bool) -> Followed:
-    """Return a cell whose stored paths find that ``light`` now on average.
-
-    Paths that join it do not tell that the light has changed, but know it better: what they found at first goes along.
-    """
+def _told(cell: Followed, sums: wp.array2d(dtype=wp.int64), row: int) -> Followed:
+    """Return a cell as its stored paths tell."""
     after = cell
-    after.light = light
-    after.count = count
+    after.count = float(sums[row, _COUNT])
     for c in range(3):
-        base = cell.base_last[c]
-        if joining and cell.count_last == 0.0:
-            base = light[c]
-        elif joining and cell.last[c] > 0.0:
-            base = cell.base_last[c] * light[c] / cell.last[c]
-        after.base[c] = base
+        light = float(sums[row, c])
+        base = float(sums[row, _BASE + c])
+        after.factor[c] = 1.0
         if base > 0.0:
-            after.factor[c] = wp.min(light[c] / base, _MOST)
-        else:
-            after.factor[c] = 1.0
-        after.more[c] = wp.max(light[c] - after.factor[c] * base, 0.0)
+            after.factor[c] = wp.min(light / base, _MOST)
+        after.more[c] = wp.max(light - after.factor[c] * base, 0.0) / (_UNIT * after.count)
     return after
 
 
@@ -226,14 +249,9 @@ def average_paths(
         for k in range(_LEVELS):
             row = paths[i].rows[k]
             if row >= 0:
-                count = float(sums[row, _COUNT])
-                total = wp.vec3(float(sums[row, 0]), float(sums[row, 1]), float(sums[row, 2]))
-                cell = _told(followed[row], total / (_UNIT * count), count, joining)
+                cell = _told(followed[row], sums, row)
                 if not joining:
-                    cell.step = wp.vec3()
-                    for c in range(3):
-                        if cell.base[c] > 0.0:
-                            cell.step[c] = cell.factor[c] - wp.min(cell.last[c] / cell.base[c], _MOST)
+                    cell.step = cell.factor - cell.last
                     cell.stepped = frame
                 followed[row] = cell
 

@@ -118,6 +118,7 @@ class View:
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
+        self._store: PathStore | None = None
         self._steerer: Steerer | LightKeeper | None = None
         if options.first_hit_rays:
             data.add_texture_levels()
@@ -131,7 +132,7 @@ class View:
                 from clsim.render.light_keeper import LightKeeper, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
-                store = self._path_store(options, camera) if features.anchored else None
+                self._store = store = self._path_store(options, camera) if features.anchored else None
                 self._steerer = LightKeeper(
                     *size, effort, sight, options.light_hz, event, options.look_again, store, self._device
                 )
@@ -294,6 +295,8 @@ class View:
         Its board is closed, so that a ``fill`` that waits for an interest map ends too.
         """
         self._tiles.cancel()
+        if self._store is not None:
+            self._store.cancel()
         if self._steerer is not None:
             self._steerer.cancel()
 
@@ -301,6 +304,8 @@ class View:
         """End the threads and let go of all memory; safe to call twice."""
         self.cancel()
         self._tiles.close()
+        if self._store is not None:
+            self._store.close()
         self._targets.clear()
 
     def _path_store(self, options: RenderOptions, camera: Camera) -> PathStore:

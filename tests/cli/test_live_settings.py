@@ -15,7 +15,7 @@ from clsim.cli.status import status_line
 from clsim.cli.summary import print_losses, print_summary
 from clsim.cli.words import count_text, dropped_text, events_text, percent_text
 from clsim.live.options import LiveOptions
-from clsim.live.quality import CACHED, QUALITIES
+from clsim.live.quality import QUALITIES
 from clsim.live.session import Session, open_live
 
 SMALL = ("--resolution", "16x12", "--frame-count", "6", "--fps", "20")
@@ -174,7 +174,7 @@ def test_what_was_given_up_is_shown() -> None:
     session.pipeline.progress.first_frame_s = 0.1
     assert "gave up" not in status_line(session).plain
     session.governed.governor.level = 3
-    given_up = f"samples {CACHED['balanced'].spp} -> 1"
+    given_up = f"samples {QUALITIES['balanced'].spp} -> 1"
     assert f"gave up: {given_up}" in status_line(session).plain
     assert f"to keep up with the clock it gave up {given_up}" in told_at_the_end(session)
 
