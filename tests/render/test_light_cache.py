@@ -136,7 +136,8 @@ def test_two_looks_differ_as_two_seeds_do(world):
             looks.append(np.log((one + dark) / (again + dark)))
             seeds.append(np.log((seen + dark) / (differs + dark)))
     spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in (looks, seeds)]
-    np.testing.assert_allclose(*spread, rtol=0.5)
+    # Standard errors count paths as independent, and these are spread evenly: more is told than there is.
+    np.testing.assert_allclose(*spread, rtol=0.6)
 
 
 def test_two_looks_at_a_still_picture_stay_as_they_are():

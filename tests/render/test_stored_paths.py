@@ -79,11 +79,11 @@ def lamp_at(x=1.2):
 
 
 def test_what_moves_and_comes_back_finds_the_same_light():
-    """Bit for bit, once nothing is learnt between: light is known by where all is, not by what was before."""
+    """To a rounding, once nothing is learnt between: light is known by where all is, not by what was before."""
     times_us = [100_000, 200_000] * 4
     shown, _ = pictures(room(there_and_back(), lamp_at()), times_us, spp=64)
-    np.testing.assert_array_equal(shown[-1], shown[-3])
-    np.testing.assert_array_equal(shown[-2], shown[-4])
+    np.testing.assert_allclose(shown[-1], shown[-3], rtol=1e-6)
+    np.testing.assert_allclose(shown[-2], shown[-4], rtol=1e-6)
     assert np.abs(shown[-1] - shown[-2]).max() > 0.05
 
 

@@ -62,7 +62,7 @@ def pixels_of(events: npt.NDArray[Any], world: World) -> list[npt.NDArray[Any]]:
 def test_mains_flicker_has_the_events_of_its_closed_form(tmp_path: Path, options: dict[str, Any]) -> None:
     """Ten frames a period, the fewest that no warning is for, and forty; the error falls with the square."""
     world = stage(tmp_path, MAINS)
-    for fps, tolerance_us in ((1000.0, 150), (4000.0, 12)):
+    for fps, tolerance_us in ((1000.0, 250), (4000.0, 25)):
         expected = crossings(MAINS, 0.038)
         with clsim.Simulator(world, fps=fps, **options) as run:
             assert not [sentence for sentence in run.warnings if "changes too fast" in sentence]
@@ -107,7 +107,7 @@ def test_darkness_is_dark_whatever_was_kept_before(tmp_path: Path) -> None:
             pictures.append(run.frame().planes[:3])
     lit, dark, twice = pictures
     assert lit.max() > 0.1 and dark.max() == 0
-    np.testing.assert_allclose(twice, 2 * lit, rtol=2e-3, atol=1e-6)
+    np.testing.assert_allclose(twice, 2 * lit, rtol=5e-3, atol=1e-6)
 
 
 @pytest.mark.slow
