@@ -68,10 +68,10 @@ def files(tmp_path: Path) -> Path:
             ["live", "still", "--quality", "exact", "--sampling", "adaptive"],
             "--sampling adaptive needs --first-hit-rays of at least 1, which --quality exact has not: give it too",
         ),
-        (["live", "still", "--quality", "draft", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
+        (["live", "still", "--quality", "exact", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
         (
             ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
-            "--probe-spp must be at most --spp 64, got 99",
+            "--probe-spp must be at most --spp 32, got 99",
         ),
         (
             ["live", "still", "--method", "esim", "--probe-every", "2"],

@@ -142,7 +142,7 @@ def test_noise_is_what_another_seed_does_not_fire(
 def test_of_a_real_sensor_noise_is_told_as_ideal_pixels_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under another name, for its events are not those."""
     monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
-    given = {"sampling": None, "quality": "draft", "frame_count": 8, "fps": 60.0}
+    given = {"sampling": None, "quality": "draft", "frame_count": 8, "fps": 60.0, "threshold": (0.2, 0.2)}
     ideal, real = (summary_of("two-boxes", sensor=sensor, **given) for sensor in (None, "davis346"))
     assert ideal["events"] != real["events"]
     assert real["ideal_noise_share"] == ideal["noise_share"] > 0

@@ -90,7 +90,7 @@ def test_files_are_written_alike_twice_and_have_sidecars(tmp_path: Path) -> None
     assert len(binary) > 0 and (binary == text).all()
     about = json.loads((tmp_path / "a.aedat4.json").read_text())
     assert about["complete"] and about["clsim_version"] == clsim.__version__
-    assert about["options"]["seed"] == 3 and about["options"]["probe_spp"] == 4
+    assert about["options"]["seed"] == 3 and about["options"]["probe_spp"] == 1
     assert about["thresholds"] == {"on": 0.2, "off": 0.2}
     assert about["camera"]["intrinsics_px"]["cx"] == 16
     assert about["poses"] == "a.aedat4.poses.txt" and len((tmp_path / about["poses"]).read_text().splitlines()) == 2 + 6
