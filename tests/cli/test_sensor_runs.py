@@ -141,7 +141,7 @@ def test_a_threshold_wins_over_the_sensors_and_that_over_the_scenes() -> None:
         ("[thresholds]", "there is no option 'thresholds'; did you mean 'threshold'"),
         ("[threshold]\nmismatch = -1", "threshold: `mismatch` must not be negative, got -1"),
         ("threshold = 3", "`threshold` must be Threshold or its fields by name, got 3"),
-        ("[noise]\nlux = [1.0, 2.0]\non_hz = 1.0", "noise: `on_hz` has 1 numbers, expected 2"),
+        ("[noise]\nlux = [1.0, 2.0]\non_hz = [1.0, 2.0, 3.0]", "noise: `on_hz` has 3 numbers, expected 2"),
         ("[noise]\nshot = 0.1", "noise: `shot` needs a bandwidth"),
         ("[readout]\nstamp_us = 0", "readout: `stamp_us` must be positive, got 0"),
         ("[optics]\nwidth = 10", "optics: `width` and `height` belong together"),
