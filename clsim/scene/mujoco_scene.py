@@ -58,7 +58,7 @@ def load_mujoco(path: Path) -> World:
     except (ValueError, mujoco.FatalError) as error:
         raise InputError(f"{path}: MuJoCo cannot load it ({' '.join(str(error).split())})") from None
     world = shown.world(path.stem, None, _FPS)
-    world = replace(world, warnings=(*world.warnings, *(f"mujoco: {text}" for text in told)))
+    world = replace(world, notes=(*world.notes, *(f"mujoco: {text}" for text in told)))
     if not world.instances:
         raise InputError(f"{path}: has no triangles: the model has no geoms, or none in the groups that MuJoCo shows")
     course = Course(path, model, data, shown)

@@ -102,6 +102,12 @@ def test_what_mujoco_refuses_is_one_sentence(tmp_path: Path, text: str, sentence
     assert "\n" not in str(refused.value)
 
 
+def test_what_mujocos_compiler_says_is_noted_and_refuses_nothing(tmp_path: Path) -> None:
+    odd = FALL.replace("<mujoco>", '<mujoco><compiler settotalmass="3"/>')
+    world = load_world(saved(tmp_path, odd), strict=True)
+    assert not world.warnings and all(note.startswith("mujoco: ") for note in world.notes)
+
+
 def test_no_parameters(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="models of MuJoCo's have no parameters"):
         load_world(f"{saved(tmp_path, FALL)}#a=1")
