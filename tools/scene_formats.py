@@ -38,8 +38,10 @@ ROWS = (
         "all else",
     ),
     (
-        "MuJoCo models",
-        "from Python, with their physics: [docs/driving.md](driving.md#mujoco)",
+        "MuJoCo models (`.xml`; extra `mujoco`)",
+        "geoms, meshes, materials, lights and the first camera, or where MuJoCo's viewer begins if there is none; "
+        "bodies move by the model's physics from its initial state, all controls at 0 (5 s, unless `--duration` says "
+        "more); what a program controls is [driven](driving.md#mujoco)",
         "flexible bodies, skins, tendons, skyboxes, mirrors; an orthographic camera is a pinhole that sees as much "
         "in the model's middle",
     ),

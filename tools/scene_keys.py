@@ -14,7 +14,7 @@ from tools.scene_formats import section
 INTRODUCTION = """# Scenes
 
 `clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of
-another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's `.xml`, `.pbrt`. Where a file of another program has
+another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's and MuJoCo's `.xml`, `.pbrt`. Where one of these has
 no light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
 camera that stands still in a still scene is set in gentle motion, for without motion there are no events. A `.toml`
 needs a camera and light of its own; one without any light is dark, which a warning says. What a file asks for and clsim

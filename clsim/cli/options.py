@@ -21,9 +21,7 @@ def advanced(*names: str, **more: Any) -> Any:
 
 
 # What most runs need.
-SCENE_HELP = (
-    "A bundled scene (see `clsim scenes`) or a .toml, .gltf, .glb, .usd, .obj, .ply, .xml (Mitsuba) or .pbrt file."
-)
+SCENE_HELP = "A bundled scene (see `clsim scenes`) or a .toml, .gltf, .glb, .usd, .obj, .ply, .xml or .pbrt file."
 SCENE = Annotated[str | None, typer.Argument(help=SCENE_HELP, show_default=False)]
 CONFIG = Annotated[
     Path | None,

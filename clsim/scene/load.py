@@ -32,7 +32,7 @@ def load_world(
     camera_axes: Axes = "opencv",
     camera_interpolation: Interpolation = "linear",
 ) -> World:
-    """Load a bundled scene by name, or a file: TOML, glTF, USD, OBJ, PLY, Mitsuba's XML or pbrt-v4's.
+    """Load a bundled scene by name, or a file: TOML, glTF, USD, OBJ, PLY, Mitsuba's XML, pbrt-v4's or MuJoCo's.
 
     ``Fox.glb#Walk`` plays the animation of that name (or index) alone. The camera of a file in which nothing moves is
     set in motion; a TOML's stays where it is.
@@ -143,6 +143,12 @@ def _load_file(path: Path, suffix: str, animation: str | None) -> World:
 
         return load_gltf(path, animation)
     if suffix == ".xml":
+        from clsim.scene.mujoco_scene import is_mjcf, load_mujoco
+
+        if is_mjcf(path):
+            if animation is not None:
+                raise InputError(f"{path}#{animation}: models of MuJoCo's have no parameters to set")
+            return load_mujoco(path)
         from clsim.scene.mitsuba_scene import load_mitsuba
 
         return load_mitsuba(path, _parameters(path, animation))

@@ -111,8 +111,7 @@ def read_scene(path: Path, given: Mapping[str, str]) -> tuple[Plugin, bool]:
     """
     root = _parse(path)
     if root.tag != "scene":
-        hint = ": a model of MuJoCo's is shown by clsim.bridges.mujoco, from Python" if root.tag == "mujoco" else ""
-        raise InputError(f"{root.place}: is <{root.tag}>, expected <scene>{hint}")
+        raise InputError(f"{root.place}: is <{root.tag}>, expected <scene> of Mitsuba's or <mujoco>")
     match = re.match(r"\d+", root.attributes.get("version", ""))
     if match is None:
         raise InputError(f"{root.place}: <scene> has no version, expected one such as 3.0.0")

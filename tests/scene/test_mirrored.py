@@ -1,6 +1,6 @@
 """Cameras and lamps under matrices that mirror, stretch and shear: they look and shine along the matrix's own axis."""
 
-from itertools import product
+from itertools import count, product
 
 import numpy as np
 import pytest
@@ -8,12 +8,13 @@ from gltf_files import gltf, write_gltf
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from mitsuba_files import load
+from mitsuba_files import load, scene
 from usd_files import METRES, mesh, usda
 
 from clsim.scene import load_world
 
 SIGNS = list(product((1, -1), repeat=3))
+NUMBERS = count()
 TURN = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
 
 
@@ -49,22 +50,68 @@ def test_gltf(tmp_path):
         assert_faces(world.punctual_lights[0].motion.pose(0.0), matrix)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(arrays(np.float64, (2, 3, 3), elements=st.floats(-1e3, 1e3)))
+ANY = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+TWO_LINEAR = arrays(np.float64, (2, 3, 3), elements=st.floats(-1e3, 1e3))
+"""Those of a node and of one within it."""
+
+
+def assert_looks_along(pose, back):
+    """The pose is a rotation, and its z axis leads where a finite matrix's column does."""
+    turn = pose[:3, :3]
+    np.testing.assert_allclose(turn.T @ turn, np.eye(3), atol=1e-9)
+    assert np.linalg.det(turn) > 0
+    if np.abs(back).max() > 1e-100:
+        np.testing.assert_allclose(turn[:, 2], back / np.linalg.norm(back), atol=1e-9)
+
+
+def whole(linear):
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    return matrix
+
+
+@ANY
+@given(TWO_LINEAR)
 def test_any_matrices_of_nodes_lead_a_gltf_camera(tmp_path, linear):
     """A camera within a node within a node looks along the third column of the product."""
     nodes = [{"mesh": 0}]
-    for k, part in enumerate(linear):
-        matrix = np.eye(4)
-        matrix[:3, :3] = part
-        nodes.append({"matrix": matrix.T.ravel().tolist(), "children": [k + 2]})
+    nodes += [{"matrix": whole(part).T.ravel().tolist(), "children": [k + 2]} for k, part in enumerate(linear)]
     tree = gltf(nodes=[*nodes, {"camera": 0}], scenes=[{"nodes": [0, 1]}])
     tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]
     pose = load_world(write_gltf(tmp_path, tree)).camera.motion.pose(0.0)
+    assert_looks_along(pose, (linear[0] @ linear[1])[:, 2])
+
+
+@ANY
+@given(TWO_LINEAR)
+def test_any_matrices_of_prims_lead_a_usd_camera_and_a_sun(tmp_path, linear):
+    """So it is in USD, whose matrices are written as rows, and of what shines along −z."""
+    pytest.importorskip("pxr", reason="needs the usd extra")
+    places = []
+    for part in linear:
+        rows = ", ".join("(" + ", ".join(map(repr, row)) + ")" for row in whole(part).T.tolist())
+        places.append(f'matrix4d xformOp:transform = ({rows})\nuniform token[] xformOpOrder = ["xformOp:transform"]\n')
+    sun = 'def DistantLight "sun"\n{\nfloat inputs:angle = 0\n' + places[1] + "}\n"
+    eye = 'def Camera "eye"\n{\n' + places[1] + "}\n"
+    body = mesh() + 'def Xform "root"\n{\n' + places[0] + eye + sun + "}\n"
+    # USD keeps files that are open, by their names.
+    world = load_world(usda(tmp_path, body, METRES, f"{next(NUMBERS)}.usda"))
     back = (linear[0] @ linear[1])[:, 2]
-    np.testing.assert_allclose(pose[:3, :3].T @ pose[:3, :3], np.eye(3), atol=1e-9)
-    if np.abs(back).max() > 1e-100:
-        np.testing.assert_allclose(pose[:3, 2], back / np.linalg.norm(back), atol=1e-9)
+    assert_looks_along(world.camera.motion.pose(0.0), back)
+    assert_looks_along(world.punctual_lights[0].motion.pose(0.0), back)
+
+
+@ANY
+@given(TWO_LINEAR)
+def test_any_steps_of_a_transform_lead_a_mitsuba_camera_and_a_spot(tmp_path, linear):
+    """Mitsuba looks along +z, and of a transform's steps the first is applied first."""
+    steps = "".join(f'<matrix value="{" ".join(map(repr, whole(part).ravel().tolist()))}"/>' for part in linear)
+    place = f'<transform name="to_world">{steps}</transform>'
+    body = f'<sensor type="perspective">{place}</sensor><emitter type="spot">{place}</emitter><shape type="cube"/>'
+    world = load_world(scene(tmp_path, body))
+    back = -(linear[1] @ linear[0])[:, 2]
+    assert_looks_along(world.camera.motion.pose(0.0), back)
+    assert_looks_along(world.punctual_lights[0].motion.pose(0.0), back)
 
 
 def test_gltf_cameras_that_pan_under_a_mirror(tmp_path):

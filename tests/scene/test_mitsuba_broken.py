@@ -51,7 +51,7 @@ BOMB = "".join(f'<default name="a{k}" value="$a{k - 1}$a{k - 1}"/>' for k in ran
         ("<scene", "not well-formed"),
         ("\0\1\2", "not well-formed"),
         ("<other/>", "expected <scene>"),
-        ("<mujoco/>", "expected <scene>: a model of MuJoCo's is shown by clsim.bridges.mujoco"),
+        ("<robot/>", "is <robot>, expected <scene> of Mitsuba's or <mujoco>"),
         ("<scene/>", "no version"),
         ('<!DOCTYPE scene [<!ENTITY a "aaaa">]><scene version="3.0.0">&a;</scene>', "document type"),
         ('<!DOCTYPE scene SYSTEM "http://example.com/x.dtd"><scene version="3.0.0"/>', "document type"),

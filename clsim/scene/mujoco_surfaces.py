@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene import Material, Mesh, PunctualLight, Static, WorldBuilder
+from clsim.scene.builder import WorldBuilder
 from clsim.scene.images import decode_srgb
-from clsim.scene.world import ImageTexture, Vec3
+from clsim.scene.motion import Static
+from clsim.scene.world import ImageTexture, Material, Mesh, PunctualLight, Vec3
 
 _DEFAULT = (0.5, 0.5, 0.5, 1.0)
 """The colour of a geom that has none of its own: then its material's holds."""

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from clsim.scene import Camera, Lens, Motion
-from clsim.scene.motion import Matrix, compose
+from clsim.scene.motion import Matrix, Motion, compose
+from clsim.scene.world import Camera, Lens
 
 FREE = -1
 """Number of the camera with which MuJoCo's own viewer starts, for models that have none."""
