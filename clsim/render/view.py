@@ -272,8 +272,8 @@ class View:
     def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
         """Return what was looked at again as in its last frame, and as seen then.
 
-        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. Where light or
-        paths are kept one is somewhat brighter and one darker, by as much as the light is noisy.
+        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. Where
+        light is kept, one is somewhat brighter and one darker, by as much as the light is noisy.
         """
         if self._steerer is not None:
             return cast("LightKeeper", self._steerer).seen_twice
