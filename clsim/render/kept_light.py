@@ -193,10 +193,12 @@ def finished(lit: Lit, own: wp.vec3, own_before: wp.vec3, weights: wp.vec3) -> L
 
 @wp.func
 def gain(lit: Lit, weights: wp.vec3) -> float:
-    """Return by how much a pixel's log luminance has changed because light is known better, not because it changed."""
-    shining = brightness(lit.emission, weights)
-    now = wp.max(shining + brightness(lit.light, weights), _DARKEST)
-    before = wp.max(shining + lit.before, _DARKEST)
+    """Return by how much what a pixel reflects has changed because light is known better, not because it changed.
+
+    That is the logarithm of a ratio. What shines by itself is always known.
+    """
+    now = wp.max(brightness(lit.light, weights), _DARKEST)
+    before = wp.max(lit.before, _DARKEST)
     return wp.clamp(wp.log(now / before), -_LARGEST_GAIN, _LARGEST_GAIN)
 
 
@@ -206,7 +208,7 @@ def shown_in(lit: Lit, earlier: bool, learnt: float) -> wp.vec3:
     light = lit.light
     if earlier:
         light = lit.earlier
-    return (lit.emission + light) * wp.exp(-learnt)
+    return lit.emission + light * wp.exp(-learnt)
 
 
 @wp.func

@@ -235,5 +235,5 @@ def test_a_run_at_the_pace_of_the_clock_gives_up_exact_times_first():
     session.start()
     assert session.pipeline.wait(120)
     summary = session.summary().as_dict()
-    assert summary["governor"]["given_up"].startswith("time tolerance 100 -> 10000 us, samples 4 -> ")
+    assert summary["governor"]["given_up"].startswith("time tolerance 100 -> 10000 us, samples 8 -> ")
     assert summary["effort"].keys() == {"probe_spp", "spp", "first_hit_rays", "every"}

@@ -205,7 +205,7 @@ def test_where_paths_find_all_light_most_are_traced_at_first():
     for index in range(1, 6):
         run.fill(index)
         later.append(run.spent[0])
-    assert max(later) < 5 * covered and later[-1] < covered
+    assert max(later) < 5 * covered and later[-1] < 1.5 * covered
 
 
 @pytest.mark.parametrize("sampler", ["sobol", pytest.param("pcg", marks=pytest.mark.slow)])
