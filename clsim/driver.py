@@ -144,9 +144,6 @@ class Driver(ABC):
     def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
 
-        Where a quality keeps paths, since the camera stands still in the scene, all are traced anew for each frame in
-        which it moves. Set it before the first step too, and none are kept.
-
         Args:
             T_world: its pose, as for `set_pose`.
             at_us: the time [µs]; None is the end of the next step.

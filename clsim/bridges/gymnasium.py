@@ -27,6 +27,18 @@ except ImportError:
 Form = Literal["voxels", "histogram"]
 
 
+class Columns(UserDict[str, npt.NDArray[Any]]):
+    """The events of a step by column. No dictionary, for vector environments would join columns of several lengths."""
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all columns are the same."""
+        if not isinstance(other, Columns) or self.keys() != other.keys():
+            return False
+        return all(np.array_equal(self[name], other[name]) for name in self)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
 class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Adds to each observation the events since the one before.
 
@@ -90,7 +102,7 @@ class EventObservation(gymnasium.Wrapper[Any, Any, Any, Any]):
         start_us = self.simulator.time_us
         events = self.simulator.step(self._follow(self.simulator))
         # Not a plain dictionary: vector environments would put those of all into one array, as if of one length.
-        columns = UserDict({name: np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")})
+        columns = Columns({name: np.ascontiguousarray(events[name]) for name in ("t", "x", "y", "on")})
         return {"state": state, "events": self._array(events, start_us)}, info | {"events": columns}
 
     def _array(self, events: EventBatch, start_us: int) -> npt.NDArray[np.float32]:

@@ -173,14 +173,14 @@ def test_samplers_and_sampling_are_axes(tmp_path: Path) -> None:
     ]
     wanted = [*(Point(each, BASE) for each in renderings), named_points(0)["balanced"]]
     results = run_tradeoff(options(tmp_path, points=wanted), ignore)
-    plain, even, adaptive = results["points"]
-    assert (plain["sampler"], even["sampler"], adaptive["sampling"]) == ("pcg", "sobol", "adaptive")
+    plain, even, cached = results["points"]
+    assert (plain["sampler"], even["sampler"], cached["sampling"]) == ("pcg", "sobol", "cached")
     assert even["f1"] != plain["f1"], "the sampler did not reach the tracer"
     pixels = 16 * 12 * 4
-    assert pixels < adaptive["paths"] < pixels * 6 and 0 < adaptive["first_hit_rays_traced"] <= pixels * 16
+    assert pixels < cached["paths"] < pixels * 8 and 0 < cached["first_hit_rays_traced"] <= pixels * 512
     assert {row["label"] for row in results["settings"]} == {
         "4 spp common, radiance K13", "4 spp common sobol, radiance K13",
-        "1 to 6 spp each 8 frames common sobol + 12 first hits, irradiance K11 rule linear-light",
+        "1 to 8 spp each 16 frames common sobol kept + 32 first hits, esim rule linear-light",
     }  # fmt: skip
 
 

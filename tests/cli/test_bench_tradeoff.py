@@ -25,7 +25,7 @@ POINTS = [
 
 @pytest.mark.slow
 def test_the_files_of_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, clsim: Callable[..., Any]) -> None:
-    monkeypatch.setattr(tradeoff, "quick_points", lambda seed, light: POINTS)
+    monkeypatch.setattr(tradeoff, "quick_points", lambda seed: POINTS)
     files = {name: tmp_path / f"out.{name}" for name in ("csv", "plot", "markdown")}
     command = (
         "bench", "tradeoff", "two-boxes", "--quick", "--resolution", "16x12", "--frame-count", 4, "--fps", 20,

@@ -3,7 +3,6 @@
 import json
 import math
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from clsim.sensor.fit_flicker import fit_flicker
 from clsim.sensor.fit_still import Counts, fit_still
 from clsim.sensor.fitted import fitted_rows, sensor_file
 from clsim.sensor.lab import Lab
-from clsim.sensor.pixel_stages import Defects, Leak, Noise, Refractory, Threshold
+from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
 
 WIDTH, HEIGHT = 80, 60
 CONTRAST, LAMP_HZ = 0.6, 5.0
@@ -232,7 +231,14 @@ def test_a_lamp_that_does_not_flicker_is_told(recorded, tmp_path, monkeypatch, c
 
 @pytest.mark.slow
 def test_fits_do_not_hang_on_a_front_end(still):
-    davis = replace(load_sensor("davis346"), defects=TRUE.defects)
+    davis = SensorSettings(
+        threshold=Threshold(0.2, 0.2, mismatch=0.03),
+        front_end=FrontEnd(dark_lux=0.1, receptor_hz_per_lux=300.0, follower_hz=3000.0),
+        noise=Noise(0.01, 0.01, spread_decades=0.25),
+        leak=Leak(0.08, 0.25),
+        defects=TRUE.defects,
+        refractory=Refractory(250.0),
+    )
     found = fit_flicker(lamp(davis, 1.0, 400), WIDTH, HEIGHT, CONTRAST, ~still.hot)
     assert found.on[0] == pytest.approx(0.2, rel=0.01) and found.off[0] == pytest.approx(0.2, rel=0.01)
     # Of a float64 pixel the fit finds 252.0 under these 400 lines a period, 251.4 under a true sine, and 250.0 where
