@@ -188,6 +188,7 @@ def plan_stages(
     steered = point.sampling == "adaptive"
     detector = _detector_config(options, world)
     ideal = options.sensor is None or options.sensor.is_ideal
+    nears = ideal and point.sampling == "cached" and options.time == "fixed"
     render = RenderOptions(
         spp=point.spp,
         probe_spp=point.probe_spp if point.sampling != "uniform" else None,
@@ -198,7 +199,8 @@ def plan_stages(
         follow_every=point.follow_every,
         lights_set=lights_set,
         light_hz=None if options.time == "fixed" else BASE_FPS,
-        fires_at=detector.fires_at if ideal and point.sampling == "cached" and options.time == "fixed" else None,
+        # Where light changes by itself, shares that are counted by other rays in each frame would make it flicker more.
+        fires_at=detector.fires_at if nears and not (world.light_changes() or lights_set) else None,
         fps=fps,
         seed=options.seed,
         noise=point.noise,

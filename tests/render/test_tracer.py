@@ -388,8 +388,10 @@ def compiles_for_cuda(features, folder):
 
 
 @pytest.mark.slow
-def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(tmp_path):
-    odd = {"strategy": "mis", "projection": "perspective", "kinds": KINDS}
+@pytest.mark.parametrize("replay", [False, True])
+def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(replay, tmp_path):
+    """That of frames, and that which traces stored paths again."""
+    odd = {"replay": replay, "strategy": "mis", "projection": "perspective", "kinds": KINDS}
     odd |= dict.fromkeys(("first_hits", "still_lamps", "light_cache", "lamp_light", "requests"), False)
     assert compiles_for_cuda(
         Features(**{field.name: odd.get(field.name, True) for field in fields(Features)}), tmp_path

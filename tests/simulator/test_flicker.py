@@ -60,13 +60,9 @@ def pixels_of(events: npt.NDArray[Any], world: World) -> list[npt.NDArray[Any]]:
     ids=lambda options: "-".join(map(str, options.values())) or "balanced",
 )
 def test_mains_flicker_has_the_events_of_its_closed_form(tmp_path: Path, options: dict[str, Any]) -> None:
-    """Ten frames a period, the fewest that no warning is for, and forty.
-
-    The error of the line between frames falls with the square; what is left is that of the shares that rays count,
-    which may be wrong by 2 % where an event is near.
-    """
+    """Ten frames a period, the fewest that no warning is for, and forty; the error falls with the square."""
     world = stage(tmp_path, MAINS)
-    for fps, tolerance_us in ((1000.0, 250), (4000.0, 150)):
+    for fps, tolerance_us in ((1000.0, 150), (4000.0, 12)):
         expected = crossings(MAINS, 0.038)
         with clsim.Simulator(world, fps=fps, **options) as run:
             assert not [sentence for sentence in run.warnings if "changes too fast" in sentence]
