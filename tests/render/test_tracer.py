@@ -399,9 +399,9 @@ def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(replay
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("light_cache", [False, True])
-def test_the_kernels_of_first_hits_compile_for_cuda(light_cache, tmp_path):
-    """For one scene: with every feature at once the compiler takes more than five minutes."""
-    world = load_world("two-boxes")
+@pytest.mark.parametrize(("scene", "light_cache"), [("two-boxes", False), ("two-boxes", True), ("cornell", True)])
+def test_the_kernels_of_first_hits_compile_for_cuda(scene, light_cache, tmp_path):
+    """For scenes: with every feature at once the compiler takes more than five minutes."""
+    world = load_world(scene)
     options = RenderOptions(spp=4, probe_spp=1, first_hit_rays=16, light_cache=light_cache)
     assert compiles_for_cuda(options.features(scene_features(world, 0.0), world.camera), tmp_path)
