@@ -43,8 +43,7 @@ def pytest_cmdline_main(config: pytest.Config) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     """Let interrupts work, and compile kernels in half the time: they render little here.
 
-    What a kernel computes does not hang on how much it is optimised. With ``--own-kernels`` all are compiled as for
-    users, and rendering always is in programs that tests start.
+    With ``--own-kernels`` all are compiled as for users.
     """
     # A shell's background jobs ignore interrupts, and so would programs that tests start.
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -52,16 +51,18 @@ def pytest_configure(config: pytest.Config) -> None:
     if not (config.option.own_kernels or config.option.collectonly):
         import warp as wp
 
+        from tests.fast_compiling import compile_fast
+
         os.environ.setdefault("PYOPENCL_BUILD_OPTIONS", "-cl-opt-disable")
-        wp.config.optimization_level = 1
-        # Warp's flags beside these would inline all that is called.
-        wp.config.cpu_compiler_flags = "-march=native -fno-vectorize -fno-slp-vectorize"
+        compile_fast(wp.config)
 
 
 @pytest.fixture(autouse=True)
 def ordinary_kernels(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Let tests that are not about rendering share kernels (``tests/shared_kernels.py``)."""
+    """Let tests that are not about rendering share kernels (``tests/shared_kernels.py``), and programs that they start."""
     if request.path.relative_to(Path(__file__).parent).parts[0] in _RENDER_BY_THE_WAY:
         from tests.shared_kernels import ORDINARY, widen
 
         widen(monkeypatch, request, ORDINARY)
+        if not request.config.getoption("own_kernels"):
+            monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent / "programs"), prepend=os.pathsep)

@@ -5,15 +5,14 @@ none, properties that no material has. How rays search, blur and the camera stay
 every world is rendered with the kernel that users get.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from clsim.render import scene_data
 from clsim.render.bsdf_kinds import KINDS
 from clsim.render.features import SceneFeatures
-from clsim.render.scene_features import scene_features
 
 ORDINARY: dict[str, Any] = {
     "smooth_normals": True,
@@ -53,11 +52,20 @@ MATERIALS: dict[str, Any] = {
 }
 
 
-def widen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, known: dict[str, Any]) -> None:
-    """Build kernels that know all this, whatever the world has, until the test ends."""
+def widened(scene_features: Callable[..., SceneFeatures], known: dict[str, Any]) -> Callable[..., SceneFeatures]:
+    """Return that function with all of this ``known``, whatever a world has."""
 
-    def widened(*given: Any, **more: Any) -> SceneFeatures:
+    def all_known(*given: Any, **more: Any) -> SceneFeatures:
         return replace(scene_features(*given, **more), **known)
 
+    return all_known
+
+
+def widen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, known: dict[str, Any]) -> None:
+    """Build kernels that know all this, whatever the world has, until the test ends."""
+    # Programs that tests start import this file while they import these.
+    from clsim.render import scene_data
+    from clsim.render.scene_features import scene_features
+
     if not request.config.getoption("own_kernels"):
-        monkeypatch.setattr(scene_data, "scene_features", widened)
+        monkeypatch.setattr(scene_data, "scene_features", widened(scene_features, known))

@@ -31,10 +31,12 @@ _SHIFT = wp.constant(0.37)
 """By so many cells the grid is shifted, for walls and floors often lie at whole numbers, between two cells."""
 _ALIGNED = wp.constant(0.9999)
 """Where a surface faces along an axis so nearly, it lies within one layer of cells."""
-_SURE = wp.constant(4.0)
+_SURE = wp.constant(1.0)
 """Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
 _WANTED_STORED = wp.constant(64.0)
 """Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
+_LEAST_TILTED = wp.constant(0.25)
+"""Part of a cell's light that is left at its edge, at least: beyond, a plane through few paths tells nothing."""
 _LEAST_FACTOR = wp.constant(0.05)
 """Where light has become less than this part of what it was, it tells nothing of that."""
 _PROBES = wp.constant(64)
@@ -50,9 +52,11 @@ class Cell:
     Attributes:
         key: what tells it from others; 0 where the row is free.
         light: mean irradiance over π.
+        tilt: what it is times that across the cell is 1, u and v times these, of the place in it from 0 to 1.
         count: number of paths.
         update: number of the last update that added to it.
         before: the light before that.
+        tilt_before: its tilt.
         count_before: number of paths before that.
         error: standard error of the brightness of the light.
         error_before: that of the light before.
@@ -60,9 +64,11 @@ class Cell:
 
     key: wp.int64
     light: wp.vec3
+    tilt: wp.vec3
     count: float
     update: int
     before: wp.vec3
+    tilt_before: wp.vec3
     count_before: float
     error: float
     error_before: float
@@ -190,6 +196,29 @@ def key_of(grid: wp.uint64, axis: int, x: float, y: float, z: float) -> wp.int64
     inside = ((u & wp.int64(3)) << wp.int64(2)) | (v & wp.int64(3))
     block = (sampling.mix64(grid + mixed) | wp.uint64(1)) << wp.uint64(4)
     return wp.int64(block) | inside
+
+
+@wp.func
+def along_face(axis: int, at: wp.vec3) -> wp.vec2:
+    """Return the two coordinates along the surface of cells that lie across that axis."""
+    return wp.vec2(wp.where(axis == 0, at[1], at[0]), wp.where(axis == 2, at[1], at[2]))
+
+
+@wp.func
+def _tilted(light: wp.vec3, tilt: wp.vec3, place: wp.vec2) -> wp.vec3:
+    """Return the light of a cell at a place in it, or beyond its edge."""
+    return light * wp.clamp(tilt[0] + tilt[1] * place[0] + tilt[2] * place[1], _LEAST_TILTED, 1.0 / _LEAST_TILTED)
+
+
+@wp.func
+def _error_at(error: float, tilt: wp.vec3, place: wp.vec2) -> float:
+    """Return the standard error of a cell's light at a place: of a plane it grows with the distance from the middle."""
+    after = error
+    if tilt[1] != 0.0 or tilt[2] != 0.0:
+        away = place - wp.vec2(0.5, 0.5)
+        # Places in a cell have a variance of a twelfth along each side.
+        after = error * wp.sqrt(1.0 + 12.0 * wp.dot(away, away))
+    return after
 
 
 @wp.func
@@ -359,14 +388,18 @@ def look_up(
                 row = _find(cells, key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
                 if row >= 0:
                     cell = cells[row]
-                    sums = _add_cell(sums, weight, cell.light, cell.count, cell.error, cell.key)
+                    place = along_face(axis, part - wp.vec3(dx, dy, dz)) + wp.vec2(0.5, 0.5)
+                    light = _tilted(cell.light, cell.tilt, place)
+                    error = _error_at(cell.error, cell.tilt, place)
+                    sums = _add_cell(sums, weight, light, cell.count, error, cell.key)
                     if cell.update != asked.last_update:
                         cell.before = cell.light
+                        cell.tilt_before = cell.tilt
                         cell.count_before = cell.count
                         cell.error_before = cell.error
-                    sums_before = _add_cell(
-                        sums_before, weight, cell.before, cell.count_before, cell.error_before, cell.key
-                    )
+                    light = _tilted(cell.before, cell.tilt_before, place)
+                    error = _error_at(cell.error_before, cell.tilt_before, place)
+                    sums_before = _add_cell(sums_before, weight, light, cell.count_before, error, cell.key)
                     if asked.follows:
                         by = followed[row]
                         if by.stepped == asked.frame:

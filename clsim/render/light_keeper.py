@@ -40,10 +40,11 @@ _REMEMBERED = 256
 _NEVER = math.inf
 """More than can be known."""
 _PASSES_OF_FIRST = 2
-"""Times that the first frame is rendered: nothing was known when it was rendered first …"""
+"""Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
 _KNOWN_AT_FIRST = 0.28
-"""… and, where all light is kept, until the paths of a pixel alone know it to this part: what is learnt first helps all
-frames that follow. …"""
+"""… and until the paths of a pixel alone know the light to this part: what is learnt first helps all frames. …"""
+_FEW = 2
+"""Paths of a pixel that tell how much they differ, at least."""
 _MOST_AT_FIRST = 160
 """… Paths of a pixel, at most, until then."""
 
@@ -311,9 +312,9 @@ class LightKeeper:
 
     def _passes_of_first(self) -> int:
         """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
-        if not self._finds_all:
-            return _PASSES_OF_FIRST
         lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
+        if len(lights) < _FEW:
+            return _PASSES_OF_FIRST
         wanted = _relative_variance(lights, positions[..., 3] > 0) / _KNOWN_AT_FIRST**2
         return max(math.ceil(min(wanted, _MOST_AT_FIRST) / len(lights)), _PASSES_OF_FIRST)
 

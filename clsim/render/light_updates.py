@@ -15,6 +15,7 @@ from clsim.render.light_cache import (
     Asked,
     Cell,
     Followed,
+    along_face,
     before_change,
     face_of,
     find_or_make,
@@ -28,13 +29,19 @@ from clsim.render.light_cache import (
 
 wp.set_module_options(kernel_options())
 
-SUMS = 5
-"""Of R, G and B, the number of paths, and the sum of the squares of what they found, the mean over R, G and B."""
-_COUNT, _SQUARES = wp.constant(3), wp.constant(4)
+SUMS = 12
+"""Of R, G and B, the number of paths, the sum of the squares of what they found (the mean over R, G and B), and sums of
+their places in the cell, u and v from 0 to 1: of these, of their squares and product, and of what was found times
+each."""
+_COUNT, _SQUARES, _PLACES = wp.constant(3), wp.constant(4), wp.constant(5)
 _PATHS = wp.constant(1)
 """Of what a pixel spent: first-hit rays, and these."""
 _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
+_LEAST_SPREAD = wp.constant(1.0e-4)
+"""Variance of the places of paths along u or v, in sides of a cell, of which there is always that much."""
+_BY_CHANCE = wp.constant(2.0)
+"""What a plane explains by chance alone is some twice the variance of one path over their number; twice that is none."""
 _LARGEST = wp.constant(65536.0)
 """Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
 
@@ -77,6 +84,7 @@ def open_cells(
                 if row >= 0 and (cells[row].update != update or cells[row].key == wp.int64(0)):
                     # Whoever comes first or at the same time writes the same.
                     cells[row].before = cells[row].light
+                    cells[row].tilt_before = cells[row].tilt
                     cells[row].count_before = cells[row].count
                     cells[row].error_before = cells[row].error
                     cells[row].update = update
@@ -108,6 +116,10 @@ def add_to_cells(
                 kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
                 known = tells_before(kept)
                 light = before_change(kept, light)
+            p = positions[i, pixel]
+            n = normals[i, pixel]
+            axis = face_of(wp.vec3(n[0], n[1], n[2])) // 2
+            side_m = wp.pow(2.0, float(size_of(p[3])))
             for level in range(_LEVELS):
                 row = rows[i, level, pixel]
                 if row >= 0 and known:
@@ -118,6 +130,45 @@ def add_to_cells(
                         wp.atomic_add(sums, row, channel, wp.int64(value * _UNIT))
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                     wp.atomic_add(sums, row, _SQUARES, wp.int64(wp.min(bright * bright, _LARGEST) * _UNIT))
+                    at = along_face(axis, in_cells(wp.vec3(p[0], p[1], p[2]), side_m))
+                    u = at[0] - wp.floor(at[0])
+                    v = at[1] - wp.floor(at[1])
+                    wp.atomic_add(sums, row, _PLACES, wp.int64(u * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 1, wp.int64(v * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 2, wp.int64(u * u * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 3, wp.int64(v * v * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 4, wp.int64(u * v * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 5, wp.int64(bright * u * _UNIT))
+                    wp.atomic_add(sums, row, _PLACES + 6, wp.int64(bright * v * _UNIT))
+                side_m = side_m * 2.0
+
+
+@wp.func
+def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: float, variance: float) -> wp.vec4:
+    """Return the tilt of the plane through what the paths of a cell found, and the variance that it leaves.
+
+    It is less steep than that of least squares, and even where chance explains it.
+    """
+    each = 1.0 / (_UNIT * count)
+    u = float(sums[row, _PLACES]) * each
+    v = float(sums[row, _PLACES + 1]) * each
+    uu = float(sums[row, _PLACES + 2]) * each - u * u
+    vv = float(sums[row, _PLACES + 3]) * each - v * v
+    uv = float(sums[row, _PLACES + 4]) * each - u * v
+    ub = float(sums[row, _PLACES + 5]) * each - u * bright
+    vb = float(sums[row, _PLACES + 6]) * each - v * bright
+    # Paths along a line tell nothing of what is beside it.
+    uu += _LEAST_SPREAD
+    vv += _LEAST_SPREAD
+    across = wp.max(uu * vv - uv * uv, _LEAST_SPREAD * _LEAST_SPREAD)
+    steep = wp.vec2((vv * ub - uv * vb) / across, (uu * vb - uv * ub) / across)
+    explained = wp.clamp(steep[0] * ub + steep[1] * vb, 0.0, variance)
+    left = wp.max(variance - explained, 0.0)
+    share = float(0.0)
+    if count > 4.0 and explained > 0.0:
+        share = wp.max(1.0 - _BY_CHANCE * left / (explained * (count - 3.0)), 0.0)
+    steep = steep * (share / bright)
+    return wp.vec4(1.0 - steep[0] * u - steep[1] * v, steep[0], steep[1], variance - share * (2.0 - share) * explained)
 
 
 def average(
@@ -142,8 +193,11 @@ def average(
                     squares = float(sums[row, _SQUARES]) / (_UNIT * count)
                     # One path tells nothing of how different others are: its light may be any.
                     error = float(1.0)
+                    cells[row].tilt = wp.vec3(1.0, 0.0, 0.0)
                     if count > 1.0 and bright > 0.0:
-                        error = wp.sqrt(wp.max(squares - bright * bright, 0.0) / (count - 1.0)) / bright
+                        fit = _plane(sums, row, count, bright, wp.max(squares - bright * bright, 0.0))
+                        cells[row].tilt = wp.vec3(fit[0], fit[1], fit[2])
+                        error = wp.sqrt(fit[3] / (count - 1.0)) / bright
                     cells[row].error = wp.min(error, 1.0) * bright
 
 
