@@ -59,7 +59,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.fixture(autouse=True)
 def ordinary_kernels(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Let tests that are not about rendering share kernels (``tests/shared_kernels.py``), and programs that they start."""
+    """Let tests that are not about rendering, and what they start, share kernels (``tests/shared_kernels.py``)."""
     if request.path.relative_to(Path(__file__).parent).parts[0] in _RENDER_BY_THE_WAY:
         from tests.shared_kernels import ORDINARY, widen
 

@@ -93,6 +93,7 @@ def test_the_reference_keeps_the_brightness_that_its_events_come_from(tmp_path: 
         assert np.array_equal(events["x"], expected["x"]) and np.abs(events["t"] - expected["t"]).max() <= 3
 
 
+@pytest.mark.slow
 def test_starting_is_told_apart_and_happens_before_anything_is_timed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -32,6 +32,7 @@ def test_text_in_seconds_and_in_microseconds_tells_the_same(clsim: Callable[...,
     assert (tmp_path / "us.txt").read_text().split()[0] == str(found["us.txt"]["t"][0])
 
 
+@pytest.mark.slow
 def test_text_in_seconds_on_standard_output() -> None:
     command = [sys.executable, "-m", "clsim", *RUN, "--text-time", "s", "--out", "-"]
     lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout.splitlines()

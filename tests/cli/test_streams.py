@@ -23,7 +23,10 @@ def recording(tmp_path: Path) -> Path:
     return (tmp_path / "a.evt3.raw").rename(tmp_path / "a.raw")
 
 
-@pytest.mark.parametrize("where", ["2>&-", "2>/dev/full", ">&-", "<&-", ">&- 2>&-"])
+SLOW = [pytest.param(each, marks=pytest.mark.slow) for each in ("2>&-", ">&-", "<&-")]
+
+
+@pytest.mark.parametrize("where", ["2>/dev/full", ">&- 2>&-", *SLOW])
 def test_streams_that_are_closed_or_full_cost_no_file(tmp_path: Path, recording: Path, where: str) -> None:
     command = f"{sys.executable} -m clsim convert {recording} {tmp_path}/b.csv {where}"
     assert subprocess.run(command, shell=True, check=False).returncode == 0

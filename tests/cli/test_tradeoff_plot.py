@@ -7,6 +7,7 @@ from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
 from clsim.cli.tradeoff_plot import plot_tradeoff
 
 
+@pytest.mark.slow
 def test_equivalent_mismatch_stands_beside_what_cameras_have(tmp_path, monkeypatch):
     figure = pytest.importorskip("matplotlib.figure").Figure
     points = tuple(Point(Rendering(spp, "common", 0), ESIM) for spp in (2, 16))

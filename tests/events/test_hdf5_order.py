@@ -12,6 +12,7 @@ from clsim.events import EVENT_DTYPE, hdf5, hdf5_growing
 from clsim.events.filesink import FlushPolicy
 
 
+@pytest.mark.slow
 def test_every_prefix_of_the_writes_is_a_file_of_whole_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = hdf5_growing._Medium._put
     path, copy = tmp_path / "a.h5", tmp_path / "copy.h5"

@@ -69,7 +69,13 @@ def npy(descr: object, shape: tuple[int, ...], body: bytes = b"") -> bytes:
 
 @pytest.mark.parametrize(
     ("descr", "shape"),
-    [("|V1000000000", (4,)), ("<U100000000", (4,)), ("<i8", (1 << 60,)), ("<i8", (1 << 40, 1)), ("|O", (4,))],
+    [
+        ("|V1000000000", (4,)),
+        pytest.param("<U100000000", (4,), marks=pytest.mark.slow),
+        ("<i8", (1 << 60,)),
+        pytest.param("<i8", (1 << 40, 1), marks=pytest.mark.slow),
+        pytest.param("|O", (4,), marks=pytest.mark.slow),
+    ],
 )
 def test_an_archive_that_claims_much_costs_little(tmp_path: Path, descr: str, shape: tuple[int, ...]) -> None:
     path = tmp_path / "a.npz"

@@ -124,7 +124,7 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
     [
         ("two-boxes", "draft", "fixed"),
         pytest.param("two-boxes", "draft", "adaptive", marks=pytest.mark.slow),
-        ("two-boxes", "exact", "fixed"),
+        pytest.param("two-boxes", "exact", "fixed", marks=pytest.mark.slow),
         ("cornell", "balanced", "fixed"),
     ],
 )

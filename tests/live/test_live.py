@@ -40,6 +40,7 @@ def test_independent_noise_fires_in_a_still_scene() -> None:
     assert len(events_of("still", noise="independent", frame_count=6, method="esim")) > 0
 
 
+@pytest.mark.slow
 def test_moving_shadows_are_found() -> None:
     """The radiance gate sees shadows; ΔR, whose inputs are first-hit features, is blind to them (method.md §3)."""
     truth = events_of("moving-light", method="wlr-esim", spp=64, seed=1)
@@ -51,6 +52,7 @@ def test_moving_shadows_are_found() -> None:
     assert recall["delta-r"] < 0.2
 
 
+@pytest.mark.slow
 def test_a_box_over_a_uniform_wall_fires_at_its_leading_edge() -> None:
     """Where the wall was uniform, ΔR knows nothing of what arrives; features that leave their range open the gate."""
     found = events_of("uniform-wall")
@@ -60,7 +62,7 @@ def test_a_box_over_a_uniform_wall_fires_at_its_leading_edge() -> None:
     assert len(blind) < len(found)
 
 
-@pytest.mark.parametrize("rule", ["interpolated", "frame"])
+@pytest.mark.parametrize("rule", ["interpolated", pytest.param("frame", marks=pytest.mark.slow)])
 def test_runs_and_thread_counts_are_bit_identical(rule: str) -> None:
     runs = [events_of("two-boxes", frame_count=8, event_rule=rule, threads=threads) for threads in (1, 2, 2)]
     assert len(runs[0]) > 100
@@ -106,7 +108,7 @@ def test_json_summary_and_text_on_standard_output() -> None:
     assert len(lines) == summary["events"] and all(len(line.split()) == 4 for line in lines)
 
 
-@pytest.mark.parametrize("more", [(), ("--frames",)], ids=["events", "frames"])
+@pytest.mark.parametrize("more", [(), pytest.param(("--frames",), marks=pytest.mark.slow)], ids=["events", "frames"])
 def test_an_interrupt_ends_within_a_second_with_readable_files(tmp_path: Path, more: tuple[str, ...]) -> None:
     if more:
         pytest.importorskip("dv_processing", reason="frames beside events need the dv extra")

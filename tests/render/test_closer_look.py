@@ -88,6 +88,7 @@ def events(levels, threshold):
     return np.stack(fired)
 
 
+@pytest.mark.slow
 def test_fewer_rays_look_where_no_event_is_near_and_the_same_events_fire():
     """The truth is told by many rays in each pixel; without thresholds, contrast alone decides how many there are."""
     threshold = 0.16
@@ -121,6 +122,7 @@ def test_thresholds_are_for_light_that_is_kept_in_frames_alone():
             RenderOptions(**{"first_hit_rays": 16, "light_cache": True, "fires_at": (0.2, 0.2)} | wrong)
 
 
+@pytest.mark.slow
 def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_and_still_pixels_stay():
     world = fence()
     still = replace(world, camera=replace(world.camera, motion=hw.camera(world.camera.motion.pose(0.0)).motion))

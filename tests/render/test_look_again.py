@@ -43,6 +43,7 @@ def test_patches_are_those_of_the_complement_of_the_seed():
                 np.testing.assert_array_equal(look[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
 
 
+@pytest.mark.slow
 def test_where_things_move_two_looks_differ_as_two_seeds_do():
     """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
     world = load_world("cornell", resolution=(48, 36))

@@ -118,6 +118,7 @@ def _noisy_world():
     )
 
 
+@pytest.mark.slow
 def test_variances_are_those_of_many_renders():
     """The mean of the variance plane is the variance of the mean plane over seeds, for every plane."""
     runs, scene = 300, _noisy_world()

@@ -124,6 +124,7 @@ def test_a_sample_is_the_same_whatever_their_number():
     assert np.isnan(first.plane("Variance.G")).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spp", [6, 16])
 def test_variances_are_honest_and_smaller(spp):
     """Over seeds; 6 samples leave batches of unequal size."""

@@ -96,6 +96,7 @@ def test_no_path_is_traced_where_nothing_has_moved():
     assert 0.01 * paths[0] < paths[3] < 0.5 * paths[0]
 
 
+@pytest.mark.slow
 def test_light_changes_as_it_does_by_many_paths():
     """A box that comes into a room shades and lights it; beside pictures of 4,096 paths."""
     comes = driven(hw.IDENTITY, ((0.0, (0.9, 0.4, -1.2)), (0.1, (0.0, 0.4, 0.2))))

@@ -180,6 +180,7 @@ def test_roughness_and_metal_are_textured():
     assert np.all(hw.radiance(frame)[0, :, 3] < 0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("nonlinear", [False, True])
 def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     """Three roughnesses in one picture against a picture of each; smooth, between two tables, and the roughest.

@@ -38,6 +38,7 @@ def test_a_ball_falls_as_newton_says(tmp_path: Path) -> None:
         assert ball.motion.pose(time_s)[:3, 3] == pytest.approx([0.1, height_m, -0.2], abs=1e-5)
 
 
+@pytest.mark.slow
 def test_all_is_where_mujocos_steps_lead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mujoco_course, "_SPANS", 2)
     world = load(tmp_path, PENDULUM)

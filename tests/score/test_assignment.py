@@ -110,6 +110,7 @@ def test_windows_include_their_ends_and_never_reach_into_another_pixel():
     assert len(one_to_one(at_one_pixel(10), elsewhere, SAMPLING, 10**6)) == 0
 
 
+@pytest.mark.slow
 def test_a_long_burst_is_solved_in_parts_of_bounded_memory(monkeypatch):
     """All events hang together; a second pixel goes into a table of its own."""
     rng = np.random.default_rng(1)

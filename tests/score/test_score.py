@@ -159,6 +159,7 @@ def test_curves_pass_through_the_scores_and_rise():
     assert len(curves(events, reference, Sampling(W, H, FPS)).tau) == 60
 
 
+@pytest.mark.slow
 def test_curves_are_drawn(tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib draws the curves and is optional")
     from PIL import Image

@@ -42,7 +42,7 @@ def test_shares_are_inverted_to_the_last_digits(edge):
     np.testing.assert_allclose(edge.share(edge.passed_px(shares)), shares, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("edge", EDGES)
+@pytest.mark.parametrize("edge", [*EDGES[:2], *(pytest.param(edge, marks=pytest.mark.slow) for edge in EDGES[2:])])
 def test_events_fire_when_brightness_has_changed_by_the_threshold(edge):
     """Each pixel's sequence, and the brightness at each stamp, counted over many points."""
     events = edge.events(12, 9, 0.1, 0.2)

@@ -29,6 +29,7 @@ def drifting(sensor, size, speed, patch):
     return np.concatenate(found), lost
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "file", "size", "speed", "patch"),
     [("gen3.1", "gen3b-640x480.raw", (640, 480), 145.0, 20), ("gen4.1", "gen4.1-1280x720.raw", (1280, 720), 170.0, 10)],

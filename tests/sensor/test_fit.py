@@ -69,6 +69,7 @@ def near(found, true, *, rel=0.0):
     return abs(value - true) <= 4 * error + rel * true and 0 < error < 0.2 * true
 
 
+@pytest.mark.slow
 def test_rates_and_their_spread_are_found(still):
     assert near(still.noise_hz, 0.05, rel=0.02) and near(still.noise_decades, 0.25, rel=0.03)
     assert near(still.leak_hz, 0.2, rel=0.03)

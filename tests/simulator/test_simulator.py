@@ -43,6 +43,7 @@ def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, obje
     assert parts[3]["t"].max() <= 16_667 < parts[4]["t"].min()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "options"),
     [

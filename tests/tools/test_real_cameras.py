@@ -117,6 +117,7 @@ def test_digits_go_the_way_of_the_saccades_and_back_again_almost():
     )
 
 
+@pytest.mark.slow
 def test_each_digit_gets_its_own_events():
     def build(seed):
         def pixels(time_us, level):
