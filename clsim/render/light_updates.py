@@ -41,7 +41,7 @@ _UNIT = wp.constant(4294967296.0)
 _LEAST_SPREAD = wp.constant(1.0e-4)
 """Variance of the places of paths along u or v, in sides of a cell, of which there is always that much."""
 _BY_CHANCE = wp.constant(2.0)
-"""What a plane explains by chance alone is some twice the variance of one path over their number; twice that is none."""
+"""What a plane explains by chance alone is some twice the variance of one path over their number."""
 _LARGEST = wp.constant(65536.0)
 """Irradiance, and its square, count as no more than this: sums stay below 2⁶³ for 30,000 paths as bright."""
 
