@@ -103,8 +103,8 @@ def _adaptive(spp: int, probe_spp: int, probe_every: int, first_hit_rays: int) -
 
 
 QUALITIES: dict[Quality, Point] = {
-    "draft": _cached(2, 1, 64, 8, stored_paths=64, follow_every=8),
-    "balanced": _cached(8, 1, 16, 32, stored_paths=128, follow_every=4),
+    "draft": _cached(2, 1, 64, 8, stored_paths=32, follow_every=8),
+    "balanced": _cached(8, 1, 16, 32, stored_paths=64, follow_every=4),
     "accurate": _cached(32, 2, 4, 256, stored_paths=256, follow_every=1),
     "exact": Point(
         method="esim", window=None, sampling="uniform", probe_spp=1, spp=128, first_hit_rays=0, sampler="sobol"

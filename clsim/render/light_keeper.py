@@ -297,7 +297,6 @@ class LightKeeper:
         self.paths += int(paths)
         self._found_more = True
         self._frames += 1
-        self._found_paths = int(paths)
         if self._frames == 1:
             self._passes = self._passes_of_first()
         if self._store is not None:
@@ -357,7 +356,7 @@ class LightKeeper:
         if self._store is not None:
             found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
-            self._store.store(found, asked, self._cells, self._told, self._found_paths)
+            self._store.store(found, asked, self._cells, self._told)
             self.paths += self._store.take_count()
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:

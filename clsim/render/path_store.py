@@ -49,7 +49,7 @@ class PathStore:
         self._boxes: Any = wp.zeros(4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
         self._all_again = False
-        self._last = data.places()
+        self._last, self._lamps, self._lamps_moved = data.places(), data.lamp_poses(), False
         self._paths: Any = wp.zeros(0, dtype=StoredPath, device=self._device)
         self._trails: Any = wp.zeros(0, dtype=wp.vec3, device=self._device)
         self._allocate(1)
@@ -80,7 +80,7 @@ class PathStore:
         followed: Any = wp.zeros(rows, dtype=Followed, device=self._device)
         return sums, followed
 
-    def store(self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any], paths: int) -> None:
+    def store(self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any]) -> None:
         """Store some paths of a frame, and trace them.
 
         Args:
@@ -89,30 +89,41 @@ class PathStore:
             asked: which cells tell how the light has changed.
             cells: all cells, to which they were added.
             table: what is known of them here.
-            paths: how many there are.
         """
-        if self.stored + paths > len(self._paths):
-            self._allocate(max(2 * len(self._paths), self.stored + paths))
+        first = self.stored
+        count = self._choose(found, asked, cells, table)
+        if count > len(self._paths):
+            self._allocate(count + count // 4)
+            count = self._choose(found, asked, cells, table)
+        self.stored = count
+        self._trace(first, every=1)
+        self._add(first, table, joining=True)
+
+    def _choose(self, found: dict[str, Any], asked: Any, cells: Any, table: tuple[Any, Any]) -> int:
+        """Store paths as far as there is room, and return how many there would be with those."""
+        self._count.fill_(self.stored)
         given = [found[name] for name in ("spent", "positions", "normals", "traced", "met", "rows")]
         wp.launch(
             build_storing().choose_paths, dim=len(found["traced"]), device=self._device,
             inputs=[*given, self._most, asked, cells, table[1], table[0], self._paths, self._count],
         )  # fmt: skip
-        first, self.stored = self.stored, int(self._count.numpy()[0])
-        self._trace(first, every=1)
-        self._add(first, table, joining=True)
+        return int(self._count.numpy()[0])
 
     def follow(self, table: tuple[Any, Any]) -> None:
         """Trace again what may have changed since the last frame."""
         self.frame += 1
         places = self._data.places()
         boxes, moved = _moved_boxes(self._last, places)
-        steady = self._data.features.lamps_move and not self._all_again and self._every > 1
-        lights = self._all_again or (self._data.features.lamps_move and places.time != self._last.time)
+        lamps = self._data.lamp_poses()
+        lights = not np.array_equal(lamps, self._lamps)
+        # Where lamps come to rest, what paths found while these moved is not extrapolated any longer.
+        self._all_again = self._all_again or (self._lamps_moved and not lights)
+        self._lamps, self._lamps_moved = lamps, lights
         self._last = places
-        if not (lights or steady or moved.any()):
+        if not (lights or self._all_again or moved.any()):
             return
-        every = 1 if self._all_again else self._every if lights or steady else 0
+        steady = lights and not self._all_again and self._every > 1
+        every = 1 if self._all_again else self._every if lights else 0
         self._all_again = False
         if len(boxes):
             rows = boxes.reshape(-1, 3).astype(np.float32)

@@ -21,6 +21,7 @@ from clsim.render.options import RenderOptions
 from clsim.render.placement import place
 from clsim.render.pose_cache import PoseCache
 from clsim.render.scene_features import light_stands_still, scene_features
+from clsim.render.scene_lamps import lamp_motions
 from clsim.render.shining import Shining
 from clsim.render.shutter import key_times
 from clsim.render.smallest import smallest_of
@@ -110,6 +111,7 @@ class SceneData:
         self.scene.materials = upload_materials(world, self.device)
         self.scene.lights = self._lights.lights
         self._levels = False
+        self._lamp_motions, self._lamps_deform = lamp_motions(world)
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def add_texture_levels(self) -> None:
@@ -127,6 +129,12 @@ class SceneData:
     def places(self) -> Places:
         """Return where all that moves is now."""
         return self._geometry.places(self._time_s)
+
+    def lamp_poses(self) -> npt.NDArray[np.float64]:
+        """Return where what moves and shines is now ``[n, 4, 4]``; another array at each time where it deforms."""
+        poses = [self._pose(motion, self._time_s or 0.0) for motion in self._lamp_motions]
+        times = [np.full((4, 4), self._time_s)] if self._lamps_deform else []
+        return np.array([*poses, *times], np.float64).reshape(-1, 4, 4)
 
     def move(self, time_s: float) -> None:
         """Move everything to where it is about that time [s]; costs nothing where it is there already."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsim.render.deform import deforms
-from clsim.scene import PunctualLight, SphereLight, World
+from clsim.scene import Motion, PunctualLight, SphereLight, World
 
 _FEW_LAMPS = 4
 """Lamps, each triangle by itself, whose light is still added up for each point that a pixel shows."""
@@ -48,15 +48,26 @@ def _lamps(world: World) -> int:
 
 
 def _triangles_that_emit_move(world: World) -> bool:
-    lamps = [max(material.emission) > 0 for material in world.materials]
     moving = {i.mesh for i in world.instances if i.motion.duration_s > 0 or deforms(world.meshes[i.mesh])}
-    return any(lamps[k] for mesh in moving for k in np.unique(world.meshes[mesh].material_ids))
+    return any(_emits(world, mesh) for mesh in moving)
+
+
+def _emits(world: World, mesh: int) -> bool:
+    return any(max(world.materials[k].emission) > 0 for k in np.unique(world.meshes[mesh].material_ids))
+
+
+def lamp_motions(world: World) -> tuple[list[Motion], bool]:
+    """Return the motions of all that moves and shines, and whether any of it deforms."""
+    small: tuple[SphereLight | PunctualLight, ...] = (*world.sphere_lights, *world.punctual_lights)
+    shining = [instance for instance in world.instances if _emits(world, instance.mesh)]
+    motions = [each.motion for each in (*small, *shining) if each.motion.duration_s > 0]
+    return motions, any(deforms(world.meshes[instance.mesh]) for instance in shining)
 
 
 def lamps_move(world: World) -> bool:
     """Whether something moves, or deforms, that shines."""
-    motions = [light.motion for light in world.sphere_lights] + [light.motion for light in world.punctual_lights]
-    return any(motion.duration_s > 0 for motion in motions) or _triangles_that_emit_move(world)
+    motions, deform = lamp_motions(world)
+    return bool(motions) or deform
 
 
 def tree_follows(world: World) -> bool:

@@ -146,6 +146,9 @@ def choose_paths(
                     kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
                 if chance * there < wanted and tells_before(kept):
                     slot = wp.atomic_add(out_count, 0, 1)
+                    if slot >= paths.shape[0]:
+                        # They are counted, so that there is room when this is asked again.
+                        continue
                     path = StoredPath()
                     path.met = met[i, pixel]
                     path.pixel = pixel

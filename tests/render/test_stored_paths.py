@@ -121,13 +121,15 @@ def test_a_lamp_that_goes_out_leaves_no_light_behind():
 
 
 def test_a_lamp_that_moves_is_followed_in_turn():
-    """A quarter of the paths in each frame, and when it stands still for a while all know where it is."""
+    """A quarter of the paths in each frame; when it stands still all are traced once more, and then none."""
     moves = driven(hw.IDENTITY, [(k / 120, (1.2 - 0.05 * min(k, 8), 3.0, 1.0)) for k in range(24)])
     world = room(driven(hw.IDENTITY, ((0.0, (0.4, 0.4, 0.0)),)), moves)
     times_us = [round(k * 1e6 / 120) for k in range(24)]
     shown, paths = pictures(world, times_us)
     stored = pictures(world, times_us, follow_every=1)[1][2]
     assert paths[2] == pytest.approx(stored / 4, rel=0.05)
+    assert paths[9] == pytest.approx(stored, rel=0.05)
+    assert paths[10:].sum() < 0.01 * stored
     at_once, _ = pictures(world, times_us, follow_every=1)
     np.testing.assert_allclose(shown[-1], at_once[-1], rtol=2e-4, atol=1e-5)
 
