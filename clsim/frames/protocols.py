@@ -145,6 +145,7 @@ class CountsRays(Protocol):
 
     paths: int
     first_hit_rays: int
+    light_s: float
 
 
 @runtime_checkable

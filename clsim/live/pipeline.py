@@ -165,6 +165,8 @@ class Progress:
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
     """Rays traced so far that look for the first hit alone, if the source tells."""
+    light_s: float | None = None
+    """Time that finding light again has taken so far, if the source tells."""
     fill: int = 0
     started_s: float = field(default_factory=time.perf_counter)
     first_frame_s: float | None = None
@@ -394,6 +396,7 @@ class Pipeline:
         progress.fill = self._ring.fill
         if isinstance(self._source, CountsRays):
             progress.paths, progress.first_hit_rays = self._source.paths, self._source.first_hit_rays
+            progress.light_s = self._source.light_s
         progress.dropped_frames = self._ring.dropped
         if self._clock is not None:
             progress.dropped_frames += self._clock.skipped

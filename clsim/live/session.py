@@ -75,6 +75,8 @@ class Session:
     """Whether events are labelled with what caused them."""
     ideal: bool = True
     """Whether the sensor is the ideal one."""
+    chosen: tuple[str, ...] = ()
+    """What was chosen and why, a sentence each."""
     started: bool = False
 
     def start(self) -> None:
@@ -144,6 +146,7 @@ class Session:
             late_frames=progress.late_frames,
             paths=progress.paths,
             first_hit_rays=progress.first_hit_rays,
+            light_s=progress.light_s,
             effort=None if level is None else level.effort,
             governor=None if self.governed is None else self.governed.summary(),
             simulated_s=(progress.simulated_us - (progress.first_us or 0)) / 1e6,
@@ -152,6 +155,7 @@ class Session:
             startup_s=startup_s,
             frames_per_s=progress.frames / running_s if running_s > 0 else 0.0,
             motion=None if self.footage is None else self.footage.displacement.as_dict(),
+            chosen=self.chosen,
             outputs=[_output_summary(output) for output in self.pipeline.outputs],
         )
 
@@ -261,6 +265,7 @@ def open_live(
         level,
         governed,
         world,
+        chosen=stages.chosen,
         truth_every=stages.render.truth_every if options.truth else 0,
         ideal=ideal,
         labelled=options.files.labels or "labels" in options.truth,

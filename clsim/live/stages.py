@@ -80,6 +80,26 @@ class Stages:
         costs = cost_of(self.options.sensor, camera.width, camera.height)
         return (*self.world.warnings, *unused_options(self.detector), *self._light_missed(), *self.missed, *costs)
 
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """What was chosen and why, a sentence each: settings, how light is known, and when brightness is found."""
+        from clsim.render.scene_features import light_stands_still
+
+        point, name = self.options.point, self.world.name
+        if not self.render.light_cache:
+            light = f"`sampling` {point.sampling}: light is found anew in each frame"
+        elif light_stands_still(self.world) and not self.render.lights_set:
+            light = f"light is kept on surfaces and not found again: nothing but the camera of {name} moves"
+        else:
+            light = (
+                f"light is kept on surfaces; what moves or shines differently in {name} changes it, so paths that meet "
+                f"that are traced again, of {point.stored_paths} or more in each cell"
+            )
+        times = f"brightness is found {self.fps:g} times a second, in frames"
+        if self.retracing is not None:
+            times += f", and between them where it changes, to {self.retracing.tolerance_us:g} µs"
+        return f"`quality` {self.options.basis or 'of the options alone'}: {point.text()}", light, times
+
     def _light_missed(self) -> list[str]:
         """Return sentences about light that changes and will not be seen as it is."""
         from clsim.render import lamps_move

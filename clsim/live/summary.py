@@ -26,6 +26,7 @@ class Summary:
         lost_events: events that the sensor's readout had no time for.
         dropped_frames, late_frames: frames lost, and frames begun more than a frame's time late, at real pace.
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.
+        light_s: time that was spent on finding kept light again, between frames; None where frames were recorded.
         effort: samples in force: ``probe_spp``, ``spp``, ``first_hit_rays``, ``every``; None for recorded frames.
         governor: what it decided; None without one.
         simulated_s: time from the first frame to the last.
@@ -35,6 +36,7 @@ class Summary:
         motion: how far the picture moves from frame to frame (see `clsim.footage.displacement.Displacement`): pairs of
             frames that were measured, of which ``fast_pairs`` by more than a pixel, ``lost_pairs`` in which nothing was
             found again, and ``largest_px``; None but for video and pictures.
+        chosen: what was chosen and why, a sentence each.
         outputs: for each output its ``name``, its ``error`` if it failed, and figures of its own.
     """
 
@@ -56,6 +58,7 @@ class Summary:
     late_frames: int
     paths: int | None
     first_hit_rays: int | None
+    light_s: float | None
     effort: dict[str, int] | None
     governor: dict[str, Any] | None
     simulated_s: float
@@ -64,6 +67,7 @@ class Summary:
     startup_s: float | None
     frames_per_s: float
     motion: dict[str, float] | None
+    chosen: tuple[str, ...]
     outputs: list[dict[str, Any]]
 
     def as_dict(self) -> dict[str, Any]:

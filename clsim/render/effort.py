@@ -151,6 +151,7 @@ class MapReader:
         """Begin before the first frame."""
         self.effort = effort
         self.first_hit_rays = self.paths = 0
+        self.light_s = 0.0
         self._sight, self._board = sight, board
         self._number = 0
         self._index = -1

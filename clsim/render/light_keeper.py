@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 import numpy as np
@@ -98,6 +99,7 @@ class LightKeeper:
         effort: what holds from the next frame on; may be set from any thread.
         first_hit_rays: first-hit rays traced so far.
         paths: paths traced so far.
+        light_s: time that keeping light and finding it again have taken so far, beside the frames.
     """
 
     def __init__(
@@ -131,6 +133,7 @@ class LightKeeper:
         self._learnt_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
         self.effort = effort
         self.first_hit_rays = self.paths = 0
+        self.light_s = 0.0
         self._device = device
         self._store = store
         self._sight = sight
@@ -190,7 +193,9 @@ class LightKeeper:
         effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
         if self._store is not None:
+            begun_s = time.perf_counter()
             self._store.follow(self._told)
+            self.light_s += time.perf_counter() - begun_s
         # Where paths follow the light, what is learnt of it is known at the end of a frame, and shown from the next
         # frame on that learns.
         follows = self._store is not None and self._frames > 0
@@ -336,6 +341,7 @@ class LightKeeper:
         """Keep what the paths of the last frame found, unless that is done."""
         if not self._found_more:
             return
+        begun_s = time.perf_counter()
         self._found_more = False
         self._update += 1
         self._open.set_param_by_name("update", self._update)
@@ -358,6 +364,7 @@ class LightKeeper:
             found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
             self._store.store(found, asked, self._cells, self._told)
             self.paths += self._store.take_count()
+        self.light_s += time.perf_counter() - begun_s
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
         """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""

@@ -258,6 +258,11 @@ class View:
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     @property
+    def light_s(self) -> float:
+        """Time [s] that finding light again has taken so far, where that is kept on surfaces; 0 elsewhere."""
+        return 0.0 if self._steerer is None else self._steerer.light_s
+
+    @property
     def light_keeper(self) -> LightKeeper:
         """What keeps the light that its frames are seen in, where it is kept on surfaces."""
         assert self._options.light_cache

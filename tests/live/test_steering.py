@@ -40,6 +40,7 @@ class SteeredSource:
         self.efforts: list[FakeEffort] = []
         self.waiting = threading.Event()
         self.paths = self.first_hit_rays = 0
+        self.light_s = 0.0
 
     def fill(self, index: int, out: Frame) -> None:
         if len(self.found) == self.fail_at:
