@@ -80,6 +80,7 @@ def test_all_figures_are_there(results: dict[str, Any]) -> None:
     assert first["equivalent_mismatch"] == (None if beyond else pytest.approx(expected))
 
 
+@pytest.mark.slow
 def test_the_reference_keeps_the_brightness_that_its_events_come_from(tmp_path: Path) -> None:
     world, render = load_world("two-boxes", resolution=(16, 12)), RenderOptions(spp=16, frames=6, fps=20.0)
     rendered, kept = (load_or_render(world, render, choose_device(), tmp_path, lambda: None) for _ in range(2))
@@ -132,6 +133,7 @@ def test_a_point_is_what_a_live_run_gives(results: dict[str, Any]) -> None:
     assert results["points"][1]["events"] == sum(len(batch) for batch in batches)
 
 
+@pytest.mark.slow
 def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rendered: list[int] = []
     measured: list[Any] = []

@@ -11,6 +11,7 @@ ROBOT = """<mujoco><worldbody><light pos="0 0 3"/><geom type="plane" size="2 2 .
     </worldbody></mujoco>"""
 
 
+@pytest.mark.slow
 def test_a_model_runs_live_and_is_told_of(clsim, tmp_path: Path) -> None:
     path, out = tmp_path / "robot.xml", tmp_path / "events.npz"
     path.write_text(ROBOT)

@@ -91,6 +91,7 @@ def test_times_are_as_exact_as_the_quality_asks_for():
     assert asked.retracing.tolerance_us == 70.0
 
 
+@pytest.mark.slow
 def test_a_stream_and_a_simulator_follow_them_alike(tmp_path):
     """At 60 frames a second the box goes 3 pixels from one to the next."""
     file = scene(tmp_path, keyframed())

@@ -102,6 +102,7 @@ def test_fewer_rays_look_where_no_event_is_near_and_the_same_events_fire():
     assert found["told"] < found["untold"] < 0.7 * found["never"]
 
 
+@pytest.mark.slow
 def test_a_still_picture_fires_nothing_though_rays_become_fewer():
     """Where less is looked at brightness moves, but no pixel comes to a threshold by that."""
     world = fence()
