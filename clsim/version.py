@@ -1,3 +1,3 @@
 """The version: written here alone, and read by the build too, since asking for the installed one takes its time."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"
