@@ -16,7 +16,16 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
-from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_lights, lamp, orbiting_camera
+from clsim.scene.framing import (
+    ENVIRONMENT,
+    ORBIT_S,
+    RESOLUTION,
+    bounds,
+    glow_lights,
+    lamp,
+    orbiting_camera,
+    orthographic_camera,
+)
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
@@ -351,6 +360,14 @@ class _Reader:
 
     def _add_camera(self, index: int, camera_index: int) -> None:
         camera = self.file.item("cameras", self.file.json.cameras, camera_index)
+        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
+        if not self.tree.moving[index]:
+            motion = Static(facing(self.tree.matrices(0.0)[index]))
+        flat = camera.orthographic
+        if camera.type == "orthographic" and flat is not None:
+            across, up, _ = np.linalg.norm(self.tree.matrices(0.0)[index][:3, :3], axis=0) * (flat.xmag, flat.ymag, 1.0)
+            self._add_orthographic(2.0 * abs(across), 2.0 * abs(up), motion)
+            return
         if camera.type != "perspective" or camera.perspective is None:
             self._warn(f"cameras of type {camera.type} are left out")
             return
@@ -358,10 +375,13 @@ class _Reader:
         if lens.aspectRatio is not None:
             height = max(1, min(round(width / lens.aspectRatio), 16384))
         fov_deg = 2 * math.degrees(math.atan(math.tan(lens.yfov / 2) * (lens.aspectRatio or width / height)))
-        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
-        if not self.tree.moving[index]:
-            motion = Static(facing(self.tree.matrices(0.0)[index]))
         self.cameras.append(Camera(width, height, fov_deg, motion))
+
+    def _add_orthographic(self, width_m: float, height_m: float, motion: Motion) -> None:
+        if not (0 < width_m < math.inf and 0 < height_m < math.inf):
+            self._warn("an orthographic camera that sees no area is left out")
+            return
+        self.cameras.append(orthographic_camera(RESOLUTION[0], width_m, height_m, motion))
 
     def _add_light(self, index: int, light_index: int) -> None:
         light = self.file.item("lights", self.file.json.extensions.KHR_lights_punctual.lights, light_index)

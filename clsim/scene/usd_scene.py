@@ -16,7 +16,16 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from clsim.errors import InputError
-from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_lights, lamp, orbiting_camera
+from clsim.scene.framing import (
+    ENVIRONMENT,
+    ORBIT_S,
+    RESOLUTION,
+    bounds,
+    glow_lights,
+    lamp,
+    orbiting_camera,
+    orthographic_camera,
+)
 from clsim.scene.geometry import placed_rigidly, transformed
 from clsim.scene.indoors import stand_inside
 from clsim.scene.modulation import Modulation
@@ -339,9 +348,6 @@ class _Reader:
 
     def _add_camera(self, prim: Any) -> None:
         source = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode(self.stage.start))
-        if str(source.projection).endswith("Orthographic"):
-            self.warn(f"orthographic cameras are left out (first {prim.GetName()})")
-            return
         across, up, focal = source.horizontalAperture, source.verticalAperture, source.focalLength
         if not all(0 < size < 1e9 for size in (across, up, focal)):
             raise PrimError(
@@ -350,6 +356,11 @@ class _Reader:
         if self.stage.times(prim.GetAttribute("focalLength")):
             self.warn(f"the focal length of {prim.GetName()} is that of the start")
         width = RESOLUTION[0]
+        if str(source.projection).endswith("Orthographic"):
+            # Apertures are in tenths of the file's unit, as seen from within the camera.
+            scale = np.linalg.norm(self.stage.to_world(prim, self.stage.start)[:3, :2], axis=0) / 10
+            self.cameras.append(orthographic_camera(width, across * scale[0], up * scale[1], self._rigid(prim)))
+            return
         lens = Lens(principal_point=(-source.horizontalApertureOffset / across, source.verticalApertureOffset / across))
         if source.fStop > 0 and source.focusDistance > 0:
             # Focal lengths are in tenths of the file's unit.
