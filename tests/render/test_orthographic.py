@@ -15,12 +15,14 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
 from clsim.render.retracer import Retracer
 from clsim.scene import Camera, Instance, Lens, Material, Static, World
+from clsim.scene.motion import Keyframes
 from clsim.scene.validate import validate
 from clsim.scene.world import CheckerTexture
 
 LENS = Lens(model="orthographic", view_width_m=3.0)
 POSE = hw.look_from((0.4, 1.5, 2.5), (0.1, 0.0, -0.2), up=(0.2, 1.0, 0.0))
 T0_S, T1_S = 0.1, 0.18
+STRAIGHT = ((0.0, 0.0, 0.0, 1.0),) * 2
 
 
 def through(pose, camera):
@@ -138,6 +140,20 @@ def test_pixels_between_frames_are_those_of_frames() -> None:
         tracer.close()
     for name in ("Albedo.G", "Depth", "Coverage"):
         np.testing.assert_allclose(found[name], expected[name], atol=1e-4)
+
+
+def test_ways_on_the_image_are_the_same_at_any_distance() -> None:
+    """A wall and a box before it go to the right by the same way, whatever the camera does along its axis."""
+    wall, box = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0)), hw.box((-0.5, -0.5, -1), (0.5, 0.5, 0))
+    goes = Keyframes((0.0, 1.0), ((0, 0, 0), (1.5, 0, 0)), STRAIGHT)
+    back = Keyframes((0.0, 1.0), ((0, 0, 1), (0, 0.5, 4)), STRAIGHT)
+    view = Camera(16, 12, 45.0, back, lens=replace(LENS, view_width_m=4.0))
+    world = hw.world(wall, box, view=view, motions=[goes, goes], fps=10.0)
+    tracer = Retracer(SceneData(world, instants=True), RenderOptions(spp=1, max_depth=1))
+    ways = tracer.motion(0.0, 0.1)
+    tracer.close()
+    expected = np.broadcast_to(np.array([0.15, 0.05])[:, None, None] * 4, (2, 12, 16))
+    np.testing.assert_allclose(ways[:2], np.stack([expected, expected]), atol=2e-4)
 
 
 @pytest.mark.parametrize(
