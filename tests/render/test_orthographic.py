@@ -127,6 +127,16 @@ def test_first_hit_rays_and_kept_light_show_what_paths_show() -> None:
         assert ratio == pytest.approx(1.0, abs=0.02), more
 
 
+def test_textures_close_before_the_camera_are_not_seen_in_perspective() -> None:
+    """At the picture's bottom rays begin just above the floor: each row is several times as far as the one below."""
+    low = Static(hw.look_from((0.0, 1.0, 0.0), (0.0, 1.0 - np.tan(np.pi / 6), -1.0)))
+    room = a_room()
+    world = replace(room, camera=replace(room.camera, motion=low))
+    paths = planes_of(world, RenderOptions(spp=1024, threads=2))["Albedo.G"]
+    found = planes_of(world, RenderOptions(spp=64, first_hit_rays=64, threads=2))["Albedo.G"]
+    assert np.abs(found - paths)[-4:].max() < 0.05
+
+
 def test_pixels_between_frames_are_those_of_frames() -> None:
     world = a_room()
     options = RenderOptions(spp=16, first_hit_rays=32, noise="common", threads=2)
