@@ -237,7 +237,10 @@ class _Reader:
         if key not in self._shared:
             if prim.IsA(UsdGeom.Mesh):
                 uv_name = self.materials.uv_name(prim)
-                mesh = read_mesh(self.stage, prim, uv_name, self.materials.index, self.warn, repeat=self._repeat)
+                color_name = self.materials.color_name(prim)
+                mesh = read_mesh(
+                    self.stage, prim, uv_name, color_name, self.materials.index, self.warn, repeat=self._repeat
+                )
             else:
                 mesh = read_body(self.stage, prim, self.materials.index)
                 if mesh is None:
