@@ -37,6 +37,7 @@ from clsim.scene.usd_lights import LightReader, suns
 from clsim.scene.usd_materials import MaterialReader
 from clsim.scene.usd_meshes import read_body, read_mesh
 from clsim.scene.usd_motion import Shapes, are_similar, motion_of, moving_codes
+from clsim.scene.usd_points import read_points
 from clsim.scene.usd_stage import PrimError, Stage
 from clsim.scene.world import Camera, Instance, Lens, Mesh, World
 
@@ -241,6 +242,8 @@ class _Reader:
                 mesh = read_mesh(
                     self.stage, prim, uv_name, color_name, self.materials.index, self.warn, repeat=self._repeat
                 )
+            elif prim.IsA(UsdGeom.Points):
+                mesh = read_points(self.stage, prim, self.materials, self.warn)
             else:
                 mesh = read_body(self.stage, prim, self.materials.index)
                 if mesh is None:
