@@ -80,7 +80,7 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
         camera = orbiting_camera(center, size, period_s)
         if inside := stand_inside(parts.meshes, parts.instances, center, size, period_s):
             camera, lamps = inside[0], (inside[1],)
-            notes.append(f"{path.name}: is a closed room: the camera stands in it")
+            notes.append(f"{path.name}: {inside[2]}")
         duration_s = period_s
     return World(
         name=path.stem,

@@ -76,7 +76,7 @@ def load_usd(path: Path) -> World:
         camera, duration_s = orbiting_camera(center, size, period_s), period_s
         if inside := stand_inside(reader.meshes, reader.instances, center, size, period_s):
             camera, lamps = inside[0], (inside[1],)
-            notes.append(f"{path.name}: is a closed room: the camera stands in it")
+            notes.append(f"{path.name}: {inside[2]}")
     return World(
         name=path.stem,
         camera=camera,
