@@ -117,9 +117,13 @@ class MaterialReader:
         for extra in model.unread:
             if self._reader.told(surface, extra).number(0.0) > 0 or self._reader.told(surface, extra).image is not None:
                 self._warn(f"{extra} of materials is left out (first that of {name})")
+        told["diffuseColor"], tint = self._below_coat(
+            told["diffuseColor"], self._told(surface, model, "coatColor"), _share(numbers["clearcoat"]), name
+        )
         texture, factor = self._reader.colors(told["diffuseColor"])
         color = told["diffuseColor"].color(model.color) if texture < 0 else factor
-        color = _shares(_times(color, numbers["baseWeight"]))
+        r, g, b = (channel * shade for channel, shade in zip(_times(color, numbers["baseWeight"]), tint, strict=True))
+        color = _shares((r, g, b))
         material = Material(
             kind="principled",
             color=color,
@@ -141,6 +145,18 @@ class MaterialReader:
     def _told(self, surface: Any, model: SurfaceModel, key: str) -> Told:
         name = model.names.get(key)
         return Told() if name is None else self._reader.told(surface, name)
+
+    def _below_coat(self, base: Told, coat: Told, share: float, name: str) -> tuple[Told, Vec3]:
+        """Return what tells the colour below a coat, and by what the coat's own colour multiplies it."""
+        white = (1.0, 1.0, 1.0)
+        if coat.image is None or share == 0.0:
+            r, g, b = (1.0 + share * (channel - 1.0) for channel in coat.color(white))
+            return base, (r, g, b)
+        if base.image is not None:
+            self._warn(f"textures of coats over others are left out (first that of {name})")
+            return base, white
+        # One picture stands for both, as if the coat covered all.
+        return coat, base.color(white)
 
     def _normals(self, told: Told) -> int:
         """Return the index of a normal map: bytes from 0 to 255 stand for −1 to 1, as its scale and bias say."""

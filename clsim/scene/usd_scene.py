@@ -6,6 +6,7 @@ As in glTF, a file without a camera is an asset: the camera orbits around it, an
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -135,6 +136,7 @@ class _Reader:
 
     def __init__(self, path: Path, *, repeat: bool | None) -> None:
         self.warnings: list[str] = []
+        self._told: set[str] = set()
         self.notes: list[str] = []
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
@@ -151,10 +153,11 @@ class _Reader:
         self._shared: dict[tuple[str, ...], int | None] = {}
 
     def warn(self, sentence: str) -> None:
-        """Note once what the file asks for and clsim lacks."""
-        text = f"{self._name}: {sentence}"
-        if text not in self.warnings:
-            self.warnings.append(text)
+        """Note once what the file asks for and clsim lacks, with the first that it is about."""
+        about = re.sub(r"\(first [^)]*\)", "", sentence)
+        if about not in self._told:
+            self._told.add(about)
+            self.warnings.append(f"{self._name}: {sentence}")
 
     def check_instances(self) -> None:
         """Raise InputError where nothing is to be seen, with what was left out."""

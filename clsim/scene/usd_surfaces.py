@@ -22,7 +22,8 @@ class SurfaceModel:
 
     Attributes:
         names: its names of inputs, by those of UsdPreviewSurface and those that only others have: ``transmission``,
-            ``baseWeight``, ``specularWeight`` and ``emissionWeight``.
+            ``baseWeight``, ``specularWeight``, ``emissionWeight``, and ``coatColor``, which tints what lies below the
+            coat.
         color, roughness: what these inputs are where the file tells nothing.
         ior, clearcoat_roughness, emission: likewise; ``emission`` is the weight of what it sends out.
         unread: numbers that clsim cannot show, which are 0 where they are not used.
@@ -54,6 +55,7 @@ _STANDARD = SurfaceModel(
         "ior": "specular_IOR",
         "specularWeight": "specular",
         "clearcoat": "coat",
+        "coatColor": "coat_color",
         "clearcoatRoughness": "coat_roughness",
         "transmission": "transmission",
         "emissiveColor": "emission_color",
@@ -77,6 +79,7 @@ _OPEN_PBR = SurfaceModel(
         "ior": "specular_ior",
         "specularWeight": "specular_weight",
         "clearcoat": "coat_weight",
+        "coatColor": "coat_color",
         "clearcoatRoughness": "coat_roughness",
         "transmission": "transmission_weight",
         "emissiveColor": "emission_color",

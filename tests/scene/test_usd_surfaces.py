@@ -107,6 +107,24 @@ def test_pictures_of_materialx(tmp_path, space, srgb):
     assert world.meshes[0].uvs.max() == 3 and not world.warnings
 
 
+def test_a_coloured_coat_tints_what_lies_below(tmp_path):
+    inputs = [
+        "float inputs:coat = 0.5",
+        "color3f inputs:coat_color = (1, 0.5, 0)",
+        "color3f inputs:base_color = (1, 1, 1)",
+    ]
+    _, made = materials_of(tmp_path, "ND_standard_surface_surfaceshader", inputs)
+    assert made.color == pytest.approx((1, 0.75, 0.5))
+
+
+def test_a_warning_names_the_first_alone(tmp_path):
+    curves = 'def BasisCurves "{}" {{ point3f[] points = [(0, 0, 0)] }}\n'
+    world = load_world(usda(tmp_path, mesh() + curves.format("a") + curves.format("b")))
+    assert [text for text in world.warnings if "BasisCurves" in text] == [
+        "scene.usda: BasisCurves is left out (first a)"
+    ]
+
+
 COLORS = 'color3f[] primvars:{} = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)] (interpolation = "vertex")'
 
 
