@@ -366,7 +366,10 @@ class _Reader:
         flat = camera.orthographic
         if camera.type == "orthographic" and flat is not None:
             across, up, _ = np.linalg.norm(self.tree.matrices(0.0)[index][:3, :3], axis=0) * (flat.xmag, flat.ymag, 1.0)
-            self._add_orthographic(2.0 * abs(across), 2.0 * abs(up), motion)
+            if 0 < abs(across) < math.inf and 0 < abs(up) < math.inf:
+                self.cameras.append(orthographic_camera(RESOLUTION[0], 2.0 * abs(across), 2.0 * abs(up), motion))
+            else:
+                self._warn("an orthographic camera that sees no area is left out")
             return
         if camera.type != "perspective" or camera.perspective is None:
             self._warn(f"cameras of type {camera.type} are left out")
@@ -376,12 +379,6 @@ class _Reader:
             height = max(1, min(round(width / lens.aspectRatio), 16384))
         fov_deg = 2 * math.degrees(math.atan(math.tan(lens.yfov / 2) * (lens.aspectRatio or width / height)))
         self.cameras.append(Camera(width, height, fov_deg, motion))
-
-    def _add_orthographic(self, width_m: float, height_m: float, motion: Motion) -> None:
-        if not (0 < width_m < math.inf and 0 < height_m < math.inf):
-            self._warn("an orthographic camera that sees no area is left out")
-            return
-        self.cameras.append(orthographic_camera(RESOLUTION[0], width_m, height_m, motion))
 
     def _add_light(self, index: int, light_index: int) -> None:
         light = self.file.item("lights", self.file.json.extensions.KHR_lights_punctual.lights, light_index)

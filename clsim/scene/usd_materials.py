@@ -99,7 +99,7 @@ class MaterialReader:
             for key in ("diffuseColor", "emissiveColor", "specularColor", "metallic", "roughness", "opacity", "normal")
         }
         numbers = {
-            key: self._told(surface, model, key).number(default)
+            key: self._mean(self._told(surface, model, key), model.names.get(key, key), default, name)
             for key, default in (
                 ("useSpecularWorkflow", 0.0),
                 ("ior", model.ior),
@@ -146,6 +146,13 @@ class MaterialReader:
         name = model.names.get(key)
         return Told() if name is None else self._reader.told(surface, name)
 
+    def _mean(self, told: Told, key: str, default: float, name: str) -> float:
+        """Return a number, or the mean of the picture that tells it."""
+        if told.image is None:
+            return told.number(default)
+        self._warn(f"the mean of {key} textures stands in for them (first that of {name})")
+        return float(told.plain(told.channel).mean())
+
     def _below_coat(self, base: Told, coat: Told, share: float, name: str) -> tuple[Told, Vec3]:
         """Return what tells the colour below a coat, and by what the coat's own colour multiplies it."""
         white = (1.0, 1.0, 1.0)
@@ -178,7 +185,8 @@ class MaterialReader:
         return replace(material, ior=(1 + root) / (1 - root), specular_color=(min(r, 1.0), min(g, 1.0), min(b, 1.0)))
 
     def _glowing(self, material: Material, told: Told, surface: Any, model: SurfaceModel) -> Material:
-        weight = self._told(surface, model, "emissionWeight").number(model.emission)
+        told_weight = self._told(surface, model, "emissionWeight")
+        weight = self._mean(told_weight, model.names.get("emissionWeight", ""), model.emission, material.name)
         weight = max(weight, 0.0) / (LUMENS_PER_WATT if model.nits else 1.0)
         if told.image is not None:
             index, factor = self._reader.colors(told)

@@ -168,6 +168,10 @@ class _Reader:
 
     def read(self) -> None:
         """Visit all prims."""
+        with self.stage.hearing():
+            self._read()
+
+    def _read(self) -> None:
         for prim in self._prims(self.stage.usd.GetPseudoRoot()):
             with self._leaving_out(prim):
                 self._add(prim)

@@ -26,6 +26,10 @@ class PrimError(InputError):
     """What is wrong with one prim, without which the others can be shown."""
 
 
+_HARMLESS = "MaterialBindingAPI is not applied"
+"""What changes nothing: the material is found all the same."""
+
+
 class Stage:
     """A stage, with all that is needed to bring it into our world.
 
@@ -130,6 +134,18 @@ class Stage:
             raise PrimError(
                 f"{self.path}: {prim.GetPath()} has a value that cannot be used ({_reason(error)})"
             ) from None
+
+    @contextmanager
+    def hearing(self) -> Iterator[None]:
+        """Let what usd-core complains of meanwhile become warnings, instead of lines on standard error."""
+        collector = UsdUtils.CoalescingDiagnosticDelegate()
+        try:
+            yield
+        finally:
+            complaints = [each.commentary for each in collector.TakeUncoalescedDiagnostics()]
+            for complaint in dict.fromkeys(map(_short, complaints)):
+                if _HARMLESS not in complaint:
+                    self._warn(complaint)
 
     def times(self, attribute: Any) -> list[float]:
         """Return the time codes from start to end at which an attribute has samples, with both ends; [] if it is one.

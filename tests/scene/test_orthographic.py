@@ -1,11 +1,14 @@
 """Orthographic cameras of each format: how wide they see, by the format's own definition."""
 
+import re
+
 import numpy as np
 import pytest
 from gltf_files import gltf, write_gltf
 from mitsuba_files import scene
 from usd_files import METRES, mesh, usda
 
+from clsim.errors import InputError
 from clsim.scene import load_world
 
 
@@ -64,6 +67,23 @@ def test_pbrt(tmp_path, width, height, seen):
         'Camera "orthographic"\nWorldBegin\nShape "sphere"\n'
     )
     assert seen_m(load_world(path)) == pytest.approx(seen)
+
+
+@pytest.mark.parametrize(
+    ("camera", "lens", "problem"),
+    [
+        ("", 'model = "orthographic"', "camera.lens: is orthographic and has no view_width_m"),
+        ("fov_deg = 40", 'model = "orthographic"\nview_width_m = 2.0', "has fov_deg and an orthographic lens"),
+        ("", "view_width_m = 2.0", "camera.lens.view_width_m: expected it of an orthographic model only"),
+    ],
+)
+def test_toml_that_contradicts_itself(tmp_path, camera, lens, problem):
+    path = tmp_path / "s.toml"
+    path.write_text(
+        f'[camera]\nposition = [0, 0, 5]\n{camera}\n[camera.lens]\n{lens}\n[[objects]]\nshape = "quad"\nsize = [1, 1]\n'
+    )
+    with pytest.raises(InputError, match=re.escape(problem)):
+        load_world(path)
 
 
 def test_toml(tmp_path):

@@ -125,6 +125,29 @@ def test_a_warning_names_the_first_alone(tmp_path):
     ]
 
 
+def test_a_picture_for_a_number_counts_by_its_mean(tmp_path):
+    Image.fromarray(np.repeat(np.array([[0, 255], [255, 255]], np.uint8)[..., None], 3, 2)).save(tmp_path / "a.png")
+    nodes = """def Shader "P" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @a.png@
+        token inputs:sourceColorSpace = "raw"
+        float outputs:r }"""
+    inputs = ["float inputs:clearcoat.connect = </M/P.outputs:r>"]
+    world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, nodes=nodes, output="surface")
+    assert made.clearcoat == pytest.approx(0.75)
+    assert any("the mean of clearcoat textures" in text for text in world.warnings)
+
+
+def test_usd_core_does_not_write_past_clsim(tmp_path, capfd):
+    """A material that is bound without saying so is used; usd-core would tell it on standard error, for each prim."""
+    material = 'def Material "M" { token outputs:surface.connect = </M/S.outputs:surface>\n def Shader "S" { '
+    material += 'uniform token info:id = "UsdPreviewSurface"\n color3f inputs:diffuseColor = (1, 0, 0)\n '
+    material += "token outputs:surface } }\n"
+    world = load_world(usda(tmp_path, mesh("rel material:binding = </M>") + material))
+    assert world.materials[world.meshes[0].material_ids[0]].color == (1, 0, 0) and not world.warnings
+    assert capfd.readouterr().err == ""
+
+
 COLORS = 'color3f[] primvars:{} = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)] (interpolation = "vertex")'
 
 
