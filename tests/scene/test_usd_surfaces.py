@@ -138,6 +138,13 @@ def test_a_picture_for_a_number_counts_by_its_mean(tmp_path):
     assert any("the mean of clearcoat textures" in text for text in world.warnings)
 
 
+def test_mtlx_files_are_told_once(tmp_path):
+    (tmp_path / "a.mtlx").write_text("<materialx/>")
+    parts = "".join(f'def Material "M{k}" (references = @a.mtlx@</MaterialX>) {{}}\n' for k in range(3))
+    world = load_world(usda(tmp_path, mesh() + parts))
+    assert len(world.warnings) == 1 and "(first a.mtlx)" in world.warnings[0] and "--flatten" in world.warnings[0]
+
+
 def test_usd_core_does_not_write_past_clsim(tmp_path, capfd):
     """A material that is bound without saying so is used; usd-core would tell it on standard error, for each prim."""
     material = 'def Material "M" { token outputs:surface.connect = </M/S.outputs:surface>\n def Shader "S" { '
