@@ -15,10 +15,10 @@ INTRODUCTION = """# Scenes
 
 `clsim live SCENE` takes the name of a bundled scene (`clsim scenes`), a `.toml` file as described here, or a file of
 another program: `.gltf`, `.glb`, `.usd`, `.obj`, `.ply`, Mitsuba's and MuJoCo's `.xml`, `.pbrt`. Where one of these has
-no light or no camera, it gets a default light or a camera that orbits it, or stands in it where it is a closed room; a
-camera that stands still in a still scene is set in gentle motion, for without motion there are no events. A `.toml`
-needs a camera and light of its own; one without any light is dark, which a warning says. What a file asks for and clsim
-lacks is named once in a warning.
+no light or no camera, it gets a default light or a camera that orbits it; in a closed room the camera stands, and into
+one that is open to one side it looks. A camera that stands still in a still scene is set in gentle motion, for without
+motion there are no events. A `.toml` needs a camera and light of its own; one without any light is dark, which a
+warning says. What a file asks for and clsim lacks is named once in a warning.
 
 The world is right-handed with +y up; lengths are metres, times seconds, angles degrees. Colours are linear Rec. 709,
 radiance is in W·sr⁻¹·m⁻². A camera looks along −z. `fov_deg` is horizontal, and a `--resolution` on the command line
@@ -225,7 +225,8 @@ Once the sun is below the horizon there is no daylight, as in Mitsuba 3; a warni
 
 - meshes with polygons of any form, subsets with their own materials, points that move, skins; spheres, cubes,
   cylinders, cones, capsules and planes; native instances and point instancers, which share triangles;
-- UsdPreviewSurface with its textures, and `displayColor` where there is no material;
+- UsdPreviewSurface with its textures, and `displayColor` where there is no material or it asks for that; MaterialX's
+  standard surface, OpenPBR and glTF's surface, as far as they tell the same;
 - cameras, and lamps of all shapes; domes with a picture; cones of spheres, as spots without size;
 - everything that moves, as USD evaluates it at all times; light whose intensity, exposure or colour changes.
 
@@ -235,7 +236,7 @@ about two million prims, is nested so deep that usd-core crashes, or names a pip
 
 Units, the axis that points up, and time codes are the file's. A lamp's intensity is its radiance, with `normalize` over
 its area in the file's units, as renderers take it. Surfaces have two sides. Surfaces that shall be subdivided are shown
-as they are, with smooth normals. Materials of MaterialX or MDL alone are grey, with a warning. A file may name other
+as they are, with smooth normals. Other materials, such as MDL's, are grey, with a warning. A file may name other
 files anywhere, as Mitsuba's may. A camera's shutter is not read: pixels of an event camera have none. What appears or
 vanishes, and parts that move within a point instancer's copies, are as at the start, with a warning.
 

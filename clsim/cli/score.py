@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,7 +12,8 @@ import numpy as np
 import typer
 
 from clsim.cli import parse
-from clsim.cli.options import JSON, SENSOR_SIZE
+from clsim.cli.options import JSON, SENSOR_SIZE, STRICT_ORDER
+from clsim.cli.words import dropped_text, moved_text
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
 from clsim.events.files import open_source
@@ -35,6 +37,7 @@ def score(
     ] = "0.3ms,1ms,3ms,10ms",
     plot: Annotated[Path | None, typer.Option(help="Draw precision, recall and F1 over τ into this PNG.")] = None,
     as_json: JSON = False,
+    strict: STRICT_ORDER = False,
 ) -> None:
     """Score events against reference events: precision, recall, F1, chamfer distance, timing.
 
@@ -46,7 +49,7 @@ def score(
     from clsim.score import Sampling, curves, plot_curves
     from clsim.score import score as score_events
 
-    (found, found_told), (truth, truth_told) = _read(events), _read(reference)
+    (found, found_told), (truth, truth_told) = _read(events, strict), _read(reference, strict)
     told = {events: found_told, reference: truth_told}
     columns, rows = _agreed("--resolution", None if resolution is None else parse.resolution(resolution), told)
     rate: float = _agreed("--fps", fps, told)
@@ -64,12 +67,16 @@ def score(
         typer.echo(f"{f'F1 within {window / 1000:g} ms':<20} {each.f1:.6g}")
 
 
-def _read(path: str) -> tuple[EventBatch, dict[str, Any]]:
-    """Return the events of a file, and the options that it or its sidecar tells."""
+def _read(path: str, strict: bool) -> tuple[EventBatch, dict[str, Any]]:
+    """Return the events of a file, and the options that it or its sidecar tells; say what was out of order."""
     from clsim.events.sidecar import read_sidecar, sidecar_size
 
-    source = open_source(path)
+    source = open_source(path, strict=strict)
     batch = np.concatenate([empty_batch(), *source])
+    if source.moved_events:
+        print(f"clsim: {path}: {moved_text(source.moved_events)}", file=sys.stderr)
+    if source.dropped_events:
+        print(f"clsim: {path}: {dropped_text(source.dropped_events)}", file=sys.stderr)
     about = read_sidecar(path)
     size = sidecar_size(about)
     if source.width is not None and source.height is not None:

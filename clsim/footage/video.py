@@ -15,6 +15,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.footage.pixels import PixelFormat, pixel_format, to_light
 from clsim.footage.source import AS_TOLD, Footage, Reading, check_size, whole_us
+from clsim.footage.wholeness import cut_end
 from clsim.frames import SourceEnded
 from clsim.frames.frame import FloatArray, page_aligned
 
@@ -97,6 +98,7 @@ class Video(Footage):
                 f"{self._where}: ends at {float(self._end):.3f} s without its end mark; expected a whole file"
             )
         if self._told_end is None:
+            self._check_container()
             return
         missing_s = float(self._told_end - self._end)
         frames = round(missing_s * self._own_fps)
@@ -105,6 +107,11 @@ class Video(Footage):
                 f"{self._where}: ends at {float(self._end):.3f} s, but its header tells {float(self._told_end):.3f} s: "
                 f"some {frames} frames are missing; expected a whole video"
             )
+        self._check_container()
+
+    def _check_container(self) -> None:
+        if cut := cut_end(self._where, self._container.format.name):
+            raise InputError(f"{self._where}: ends at {float(self._end):.3f} s and {cut}; expected a whole video")
 
     def close(self) -> None:
         """Release the file; safe to call twice."""

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene import Instance, World
+from clsim.scene import Camera, Instance, World
 
 BASE_FPS = 30.0
 """Frames per simulated second where nothing asks for more."""
@@ -42,14 +42,13 @@ def fastest_px_s(world: World) -> float:
     """Return how fast the boxes of rigid things go over the image, seen from where the camera is then [pixels/s]."""
     moving = [each for each in world.instances if each.motion.duration_s > 0]
     duration_s = max((each.motion.duration_s for each in moving), default=0.0)
-    focal_px = _focal_px(world)
     fastest = 0.0
     for time_s in np.linspace(0.0, duration_s, max(4, min(64, _MOST_POSES // max(1, len(moving)))), endpoint=False):
         to_camera = np.linalg.inv(world.camera.motion.pose(float(time_s)))
         for each in moving:
             corners = _corners(world.meshes[each.mesh].vertices)
             places = [
-                _on_image(to_camera @ each.motion.pose(float(t)), corners, focal_px)
+                _on_image(to_camera @ each.motion.pose(float(t)), corners, world.camera)
                 for t in (time_s, time_s + _APART_S)
             ]
             if _seen(places[0], world.camera.width, world.camera.height) and np.isfinite(places[1]).all():
@@ -67,12 +66,11 @@ def camera_px_s(world: World) -> float:
         return 0.0
     some = still[:: -(-len(still) // _MOST_POINTS)]
     points = np.concatenate([_places(world, each, -(-_MOST_POINTS // len(some))) for each in some])
-    focal_px = _focal_px(world)
     half = np.array((world.camera.width / 2.0, world.camera.height / 2.0))
     fastest = 0.0
     for time_s in np.linspace(0.0, motion.duration_s, _CAMERA_TIMES, endpoint=False):
         poses = (np.linalg.inv(motion.pose(float(t))).astype(np.float64) for t in (time_s, time_s + _APART_S))
-        before, after = (_on_image(pose, points, focal_px) for pose in poses)
+        before, after = (_on_image(pose, points, world.camera) for pose in poses)
         way_px = np.linalg.norm(after - before, axis=1)
         seen = (np.abs(before) < half).all(axis=1) & np.isfinite(way_px)
         if seen.any():
@@ -87,10 +85,6 @@ def _places(world: World, thing: Instance, number: int) -> F64:
     return np.asarray(some @ pose[:3, :3].T + pose[:3, 3])
 
 
-def _focal_px(world: World) -> float:
-    return world.camera.width / (2.0 * math.tan(math.radians(min(world.camera.fov_deg, 170.0)) / 2.0))
-
-
 def _in_steps(fps: float) -> float:
     """Return the least of 30, 60, 120 … that is no less."""
     return BASE_FPS * 2.0 ** max(0, math.ceil(math.log2(max(fps, BASE_FPS) / BASE_FPS) - 1e-6))
@@ -103,10 +97,13 @@ def _corners(vertices: npt.NDArray[np.float32]) -> F64:
     return np.stack([ends[x, 0], ends[y, 1], ends[z, 2]], axis=1)
 
 
-def _on_image(pose: F64, points: F64, focal_px: float) -> F64:
+def _on_image(pose: F64, points: F64, camera: Camera) -> F64:
     """Return where points are from the image's middle [pixels], ``[n, 2]``; NaN for those behind the camera."""
     x, y, z = pose[:3, :3] @ points.T + pose[:3, 3:]
     ahead = np.where(z < 0.0, -z, np.nan)
+    if camera.lens.model == "orthographic":
+        return np.stack([x, -y], axis=1) * np.where(ahead > 0, abs(camera.focal_px()[0]), np.nan)[:, None]
+    focal_px = camera.width / (2.0 * math.tan(math.radians(min(camera.fov_deg, 170.0)) / 2.0))
     return np.stack([x / ahead, -y / ahead], axis=1) * focal_px
 
 

@@ -53,22 +53,28 @@ def about_camera(camera: Camera) -> dict[str, Any]:
 
     The first pixel's corner is at 0, 0 and its centre at 0.5, 0.5; for OpenCV's own functions take 0.5 off ``cx`` and
     ``cy``. The model ``fisheye`` is OpenCV's (equidistant); a focal length is that without distortion, and
-    ``fx`` is negative where the image is mirrored.
+    ``fx`` is negative where the image is mirrored. An orthographic camera has no intrinsics in that sense: it has the
+    width of what it sees [m], pixels per metre, and the pixel of its axis.
     """
     lens, width = camera.lens, camera.width
     fx, fy = camera.focal_px()
+    cx, cy = width * (0.5 + lens.principal_point[0]), camera.height / 2.0 + width * lens.principal_point[1]
+    if lens.model == "orthographic":
+        return {
+            "width": width,
+            "height": camera.height,
+            "view_width_m": lens.view_width_m,
+            "model": lens.model,
+            "pixels_per_m": {"x": fx, "y": fy},
+            "axis_px": {"cx": cx, "cy": cy},
+        }
     names = _DISTORTION[lens.model]
     return {
         "width": width,
         "height": camera.height,
         "fov_deg": camera.fov_deg,
         "model": lens.model,
-        "intrinsics_px": {
-            "fx": fx,
-            "fy": fy,
-            "cx": width * (0.5 + lens.principal_point[0]),
-            "cy": camera.height / 2.0 + width * lens.principal_point[1],
-        },
+        "intrinsics_px": {"fx": fx, "fy": fy, "cx": cx, "cy": cy},
         "distortion": dict.fromkeys(names, 0.0) | dict(zip(names, lens.distortion, strict=False)),
     }
 

@@ -25,6 +25,7 @@ from clsim.render.first_hits import Seen
 from clsim.render.geometry import transform_vector
 from clsim.render.kept_light import Gathering, Lit, finished, gain, is_smooth, light_of, shown_in, wrong_by
 from clsim.render.light_cache import Cell, Followed, layer_of
+from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness
 from clsim.render.shadow_rays import Shadow, Shadows
 from clsim.render.sobol import reverse_bits
@@ -207,7 +208,7 @@ def make_cached(
                         n = sample.rest_normal
                         instance = sample.instance
                         out_met[i, pixel] = met_by(scene, sample)
-                    where = wp.vec4(p[0], p[1], p[2], sample.depth * steering.cell_angle)
+                    where = wp.vec4(p[0], p[1], p[2], width_at(steering.cell, sample.depth))
                     layer = layer_of(wp.where(sample.in_coat, 1, 0), instance)
                     kind = float(2 * layer) + wp.where(is_smooth(sample, steering), 1.0, 0.0)
                     out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], kind)

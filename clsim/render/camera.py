@@ -5,9 +5,10 @@
 Distortion is that of OpenCV ("Camera calibration and 3D reconstruction": pinhole model with k1, k2, p1, p2, k3, and
 fisheye model), whose pixel 0, 0 has its centre at image position 0.5, 0.5 here. ``fov_deg`` gives the focal length as
 if there were no distortion: f = w / (2 tan(fov / 2)) in perspective, f = w / fov for a fisheye. Along columns it may
-differ, and along rows it is negative where the image is mirrored. Rays are found by inverting the distortion for each
-sample by Newton's method, so that jitter within a pixel is distorted too. Where no ray leads to a pixel (beyond the
-fold of the distortion, or behind a fisheye) it stays black, with coverage 0.
+differ, and along rows it is negative where the image is mirrored. The rays of an orthographic lens are parallel and
+begin in the plane of the camera's position; its focal lengths are pixels per metre. Other rays are found by inverting
+the distortion for each sample by Newton's method, so that jitter within a pixel is distorted too. Where no ray leads to
+a pixel (beyond the fold of the distortion, or behind a fisheye) it stays black, with coverage 0.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ import warp as wp
 
 from clsim.render.by_time import ByTime
 from clsim.render.features import Features
-from clsim.render.pixel_angle import pixel_angle, widest_pixel
+from clsim.render.pixel_width import pixel_of, widest_pixel
 from clsim.render.shutter import (
     key_steps,
     key_times,
@@ -151,6 +152,9 @@ def make_camera(features: Features) -> Any:
                 target = wp.vec3(across * scale, -down * scale, -wp.cos(angle[0]))
                 ray.exists = angle[1] > 0.0
             start = wp.vec3()
+            if wp.static(features.projection == "orthographic"):
+                start = wp.vec3(across, -down, 0.0)
+                target = wp.vec3(0.0, 0.0, -1.0)
             if wp.static(features.aperture):
                 # In perspective the plane at the focus distance is sharp, for a fisheye the sphere.
                 r = view.aperture_m * wp.sqrt(lens[0])
@@ -177,16 +181,16 @@ def make_camera(features: Features) -> Any:
 
 
 def make_projection(features: Features) -> Any:
-    """Return the Warp function ``project(view, way)`` for a camera that stands still.
+    """Return the Warp function ``project(view, way, instant)`` for a camera without blur.
 
-    ``way`` leads from the camera to a point, in the world; the result is its image position [pixels], as ``camera_ray``
-    takes it, and 1, or 0 where the lens does not see that way.
+    ``way`` leads from the camera's position to a point, in the world; the result is its image position [pixels], as
+    ``camera_ray`` takes it, and 1, or 0 where the lens does not see that way.
     """
 
     @wp.func
-    def project(view: CameraState, way: wp.vec3) -> wp.vec3:
+    def project(view: CameraState, way: wp.vec3, instant: int) -> wp.vec3:
         k = view.distortion
-        local = wp.quat_rotate_inv(view.rotations[0], way)
+        local = wp.quat_rotate_inv(view.rotations[instant], way)
         ahead = -local[2]
         x = float(0.0)
         y = float(0.0)
@@ -200,6 +204,10 @@ def make_projection(features: Features) -> Any:
             x = local[0] * scale
             y = -local[1] * scale
             seen = wp.where(t <= view.limit, 1.0, 0.0)
+        elif wp.static(features.projection == "orthographic"):
+            x = local[0]
+            y = -local[1]
+            seen = wp.where(ahead > 0.0, 1.0, 0.0)
         else:
             if ahead > 0.0:
                 x = local[0] / ahead
@@ -271,8 +279,13 @@ class CameraData:
         self._view.images = wp.zeros(1, dtype=wp.mat33, device=device)
         self._view.smallest_m = wp.zeros(1, dtype=float, device=device)
         # Who asks takes all pixels for as wide as on average, and leaves room for those twice as wide.
-        self._pixel_angle = pixel_angle(camera)
-        self._wider = max(1.0, widest_pixel(camera) / (2.0 * self._pixel_angle))
+        self._pixel_angle, _ = pixel_of(camera)
+        self._wider = 1.0
+        if lens.model == "orthographic":
+            # There is no place from which all is seen, so that what may be seen on its edge is taken to be.
+            self._pixel_angle = math.pi / 4.0
+        else:
+            self._wider = max(1.0, widest_pixel(camera) / (2.0 * self._pixel_angle))
         self._smallest_m = smallest_m
         self._stood = ByTime(self._standing)
 

@@ -42,29 +42,30 @@ def corner_near(k: int) -> wp.vec2i:
 
 
 @wp.func
-def _over_distance(sample: Sample) -> wp.vec3:
-    return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / sample.depth
+def _over_distance(sample: Sample, pixel: wp.vec2) -> wp.vec3:
+    # Parallel rays see a surface as it is: no part of it is farther, and so smaller, than another.
+    return wp.vec3(sample.uv[0], sample.uv[1], 1.0) / wp.where(pixel[0] > 0.0, sample.depth, 1.0)
 
 
 @wp.func
-def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int) -> Footprint:
+def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int, pixel: wp.vec2) -> Footprint:
     """Return what the four corners tell of a flat surface; ``row`` is the number of corners in a row."""
     f = Footprint()
-    f.top_left = _over_distance(corners[nearest])
-    f.top_right = _over_distance(corners[nearest + 1])
-    f.bottom_left = _over_distance(corners[nearest + row])
-    f.bottom_right = _over_distance(corners[nearest + row + 1])
+    f.top_left = _over_distance(corners[nearest], pixel)
+    f.top_right = _over_distance(corners[nearest + 1], pixel)
+    f.bottom_left = _over_distance(corners[nearest + row], pixel)
+    f.bottom_right = _over_distance(corners[nearest + row + 1], pixel)
     return f
 
 
 @wp.func
-def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel_angle: float) -> bool:
+def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel: wp.vec2) -> bool:
     """Whether a ray saw the flat surface that the corners saw, where it should."""
     middle = uv_in(footprint, 0.5, 0.5)
     extent = wp.length(uv_in(footprint, 1.0, 0.5) - middle) + wp.length(uv_in(footprint, 0.5, 1.0) - middle)
     off = wp.length(sample.uv - uv_in(footprint, place[0], place[1]))
     near = off < _OFF_UV * extent + 1.0e-6
-    return near and sample.material == first.material and same_surface(sample, first, pixel_angle)
+    return near and sample.material == first.material and same_surface(sample, first, pixel)
 
 
 @wp.func

@@ -14,6 +14,7 @@ from clsim.render import sampling
 from clsim.render.corners import corner_at, corner_near
 from clsim.render.film import Sample
 from clsim.render.lamp_light import same_light, same_share
+from clsim.render.pixel_width import width_at
 from clsim.render.things import same_colour, same_surface
 
 _OFF_LINE_PX = wp.constant(0.05)
@@ -23,8 +24,8 @@ _WIDE_PX = wp.constant(2.0)
 
 
 @wp.func
-def _alike(a: Sample, b: Sample, by_colour: bool, pixel_angle: float) -> bool:
-    same = same_surface(a, b, pixel_angle)
+def _alike(a: Sample, b: Sample, by_colour: bool, pixel: wp.vec2) -> bool:
+    same = same_surface(a, b, pixel)
     if by_colour and same:
         same = same_colour(a, b)
     return same
@@ -111,7 +112,7 @@ def next_side(edge: Edge, side: int, steps: int) -> Edge:
 
 @wp.func
 def narrow(
-    edge: Edge, sample: Sample, corners: wp.array(dtype=Sample), nearest: int, pixel_angle: float, steps: int
+    edge: Edge, sample: Sample, corners: wp.array(dtype=Sample), nearest: int, pixel: wp.vec2, steps: int
 ) -> Edge:
     """Halve what is left of a side by a ray to its middle; after the last one, the edge crosses it there.
 
@@ -119,9 +120,9 @@ def narrow(
     """
     after = edge
     after.rays = after.rays + 1
-    if _alike(sample, corners[nearest], after.by_colour, pixel_angle):
+    if _alike(sample, corners[nearest], after.by_colour, pixel):
         after.low = after.low + after.step
-    elif not _alike(sample, corners[after.second], after.by_colour, pixel_angle):
+    elif not _alike(sample, corners[after.second], after.by_colour, pixel):
         after.straight = False
     after.steps = after.steps - 1
     if after.steps > 0:
@@ -151,7 +152,7 @@ def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> b
 
 @wp.func
 def _is_lit_otherwise_around(
-    corners: wp.array(dtype=Sample), nearest: int, row: int, asker: int, pixel_angle: float
+    corners: wp.array(dtype=Sample), nearest: int, row: int, asker: int, pixel: wp.vec2
 ) -> bool:
     """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
 
@@ -171,7 +172,7 @@ def _is_lit_otherwise_around(
         other = y * row + x
         if x >= 0 and x < row and y >= 0 and other < corners.shape[0]:
             if not same_share(corners[other].lamp_lit, corners[other].lamp_all, lit, most):
-                found = found or same_surface(corners[other], corners[asker], pixel_angle)
+                found = found or same_surface(corners[other], corners[asker], pixel)
     return found
 
 
@@ -188,7 +189,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
     def judge_corners(
         scene: scene_type,
         settings: settings_type,
-        pixel_angle: float,
+        pixel: wp.vec2,
         smallest_m: float,
         corners: wp.array(dtype=Sample),
         nearest: int,
@@ -216,7 +217,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
             one_material = one_material and sample.material == first.material
             one_triangle = one_triangle and sample.triangle == first.triangle and sample.hit == first.hit
             farthest = wp.max(farthest, sample.depth)
-            same = same_surface(sample, first, pixel_angle)
+            same = same_surface(sample, first, pixel)
             if same and not same_light(sample, corners[asker]):
                 edge.shaded = True
             if corners[asker].lamp_all <= 0.0:
@@ -227,7 +228,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
                     edge.by_colour = False
                     edge.second = other
                     third = False
-                elif not same_surface(sample, corners[edge.second], pixel_angle):
+                elif not same_surface(sample, corners[edge.second], pixel):
                     third = True
                 edge.marks = edge.marks | (1 << i)
             elif edge.by_colour and not same_colour(sample, first):
@@ -243,10 +244,10 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         edge.alone = one_triangle
         if wp.static(wide_lamps):
             if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
-                edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel_angle)
+                edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel)
         # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.
-        edge.whole = one_triangle and smallest_m > _WIDE_PX * farthest * pixel_angle
-        edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel_angle)
+        edge.whole = one_triangle and smallest_m > _WIDE_PX * width_at(pixel, farthest)
+        edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel[0])
         # Corners that take turns are no straight edge's.
         edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
         return edge

@@ -89,12 +89,12 @@ class Sight:
     """What first-hit rays see of a scene, however many there are.
 
     Attributes:
-        pixel_angle: width of a pixel seen from the camera [rad].
+        pixel: how wide a pixel is (`pixel_width.py`).
         sharp: whether the picture has no blur; else a pixel's corners do not tell what it shows.
         lamps: whether these rays also find shadows. Those at corners do too, so that fewer are wanted inside.
     """
 
-    pixel_angle: float
+    pixel: tuple[float, float]
     sharp: bool
     lamps: bool = False
 
@@ -108,7 +108,7 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
         kept: whether light is kept on surfaces.
     """
     looks: Any = Looks()
-    looks.most, looks.pixel_angle = first_hit_rays, sight.pixel_angle
+    looks.most, looks.pixel = first_hit_rays, wp.vec2(*sight.pixel)
     looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
     if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
         looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from clsim.render.bsdf_kinds import KINDS
 from clsim.scene import Camera
-from clsim.scene.world import Kind
+from clsim.scene.world import Kind, LensModel
 
 Strategy = Literal["mis", "light", "scatter"]
 
@@ -122,7 +122,7 @@ class Features(SceneFeatures):
 
     follow_specular: bool
     camera_blur: bool
-    projection: Literal["perspective", "fisheye"]
+    projection: LensModel
     distortion: bool
     aperture: bool
     sobol: bool
@@ -181,6 +181,7 @@ class Features(SceneFeatures):
             (self.motion_blur or self.camera_blur, "motion blur"),
             (self.deforming_blur, "motion blur of deforming objects"),
             (self.projection == "fisheye", "fisheye projection"),
+            (self.projection == "orthographic", "orthographic projection"),
             (self.distortion, "lens distortion"),
             (self.aperture, "depth of field (thin lens)"),
             (self.sobol, "Sobol's sequence"),

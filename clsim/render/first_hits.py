@@ -54,7 +54,7 @@ class Looks:
         steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
         in_shadow: largest number where lamps light a part of what is seen.
         texels: places on a flat surface at which its texture is looked up.
-        pixel_angle: width of a pixel seen from the camera [rad].
+        pixel: how wide a pixel is (`pixel_width.py`).
         at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
         at_event: largest number near an event, where shares are counted.
         few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
@@ -66,7 +66,7 @@ class Looks:
     steps: int
     in_shadow: int
     texels: int
-    pixel_angle: float
+    pixel: wp.vec2
     at_contrast: int
     at_event: int
     few_ask: bool
@@ -128,7 +128,7 @@ def _take_in(
     place: wp.vec2,
     footprint: Footprint,
     corner: Sample,
-    pixel_angle: float,
+    pixel: wp.vec2,
     coats: bool,
 ) -> tuple[Edge, int]:
     """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told.
@@ -140,10 +140,10 @@ def _take_in(
     known = number
     k = int(0)
     if after.flat:
-        after.flat = on_flat_surface(footprint, corner, sample, place, pixel_angle)
+        after.flat = on_flat_surface(footprint, corner, sample, place, pixel)
         after.plain = after.plain and after.flat
     if not after.flat:
-        k = find_thing(things, known, sample, after.by_colour, pixel_angle)
+        k = find_thing(things, known, sample, after.by_colour, pixel)
     if k < 0:
         after.plain = after.plain and known == 0
         after.straight = False
@@ -232,11 +232,9 @@ def make_look(
         edge.side = 4
         if wp.static(edges):
             if looks.steps > 0 and corner < 0 and not before.counted:
-                edge = judge_corners(
-                    scene, settings, looks.pixel_angle, camera.smallest_m[instant], corners, nearest, row
-                )
+                edge = judge_corners(scene, settings, looks.pixel, camera.smallest_m[instant], corners, nearest, row)
                 if edge.flat:
-                    footprint = footprint_of(corners, nearest, row)
+                    footprint = footprint_of(corners, nearest, row, looks.pixel)
                 if edge.plain or edge.flat:
                     number = begin_thing(things, number, corners[nearest])
                 if edge.straight:
@@ -367,16 +365,16 @@ def make_look(
                 if corner >= 0:
                     to_lamps = _rim_of(corner, settings.width, looks.few_ask)
             # Rays inside a pixel that shows many things share its area, and so the textures in it.
-            width = looks.pixel_angle / wp.sqrt(float(looks.most))
+            width = looks.pixel / wp.sqrt(float(looks.most))
             if corner >= 0 or places or edge.flat:
-                width = 0.0
+                width = wp.vec2()
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
                     break
             if places:
-                edge = narrow(edge, sample, corners, nearest, looks.pixel_angle, looks.steps)
+                edge = narrow(edge, sample, corners, nearest, looks.pixel, looks.steps)
                 if edge.side >= 4 and edge.straight:
                     number = begin_thing(things, number, corners[nearest])
                     number = begin_thing(things, number, corners[edge.second])
@@ -397,7 +395,7 @@ def make_look(
                 inside = inside + 1
                 if is_sound(sample) and not told:
                     edge, number = _take_in(
-                        things, number, edge, sample, place, footprint, corners[nearest], looks.pixel_angle, coats
+                        things, number, edge, sample, place, footprint, corners[nearest], looks.pixel, coats
                     )
         seen = finish(
             scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,

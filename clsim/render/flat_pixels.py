@@ -183,7 +183,7 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
     what each saw in a frame. ``out_bounds``, uint8, is 0 where a corner and its neighbours on the right and below see
     one flat surface whose albedo its texture tells, and whose light follows it. ``out_places``, vec3
     ``[corners, INSTANTS]``, are the coefficients of a polynomial in the share of a step that tells where on it a corner
-    is: uv over distance, and 1 over distance.
+    is: uv over distance, and 1 over distance; uv and 1 where rays are parallel.
 
     ``follow`` is of pixels of the list ``pixels``. ``light``, float ``[6, H·W]``, is that of all pixels at the start,
     R, G and B, and at the end. It writes up to `MOST_KNOTS` times, as shares of the step, and the sums over R, G and B
@@ -247,7 +247,9 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
                 facing = wp.dot(ray.direction, plane.normal)
                 distance = wp.dot(plane.position - ray.origin, plane.normal) / wp.where(facing == 0.0, 1.0e-12, facing)
                 uv = _uv_on(plane, ray.origin + ray.direction * distance)
-                at = wp.vec3(uv[0], uv[1], 1.0) / distance
+                at = wp.vec3(uv[0], uv[1], 1.0)
+                if wp.static(features.projection != "orthographic"):
+                    at = at / distance
                 for j in range(_INSTANTS):
                     powers[j] += at * wp.static(_COEFFICIENTS)[j, k]
             for j in range(_INSTANTS):

@@ -12,6 +12,7 @@ from clsim.render.closer_look import NextEvent
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks
 from clsim.render.light_cache import Asked, Cell, Followed, Kept, layer_of, look_up
+from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness
 from clsim.render.things import Thing
 
@@ -43,7 +44,7 @@ class Gathering:
         earlier: whether the light is shown as it was known before that update.
         lamps: whether light straight from lamps is found apart, but for what is glossy.
         tells_shadows: whether it is told which rays reach the lamps.
-        cell_angle: width of the finest cells seen from the camera [rad]; they are no wider than that.
+        cell: how wide the finest cells are, as a pixel is (`pixel_width.py`); they are no wider than that.
         anchored: whether cells lie on what moves.
         event: what pixels fire at, unless this is no frame that is seen, or is shown as it was known ``earlier``.
     """
@@ -58,7 +59,7 @@ class Gathering:
     earlier: bool
     lamps: bool
     tells_shadows: bool
-    cell_angle: float
+    cell: wp.vec2
     anchored: bool
     event: NextEvent
 
@@ -123,7 +124,7 @@ def light_of(
         radiance = things[k].emission
         s.emission += radiance * things[k].share
         if first.hit:
-            footprint_m = first.depth * gathering.looks.pixel_angle
+            footprint_m = width_at(gathering.looks.pixel, first.depth)
             place = things[k].position
             normal = first.normal
             instance = int(-1)
@@ -148,7 +149,7 @@ def light_of(
                     looked_on = instance
                     looked_in = in_coat
                     looked_for_smooth = smooth
-                    width_m = first.depth * gathering.cell_angle
+                    width_m = width_at(gathering.cell, first.depth)
                     layer = layer_of(in_coat, instance)
                     kept = look_up(cells, followed, gathering.asked, at, facing, layer, smooth, width_m)
                 s.known = wp.min(s.known, kept.known)

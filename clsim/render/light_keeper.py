@@ -232,7 +232,7 @@ class LightKeeper:
         if self._frames < self._passes and self._finds_all:
             self._gathering.finely = _NEVER
         self._gathering.anchored = self._store is not None
-        self._gathering.cell_angle = _CELL_PX * self._sight.pixel_angle
+        self._gathering.cell = wp.vec2(*(_CELL_PX * width for width in self._sight.pixel))
         self._gathering.asked = asked
         self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None
         if self._times_us[-1:] != [time_us]:

@@ -3,15 +3,15 @@
 """Where on the image things go in a step of time, as Warp kernels, by single rays.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
-pinhole, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes where its place
-on its triangle goes.
+pinhole or orthographic, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes
+where its place on its triangle goes.
 """
 
 from typing import Any
 
 import warp as wp
 
-from clsim.render.camera import CameraState, make_camera, plain
+from clsim.render.camera import CameraState, make_camera, make_projection, plain
 from clsim.render.compiler import kernel_options, one_at_a_time
 from clsim.render.features import Features
 from clsim.render.geometry import FAR, Tree, make_placement, make_sphere_at, transform_point, xyz
@@ -45,12 +45,17 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
     sphere_at = make_sphere_at(features)
     to_world_at, to_object_at, _ = make_placement(features)
     camera_ray = make_camera(features)
+    parallel = features.projection == "orthographic"
+    project = make_projection(features)
 
     @wp.func
     def carried(scene: Scene, origin: wp.vec3, direction: wp.vec3, start: float, end: float) -> wp.vec3:
         """Return where what a ray meets at ``start`` is at ``end``."""
         hit = closest(scene.geometry, origin, direction, start)
         place = origin + direction * _SKY_M
+        if wp.static(parallel):
+            # All rays see one place of the sky: nothing of it can be seen to move.
+            place = origin
         if hit.t < FAR:
             place = origin + direction * hit.t
             if wp.static(features.sphere_lights):
@@ -137,6 +142,9 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
                 place = wp.vec3(found[0], found[1], found[2])
                 if wp.static(plain(features)):
                     moved = place_in(camera, place, 1 - start, settings.width) - wp.vec2(x, y)
+                elif wp.static(parallel):
+                    there = project(camera, place - camera.positions[1 - start], 1 - start)
+                    moved = wp.vec2(there[0], there[1]) - wp.vec2(x, y)
                 else:
                     moved = searched(camera, place, 1 - start, wp.vec2(x, y), settings.width) - wp.vec2(x, y)
             out_ways[block] = moved

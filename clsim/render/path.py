@@ -72,7 +72,7 @@ def make_trace(
         settings: Settings,
         stream: sampling.Stream,
         to_lamps: int,
-        width: float,
+        width: wp.vec2,
     ) -> Sample:
         sample = Sample()
         origin = start

@@ -15,6 +15,7 @@ from clsim.render.geometry import Surface
 from clsim.render.kernel_input import Scene
 from clsim.render.lights import LightSample
 from clsim.render.materials import Bsdf, Materials, has_details
+from clsim.render.pixel_width import width_at
 from clsim.render.ray_footprint import patch_round
 from clsim.render.sobol import make_sampler
 from clsim.render.towards_light import looks_ahead
@@ -44,7 +45,7 @@ def make_meet(
         goes_on: bool,
         stream: sampling.Stream,
         choice: float,
-        width: float,
+        width: wp.vec2,
         time: float,
     ):
         """Return the normal that light sees, the surface's material, and the normal by which light is kept.
@@ -70,8 +71,8 @@ def make_meet(
                 light = look_ahead(scene, point, stream, dimension, choice, time)
         if wp.static(only_look and features.textures):
             texture = wp.vec3()
-            if width > 0.0 and depth == 0 and textured(scene.materials, point.material):
-                patch = patch_round(point, direction, width * far)
+            if width[0] + width[1] > 0.0 and depth == 0 and textured(scene.materials, point.material):
+                patch = patch_round(point, direction, width_at(width, far))
                 texture = mean_texture(scene.materials, point, patch, _PLACES)
             else:
                 texture = texture_at(scene.materials, point)

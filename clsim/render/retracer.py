@@ -18,7 +18,7 @@ from clsim.render.integrator import build_kernel
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.motion_field import build_motion_field, build_pass_over
 from clsim.render.options import RenderOptions
-from clsim.render.pixel_angle import pixel_angle
+from clsim.render.pixel_width import pixel_of
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.view import RenderCancelled, settings_of
@@ -93,7 +93,7 @@ class Retracer:
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._settings: Any = settings_of(options, camera, data.world.sensor.spectral)
         self._settings.stream = stream_state(options.seed, None)
-        self._sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
+        self._sight = Sight(pixel_of(camera), features.sharp, features.lamp_light)
         if self._first_hits:
             data.add_texture_levels()
             self._settings.samples = self._first_hits

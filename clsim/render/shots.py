@@ -35,11 +35,11 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         instant: int,
         stream: sampling.Stream,
         to_lamps: int,
-        width: float,
+        width: wp.vec2,
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
 
-        One that only looks sees the mean of a texture over a square of that ``width`` [rad], where it is not 0.
+        One that only looks sees the mean of a texture over a square: a pixel of that ``width``, if it is not 0.
         """
         lens = wp.vec2()
         if wp.static(features.aperture):
@@ -72,6 +72,6 @@ def make_shoot(sobol: bool, shoot_at: Any) -> Any:
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return shoot_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, 0.0)
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, wp.vec2())
 
     return shoot

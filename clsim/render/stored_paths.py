@@ -359,7 +359,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                     # What deforms may have turned away: it is seen from the same side.
                     toward = toward - 2.0 * facing * normal
                 back = _OFF * (1.0 + point.reach_m) / wp.max(wp.abs(facing), 0.05)
-                sample = trace(scene, point.position - toward * back, toward, time, settings, stream, AT_NONE, 0.0)
+                start = point.position - toward * back
+                sample = trace(scene, start, toward, time, settings, stream, AT_NONE, wp.vec2())
                 light = wp.vec3()
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     light = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))

@@ -9,6 +9,7 @@ import warp as wp
 
 from clsim.frames import rendered_planes
 from clsim.render.film import Sample, store3
+from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness, luminance
 
 THINGS = 8
@@ -65,7 +66,7 @@ def lit_albedo(sample: Sample) -> wp.vec3:
 
 
 @wp.func
-def same_surface(a: Sample, b: Sample, pixel_angle: float) -> bool:
+def same_surface(a: Sample, b: Sample, pixel: wp.vec2) -> bool:
     """Whether a ray saw the surface of the other one, or neither saw any."""
     same = not a.hit
     if a.hit != b.hit:
@@ -73,7 +74,7 @@ def same_surface(a: Sample, b: Sample, pixel_angle: float) -> bool:
     elif a.hit:
         apart = a.position - b.position
         off = wp.abs(wp.dot(apart, b.normal))
-        near = off < _OFF_PLANE * b.depth * pixel_angle + _OFF_PLANE_SHARE * wp.length(apart)
+        near = off < _OFF_PLANE * width_at(pixel, b.depth) + _OFF_PLANE_SHARE * wp.length(apart)
         same = near and wp.dot(a.normal, b.normal) > _ALIKE_NORMAL
     return same
 
@@ -99,13 +100,13 @@ def begin_thing(things: wp.array(dtype=Thing), number: int, sample: Sample) -> i
 
 
 @wp.func
-def find_thing(things: wp.array(dtype=Thing), number: int, sample: Sample, by_colour: bool, pixel_angle: float) -> int:
+def find_thing(things: wp.array(dtype=Thing), number: int, sample: Sample, by_colour: bool, pixel: wp.vec2) -> int:
     """Return the thing that a ray saw; −1 for one not seen before, −2 − k for another colour of the surface k."""
     found = int(-1)
     for k in range(number):
         if found < 0:
             first = things[k].first
-            if same_surface(sample, first, pixel_angle):
+            if same_surface(sample, first, pixel):
                 if not by_colour or same_colour(sample, first):
                     found = k
                 elif found == -1:

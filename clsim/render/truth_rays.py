@@ -80,6 +80,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     pierce, _ = make_alpha(features, closest, surface_of, opacity, _even_odds)
     camera_ray = make_camera(features)
     project = make_projection(features)
+    parallel = features.projection == "orthographic"
 
     @wp.func
     def solid(scene: Scene, origin: wp.vec3, direction: wp.vec3) -> Hit:
@@ -154,7 +155,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
             if seen.kind == TRIANGLE or seen.kind == SPHERE:
                 distance = wp.length(way)
                 z = wp.dot(way, wp.quat_rotate(camera.rotations[0], wp.vec3(0.0, 0.0, -1.0)))
-        place = project(camera, way)
+        place = project(camera, way + ray.origin - camera.positions[0], 0)
         seen.place = wp.vec2(place[0], place[1])
         out_hits[pixel] = seen
         if wp.static("Z" in first):
@@ -199,8 +200,11 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         valid = float(0.0)
         covisible = float(0.0)
         if seen.kind != UNSEEN:
-            place = project(camera, way)
+            place = project(camera, way, 0)
             valid = place[2]
+            if wp.static(parallel):
+                # All pixels see one place of the sky, and none of it can be followed.
+                valid = wp.where(seen.kind == SKY, 0.0, valid)
             if valid > 0.0:
                 x = place[0] - seen.place[0]
                 y = place[1] - seen.place[1]
@@ -208,6 +212,10 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
                 right = float(pixel % width) + 0.5 + x
                 down = float(pixel // width) + 0.5 + y
                 if right >= 0.0 and right < float(width) and down >= 0.0 and down < float(height):
+                    if wp.static(parallel):
+                        axis = wp.quat_rotate(camera.rotations[0], wp.vec3(0.0, 0.0, -1.0))
+                        origin = origin + way - axis * wp.dot(way, axis)
+                        way = axis * wp.dot(way, axis)
                     found = solid(scene, origin, wp.normalize(way))
                     if seen.kind == SKY:
                         covisible = wp.where(found.triangle < 0 and found.sphere < 0, 1.0, 0.0)

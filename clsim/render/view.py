@@ -18,7 +18,7 @@ from clsim.render.integrator import build_kernel
 from clsim.render.kernel_input import Settings
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
-from clsim.render.pixel_angle import pixel_angle
+from clsim.render.pixel_width import pixel_of
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
@@ -98,6 +98,7 @@ class View:
                 f"{data.interval_s:g} s"
             )
         self.width, self.height = camera.width, camera.height
+        self._pixel = pixel_of(camera)
         self._shutter_s, self._light = camera.shutter_s, np.zeros(0)
         planes = rendered_planes(
             first_hit_rays=options.first_hit_rays > 0, variances=options.variances, truth=options.truth
@@ -127,7 +128,7 @@ class View:
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
             size = camera.width, camera.height
             self._sharp = features.sharp
-            sight = Sight(pixel_angle(camera), features.sharp, features.lamp_light)
+            sight = Sight(self._pixel, features.sharp, features.lamp_light)
             if options.light_cache:
                 from clsim.render.light_keeper import LightKeeper, next_event
 
@@ -190,7 +191,7 @@ class View:
         pose = self._motion.pose(time_s)
         if not self._sky_differs:
             self._settings.reach_m = self._data.farthest_m(pose[:3, 3])
-            if self._options.first_hit_rays:
+            if self._options.first_hit_rays and self._pixel[0] > 0.0:
                 self._settings.least_sphere_rad = self._data.least_sphere_rad(pose[:3, 3], time_s)
         planes, bits = self._target(out)
         changed = {"camera": self._camera.at(time_s), "settings": self._settings, "out_planes": planes}

@@ -6,7 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from clsim.scene.world import TEXTURES, World
+from clsim.scene.world import TEXTURES, Camera, World
+
+
+def _view(camera: Camera) -> dict[str, Any]:
+    lens = camera.lens
+    if lens.model == "orthographic":
+        return {"lens": lens.model, "view_width_m": lens.view_width_m}
+    return {"lens": lens.model, "fov_deg": camera.fov_deg}
 
 
 def describe(world: World) -> dict[str, Any]:
@@ -33,7 +40,7 @@ def describe(world: World) -> dict[str, Any]:
     return {
         "name": world.name,
         "resolution": [camera.width, camera.height],
-        "fov_deg": camera.fov_deg,
+        **_view(camera),
         "shutter_s": camera.shutter_s,
         "fps": world.fps,
         "duration_s": world.duration_s,

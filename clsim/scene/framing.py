@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.errors import InputError
-from clsim.scene.motion import Orbit, Static, compose
-from clsim.scene.world import Camera, Instance, Material, Mesh, SphereLight, Vec3
+from clsim.scene.motion import Motion, Orbit, Static, compose
+from clsim.scene.world import Camera, Instance, Lens, Material, Mesh, SphereLight, Vec3
 
 F64 = npt.NDArray[np.float64]
 MAX_COORDINATE = 1e15
@@ -90,6 +90,12 @@ def lamp(center: Vec3, size: F64) -> SphereLight:
         motion=Static(compose((x + 1.5 * radius, y + 2.5 * radius, z + 1.5 * radius), np.eye(3))),
         name="lamp",
     )
+
+
+def orthographic_camera(width: int, width_m: float, height_m: float, motion: Motion) -> Camera:
+    """Return a camera of so many columns that sees an area of that size, with square pixels, along parallel rays."""
+    height = max(1, min(round(width * height_m / width_m), 16384))
+    return Camera(width, height, 45.0, motion, lens=Lens(model="orthographic", view_width_m=width_m))
 
 
 def orbiting_camera(center: Vec3, size: F64, period_s: float = ORBIT_S) -> Camera:

@@ -41,7 +41,12 @@ EXTENSIONS = (
     "KHR_texture_transform",
 )
 """The extensions that clsim reads; a file may also require others of materials, which only look plainer then."""
-MESHOPT = "EXT_meshopt_compression"
+UNPACKED_BY = {
+    "EXT_meshopt_compression": "gltfpack -i IN -o OUT",
+    "KHR_meshopt_compression": "gltfpack -i IN -o OUT",
+    "KHR_texture_basisu": "gltf-transform ktxdecompress IN OUT",
+}
+"""What unpacks what clsim does not."""
 MAX_FILE_BYTES = 1 << 30
 Item = TypeVar("Item")
 Array = npt.NDArray[Any]
@@ -76,7 +81,8 @@ class GltfFile:
             raise InputError(f"{path}: {place}: {plainly(first)}{got}") from None
         lacking = [e for e in self.json.extensionsRequired if e not in EXTENSIONS and not _optional(e)]
         if lacking:
-            advice = "; gltfpack -i IN -o OUT unpacks it" if MESHOPT in lacking else ""
+            tools = dict.fromkeys(UNPACKED_BY[name] for name in lacking if name in UNPACKED_BY)
+            advice = f"; {' and '.join(tools)} unpacks it" if tools else ""
             names = ", ".join(lacking)
             raise InputError(f"{path}: requires the glTF extension {names}, which clsim does not support{advice}")
         self._buffers: dict[int, memoryview] = {}

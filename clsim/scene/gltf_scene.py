@@ -16,7 +16,16 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.scene import gltf_schema as schema
-from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_lights, lamp, orbiting_camera
+from clsim.scene.framing import (
+    ENVIRONMENT,
+    ORBIT_S,
+    RESOLUTION,
+    bounds,
+    glow_lights,
+    lamp,
+    orbiting_camera,
+    orthographic_camera,
+)
 from clsim.scene.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.gltf_accessors import GltfFile
 from clsim.scene.gltf_animation import Channel, MeshDeformation, NodeMotion, NodeTree
@@ -71,7 +80,7 @@ def load_gltf(path: Path, animation: str | None = None) -> World:
         camera = orbiting_camera(center, size, period_s)
         if inside := stand_inside(parts.meshes, parts.instances, center, size, period_s):
             camera, lamps = inside[0], (inside[1],)
-            notes.append(f"{path.name}: is a closed room: the camera stands in it")
+            notes.append(f"{path.name}: {inside[2]}")
         duration_s = period_s
     return World(
         name=path.stem,
@@ -351,6 +360,17 @@ class _Reader:
 
     def _add_camera(self, index: int, camera_index: int) -> None:
         camera = self.file.item("cameras", self.file.json.cameras, camera_index)
+        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
+        if not self.tree.moving[index]:
+            motion = Static(facing(self.tree.matrices(0.0)[index]))
+        flat = camera.orthographic
+        if camera.type == "orthographic" and flat is not None:
+            across, up, _ = np.linalg.norm(self.tree.matrices(0.0)[index][:3, :3], axis=0) * (flat.xmag, flat.ymag, 1.0)
+            if 0 < abs(across) < math.inf and 0 < abs(up) < math.inf:
+                self.cameras.append(orthographic_camera(RESOLUTION[0], 2.0 * abs(across), 2.0 * abs(up), motion))
+            else:
+                self._warn("an orthographic camera that sees no area is left out")
+            return
         if camera.type != "perspective" or camera.perspective is None:
             self._warn(f"cameras of type {camera.type} are left out")
             return
@@ -358,9 +378,6 @@ class _Reader:
         if lens.aspectRatio is not None:
             height = max(1, min(round(width / lens.aspectRatio), 16384))
         fov_deg = 2 * math.degrees(math.atan(math.tan(lens.yfov / 2) * (lens.aspectRatio or width / height)))
-        motion: Motion = Facing(NodeMotion(self.tree, index, np.eye(4)))
-        if not self.tree.moving[index]:
-            motion = Static(facing(self.tree.matrices(0.0)[index]))
         self.cameras.append(Camera(width, height, fov_deg, motion))
 
     def _add_light(self, index: int, light_index: int) -> None:

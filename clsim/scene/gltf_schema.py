@@ -207,11 +207,19 @@ class Perspective(Part):
     aspectRatio: Annotated[float, Field(gt=0)] | None = None
 
 
+class Orthographic(Part):
+    """A camera without vanishing points: half of the width and of the height of what it sees."""
+
+    xmag: float
+    ymag: float
+
+
 class Camera(Part):
     """A camera."""
 
     type: str
     perspective: Perspective | None = None
+    orthographic: Orthographic | None = None
 
 
 class Spot(Part):

@@ -1,4 +1,4 @@
-"""A camera for closed rooms: from outside they show nothing but their walls."""
+"""A camera for rooms: from outside those that are closed show nothing but their walls, and open ones mostly so."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.scene.framing import RESOLUTION
-from clsim.scene.motion import Keyframes, Quaternion, Static, compose, euler_quaternion
+from clsim.scene.motion import Keyframes, LookAtKeyframes, Quaternion, Static, compose, euler_quaternion
 from clsim.scene.world import Camera, Instance, Mesh, SphereLight, Vec3
 
 F64 = npt.NDArray[np.float64]
@@ -24,6 +24,15 @@ BARE = 0.5
 """Share of the directions in which a shell of single walls shows their backs to those outside."""
 FLAT, SPACIOUS = 2 / 3, 0.2
 """In a room of thick walls: share of the directions in which a box's six planes are seen, and of all space that is."""
+OPEN = 0.65
+"""Share of the directions in which fronts are seen from the middle of a room that is open to one side."""
+ONE_SIDE = 0.75
+"""Length of the mean of the directions in which nothing is seen there: 1 were they all one."""
+_LEVEL = 0.5
+"""Sine of the angle by which that side may lie above or below; what is open upwards is a bowl."""
+_NEARLY = 0.95
+"""Cosine of the angle within which that side is taken for the one along x or z."""
+_SWING_DEG = 15.0
 _RAYS = 48
 _PARALLEL, _SQUARE, _SAME_PLANE = 0.999, 0.05, 0.01
 """Cosines between planes that are parallel, at least, and at right angles, at most; how far apart, in diagonals of the
@@ -40,12 +49,13 @@ _LAMP_RADIANCE: Vec3 = (100.0, 96.0, 90.0)
 
 def stand_inside(
     meshes: Sequence[Mesh], instances: Sequence[Instance], center: Vec3, size: F64, period_s: float
-) -> tuple[Camera, SphereLight] | None:
-    """Return a camera in the roomiest place of a closed room, that turns about there, and a lamp above it; else None.
+) -> tuple[Camera, SphereLight, str] | None:
+    """Return a camera in a closed room that turns about its roomiest place, a lamp above it, and a note; else None.
 
     A place is in a room where nearly all ways lead to the fronts of faces: in a solid body they lead to backs. Hollow
     things have fronts within, too: a helmet, a bottle, a tube. They show fronts to the outside as well. So do rooms of
-    thick walls, but they are wide, and their walls flat and at right angles.
+    thick walls, but they are wide, and their walls flat and at right angles, and there is no less to see in them than
+    from outside: a van is no room. Into a room that is open to one side the camera looks from there.
 
     Args:
         meshes, instances: what stands there, as it stands at time 0.
@@ -56,15 +66,24 @@ def stand_inside(
     if sum(len(meshes[instance.mesh].triangles) for instance in instances) > MAX_TRIANGLES:
         return None
     faces = _Faces(np.concatenate([_corners(meshes[instance.mesh], instance) for instance in instances]))
-    low = np.asarray(center) - size / 2
+    middle = np.asarray(center)
+    if opening := faces.opening(middle):
+        side, room_m = opening
+        camera, why = _looking_in(middle, size, side, period_s), "is a room: the camera looks in from its open side"
+        return camera, _lamp_above(middle, room_m), why
+    low = middle - size / 2
     places = [low + size * (right, up, ahead) for up in _HEIGHTS for right in _PLACES for ahead in _PLACES]
     rooms_m = faces.rooms_m(places)
     roomiest, best = max(rooms_m), places[int(np.argmax(rooms_m))]
     if roomiest == 0.0:
         return None
-    above = best + np.array([0.0, _LAMP_UP * roomiest, 0.0])
-    lamp = SphereLight(_LAMP * roomiest, _LAMP_RADIANCE, Static(compose(above, np.eye(3))), "lamp")
-    return _turning(best, _STRIDE * roomiest, period_s), lamp
+    camera = _turning(best, _STRIDE * roomiest, period_s)
+    return camera, _lamp_above(best, roomiest), "is a closed room: the camera stands in it"
+
+
+def _lamp_above(place: F64, room_m: float) -> SphereLight:
+    above = place + np.array([0.0, _LAMP_UP * room_m, 0.0])
+    return SphereLight(_LAMP * room_m, _LAMP_RADIANCE, Static(compose(above, np.eye(3))), "lamp")
 
 
 def _corners(mesh: Mesh, instance: Instance) -> F64:
@@ -75,9 +94,14 @@ def _corners(mesh: Mesh, instance: Instance) -> F64:
 
 @dataclass
 class _Seen:
-    """What rays from a place have seen: fronts of faces, how far away, how often none, and how many were bare."""
+    """What rays from a place have seen: fronts of faces, how far away, how often none, and how many were bare.
+
+    ``outermost`` are the last faces in these directions, and ``nothing`` those in which there is none at all.
+    """
 
     fronts: list[int] = field(default_factory=list)
+    outermost: list[int] = field(default_factory=list)
+    nothing: list[F64] = field(default_factory=list)
     fronts_m: list[float] = field(default_factory=list)
     misses: int = 0
     bare: int = 0
@@ -102,6 +126,27 @@ class _Faces:
         Rays go from all places in the same directions. Along each, the faces are boxes in the plane across it, and few
         of them hold a place.
         """
+        seen = self._seen_from(places, (1 - ENCLOSED) * _RAYS)
+        return [self._room_m(place, sight) for place, sight in zip(places, seen, strict=True)]
+
+    def opening(self, place: F64) -> tuple[F64, float] | None:
+        """Return to which side a room is open around a place, level, and how far its nearest face is; else None."""
+        (sight,) = self._seen_from([place], math.inf)
+        if sight.misses > len(sight.nothing) + (1 - ENCLOSED) * _RAYS or sight.misses > (1 - OPEN) * _RAYS:
+            return None
+        if sight.misses <= (1 - ENCLOSED) * _RAYS or not self._is_room(place, sight):
+            return None
+        mean = np.mean(sight.nothing, axis=0)
+        if np.linalg.norm(mean) < ONE_SIDE or abs(mean[1]) > _LEVEL * np.linalg.norm(mean):
+            return None
+        side = np.array([mean[0], 0.0, mean[2]]) / np.hypot(mean[0], mean[2])
+        # Few rays tell it; most rooms stand square.
+        if np.abs(side).max() > _NEARLY:
+            side = np.round(side)
+        return side, sight.nearest_m
+
+    def _seen_from(self, places: Sequence[F64], most_misses: float) -> list[_Seen]:
+        """Return what is seen from places, unless more rays than that have missed."""
         seen = [_Seen() for _ in places]
         slack = np.float32(_SLACK * np.linalg.norm(self._size))
         for ray in _directions(_RAYS):
@@ -109,12 +154,12 @@ class _Faces:
             a, b, c = (across.astype(np.float32) @ each for each in self._rough)
             low, high = np.minimum(np.minimum(a, b), c) - slack, np.maximum(np.maximum(a, b), c) + slack
             for place, sight in zip(places, seen, strict=True):
-                if sight.misses <= (1 - ENCLOSED) * _RAYS:
+                if sight.misses <= most_misses:
                     right, up = (across @ (place - self._middle)).astype(np.float32)
                     beside = np.flatnonzero((low[0] <= right) & (high[0] >= right))
                     tried = beside[(low[1, beside] <= up) & (high[1, beside] >= up)]
                     self._look(place, ray, tried, sight)
-        return [self._room_m(place, sight) for place, sight in zip(places, seen, strict=True)]
+        return seen
 
     def _look(self, place: F64, ray: F64, tried: I64, sight: _Seen) -> None:
         """Add what a ray sees of the faces that are tried (Möller and Trumbore, JGT 1997)."""
@@ -126,31 +171,54 @@ class _Faces:
             t = np.einsum("ij,ij->i", self._normals[tried], away) / facing
             hits = np.flatnonzero((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0))
         sight.misses += 1
-        if len(hits):
+        if not len(hits):
+            sight.nothing.append(ray)
+        else:
             first, last = hits[np.argmin(t[hits])], hits[np.argmax(t[hits])]
             sight.nearest_m = min(sight.nearest_m, float(t[first]))
             if facing[first] < 0:
                 sight.misses -= 1
                 sight.fronts.append(int(tried[first]))
+                sight.outermost.append(int(tried[last]))
                 sight.fronts_m.append(float(t[first]))
                 sight.bare += bool(facing[last] < 0)
 
     def _room_m(self, place: F64, sight: _Seen) -> float:
         if sight.misses > (1 - ENCLOSED) * _RAYS:
             return 0.0
-        single = sight.bare >= BARE * _RAYS
+        return sight.nearest_m if self._is_room(place, sight) else 0.0
+
+    def _is_room(self, place: F64, sight: _Seen) -> bool:
+        """Return whether what is around a place is a shell of single walls, or a room of thick ones."""
+        if sight.bare >= BARE * _RAYS:
+            return True
         fronts, away = np.array(sight.fronts), self._corners[:, 0] - place
-        flat = single or self._is_flat_and_spacious(fronts, np.array(sight.fronts_m), away)
-        return sight.nearest_m if flat else 0.0
+        if self._planes(fronts, away) < self._planes(np.array(sight.outermost), away):
+            return False
+        return self._is_flat_and_spacious(fronts, np.array(sight.fronts_m), away)
+
+    def _planes(self, seen: I64, away: F64) -> int:
+        """Return in how many planes faces lie."""
+        same, _ = self._alike(seen, away)
+        left, count = np.ones(len(seen), np.bool_), 0
+        while left.any():
+            left &= ~same[np.argmax(left)]
+            count += 1
+        return count
+
+    def _alike(self, seen: I64, away: F64) -> tuple[npt.NDArray[np.bool_], F64]:
+        """Return which of some faces lie in the same plane, and the cosines between their normals."""
+        normals = self._normals[seen] / np.linalg.norm(self._normals[seen], axis=1, keepdims=True)
+        apart = np.einsum("ij,ij->i", normals, away[seen])
+        near = np.abs(apart[:, None] - apart) < _SAME_PLANE * float(np.linalg.norm(self._size))
+        cosines: F64 = normals @ normals.T
+        return near & (cosines > _PARALLEL), cosines
 
     def _is_flat_and_spacious(self, seen: I64, seen_m: F64, away: F64) -> bool:
         """Return whether what is seen is mostly a box's six planes, and fills much of the box around everything."""
         space = 4 / 3 * math.pi * float((seen_m**3).sum()) / _RAYS
-        normals = self._normals[seen] / np.linalg.norm(self._normals[seen], axis=1, keepdims=True)
-        apart = np.einsum("ij,ij->i", normals, away[seen])
-        near = np.abs(apart[:, None] - apart) < _SAME_PLANE * float(np.linalg.norm(self._size))
-        cosines = normals @ normals.T
-        same, square = near & (cosines > _PARALLEL), (np.abs(cosines) > _PARALLEL) | (np.abs(cosines) < _SQUARE)
+        same, cosines = self._alike(seen, away)
+        square = (np.abs(cosines) > _PARALLEL) | (np.abs(cosines) < _SQUARE)
         left, fits = np.ones((2, len(seen)), np.bool_)
         for _ in range(6):
             largest = np.argmax((same & left).sum(axis=1) * fits)
@@ -165,6 +233,21 @@ def _directions(count: int) -> F64:
     y, phi = 1 - 2 * k / count, k * math.pi * (3.0 - math.sqrt(5.0))
     radius = np.sqrt(1 - y * y)
     return np.stack([radius * np.cos(phi), y, radius * np.sin(phi)], axis=1)
+
+
+def _looking_in(middle: F64, size: F64, side: F64, period_s: float) -> Camera:
+    """Return a camera that looks at a box from one side, and sways to the right and to the left."""
+    (width, height), fov_deg = RESOLUTION, 45.0
+    right_limit = math.tan(math.radians(fov_deg / 2))
+    across, deep = float(np.abs(np.array([-side[2], 0.0, side[0]])) @ size) / 2, float(np.abs(side) @ size) / 2
+    distance = deep + 1.05 * max(across / right_limit, float(size[1]) / 2 / (right_limit * height / width))
+    shares = np.linspace(0.0, 1.0, 25)
+    angles = np.radians(_SWING_DEG) * np.sin(2 * math.pi * shares) + math.atan2(side[0], side[2])
+    ways = distance * np.stack([np.sin(angles), 0 * angles, np.cos(angles)], axis=1)
+    positions: list[Vec3] = [(float(x), float(y), float(z)) for x, y, z in middle + ways]
+    target: Vec3 = (float(middle[0]), float(middle[1]), float(middle[2]))
+    motion = LookAtKeyframes(tuple((period_s * shares).tolist()), tuple(positions), (target,) * len(positions))
+    return Camera(width, height, fov_deg, motion)
 
 
 def _turning(place: F64, radius_m: float, period_s: float) -> Camera:

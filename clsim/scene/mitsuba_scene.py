@@ -269,7 +269,7 @@ class _Reader:
             self.suns.append(partial(sun_light, day, to_world, scale=sun_scale, seen_deg=sun_deg(emitter)))
 
     def _add_sensor(self, sensor: Plugin) -> None:
-        if sensor.type not in ("perspective", "thinlens", "perspective_rdist"):
+        if sensor.type not in ("perspective", "thinlens", "perspective_rdist", "orthographic"):
             self._warn(f"sensors of type {sensor.type} are left out")
             return
         if self.cameras:
@@ -284,6 +284,9 @@ class _Reader:
         if min(width, height) < 1:
             raise InputError(f"{sensor.place}: the film is {width}×{height}, expected at least one pixel")
         thin = sensor.type == "thinlens"
+        if sensor.type == "orthographic":
+            self.cameras.append(_orthographic(sensor, width, height))
+            return
         lens = Lens(
             aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
             focus_distance_m=sensor.get("focus_distance", 1.0) if thin else 1.0,
@@ -300,10 +303,23 @@ class _Reader:
                 height,
                 _fov_deg(sensor, width, height),
                 ahead(sensor),
-                max(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0), 0.0),
+                _exposure_s(sensor),
                 lens,
             )
         )
+
+
+def _orthographic(sensor: Plugin, width: int, height: int) -> Camera:
+    """Return a camera of parallel rays, which sees from −1 to 1 along its own x, whatever its place makes of that."""
+    # It shows a square of its film, stretched where the place is scaled unevenly.
+    across, up = np.linalg.norm(start_of(sensor)[:3, :2], axis=0)
+    lens = Lens(model="orthographic", mirrored=mirrors(start_of(sensor)), view_width_m=2 * float(across))
+    lens = replace(lens, aspect=float(up / across) if across > 0 else 1.0)
+    return Camera(width, height, 45.0, ahead(sensor), _exposure_s(sensor), lens)
+
+
+def _exposure_s(sensor: Plugin) -> float:
+    return max(float(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0)), 0.0)
 
 
 def _radiance(plugin: Plugin, name: str) -> Vec3:

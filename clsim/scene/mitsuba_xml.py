@@ -111,6 +111,10 @@ def read_scene(path: Path, given: Mapping[str, str]) -> tuple[Plugin, bool]:
     """
     root = _parse(path)
     if root.tag != "scene":
+        if root.tag == "mujocoinclude":
+            raise InputError(
+                f"{root.place}: is a part of MuJoCo models (<mujocoinclude>), expected a model that has it"
+            )
         raise InputError(f"{root.place}: is <{root.tag}>, expected <scene> of Mitsuba's or <mujoco>")
     match = re.match(r"\d+", root.attributes.get("version", ""))
     if match is None:

@@ -62,12 +62,12 @@ class ShownModel:
 
     def world(self, name: str, sensor: Sensor | None, fps: float) -> World:
         """Return the world, with everything where it is in the data now; raises InputError for what cannot be shown."""
-        eye, lacking = camera_of(self._model, self._data, self._camera, self._resolution, Static(self.camera_pose()))
+        eye = camera_of(self._model, self._camera, self._resolution, Static(self.camera_pose()))
         builder = WorldBuilder(eye, name)
         self._add_bodies(builder)
         self._add_lights(builder)
         world = builder.world(environment=sky(self._model), sensor=sensor, fps=fps)
-        return _with_warnings(world, self._model, lacking)
+        return _with_warnings(world, self._model)
 
     def update(self) -> None:
         """Compute from the data's state where bodies, cameras and lights are; the state stays as it is."""
@@ -171,7 +171,7 @@ def _lifted(quaternions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(np.stack([x - w, y + z, z - y, w + x], axis=1) * _HALF)
 
 
-def _with_warnings(world: World, model: Any, camera: str) -> World:
+def _with_warnings(world: World, model: Any) -> World:
     import mujoco
 
     lacking = [
@@ -183,6 +183,4 @@ def _with_warnings(world: World, model: Any, camera: str) -> World:
         ((model.mat_reflectance > 0).sum(), "reflectance"),
     ]
     left_out = [f"mujoco: the model has {what}, which clsim leaves out" for count, what in lacking if count]
-    if camera:
-        left_out.append(f"mujoco: {camera}")
     return replace(world, warnings=(*world.warnings, *left_out))

@@ -51,12 +51,13 @@ def read_instance(
 def read_camera(
     transforms: Pair,
     parameters: Parameters,
+    orthographic: bool,
     resolution: tuple[int, int],
     times_s: Times,
     mirror: Matrix,
     warn: Callable[[str], None],
 ) -> Camera:
-    """Return a perspective camera from its camera-to-world transforms.
+    """Return a camera, of perspective unless it is orthographic, from its camera-to-world transforms.
 
     Raises:
         InputError: with file and line, if its field of view is none.
@@ -72,6 +73,12 @@ def read_camera(
     motion: Motion = Static(facing(start))
     if not np.array_equal(start, end):
         motion = _between(times_s, facing(start), facing(end))
+    if orthographic:
+        # It sees from −1 to 1 of its own along the shorter side.
+        width_m = 2.0 * float(np.linalg.norm(start[:3, 0])) * max(width / height, 1.0)
+        if parameters.number("lensradius", 0.0):
+            warn("the lens radius of an orthographic camera is left out")
+        return Camera(width, height, 45.0, motion, 0.0, Lens(model="orthographic", view_width_m=width_m))
     across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
     radius = parameters.number("lensradius", 0.0)
     lens = Lens()

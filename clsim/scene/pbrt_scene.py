@@ -100,7 +100,7 @@ class _Reader:
         self.object: list[Placed] | None = None
         self.times = (0.0, 1.0)
         self.resolution = (1280, 720)
-        self.camera: tuple[Pair, Parameters] | None = None
+        self.camera: tuple[Pair, Parameters, bool] | None = None
         self.environment: Vec3 = (0.0, 0.0, 0.0)
         self.environment_image: Callable[[Matrix], EnvironmentMap] | None = None
 
@@ -269,14 +269,14 @@ class _Reader:
     def _do_Camera(self) -> None:  # noqa: N802
         kind = self.tokens.string()
         parameters = self.tokens.parameters()
-        if kind != "perspective":
+        if kind not in ("perspective", "orthographic"):
             self._warn(f"cameras of type {kind} are left out")
             return
         try:
             start, end = (_inverse(matrix) for matrix in self.state.transform)
         except np.linalg.LinAlgError:
             raise InputError(f"{parameters.place}: the camera's transform has no inverse") from None
-        self.camera = ((start, end), parameters)
+        self.camera = ((start, end), parameters, kind == "orthographic")
         self.coordinate_systems["camera"] = (start, end)
 
     def _do_Material(self) -> None:  # noqa: N802

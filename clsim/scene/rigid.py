@@ -45,6 +45,9 @@ def facing(matrix: Matrix) -> Matrix:
         other = np.eye(3)[int(np.argmin(np.abs(back)))]
         side = np.cross(other, back)
         side /= np.linalg.norm(side)
+    # What is across two axes that are nearly one is not quite across either.
+    side = side - (side @ back) * back
+    side /= np.linalg.norm(side)
     pose: Matrix = np.array(matrix, np.float64)
     pose[:3, :3] = np.stack([side, np.cross(back, side), back], axis=1)
     return pose

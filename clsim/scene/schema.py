@@ -74,13 +74,14 @@ class LensTable(Table):
 
     aperture_radius_m: NonNegative = Field(default=0.0, description="of a thin lens; 0 is a pinhole")
     focus_distance_m: Positive = 1.0
-    model: Literal["perspective", "fisheye"] = "perspective"
+    model: Literal["perspective", "fisheye", "orthographic"] = "perspective"
     distortion: Annotated[tuple[Number, ...], Field(max_length=5)] = Field(
         default=(), description="perspective: k1, k2, p1, p2, k3; fisheye: k1 to k4"
     )
     principal_point: tuple[Number, Number] = Field(
         default=(0.0, 0.0), description="offset of the optical centre, right and down, in image widths"
     )
+    view_width_m: NonNegative = Field(default=0.0, description="orthographic: width of what is seen")
 
 
 class WanderTable(Table):

@@ -100,6 +100,10 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     called = [table.get("name") for table in mounts if isinstance(table, dict)] if isinstance(mounts, list) else []
     for name in sorted({name for name in called if isinstance(name, str) and called.count(name) > 1}):
         yield f"cameras: {name!r} is the name of {called.count(name)} cameras, expected one of each"
+    cameras = [("camera", data.get("camera"))]
+    cameras += [(f"cameras[{i}]", table) for i, table in enumerate(mounts)] if isinstance(mounts, list) else []
+    for path, table in cameras:
+        yield from _lens_conflicts(path, table)
     placed = [("camera", data.get("camera"))]
     for group in ("objects", "sphere_lights", "lights"):
         tables = data.get(group)
@@ -128,6 +132,22 @@ def _conflicts(data: dict[str, Any]) -> Iterator[str]:
         yield from _film_conflicts(path, table)
         yield from _keyframe_conflicts(path, table)
         yield from _modulation_conflicts(path, table)
+
+
+def _lens_conflicts(path: str, table: Any) -> Iterator[str]:
+    """Yield what a camera says that only lenses of another model have."""
+    lens = table.get("lens") if isinstance(table, dict) else None
+    if not isinstance(lens, dict):
+        return
+    if lens.get("model") != "orthographic":
+        if "view_width_m" in lens:
+            yield f"{path}.lens.view_width_m: expected it of an orthographic model only"
+        return
+    if "view_width_m" not in lens:
+        yield f"{path}.lens: is orthographic and has no view_width_m, expected the width of what is seen"
+    for key in ("fov_deg", "focal_length_mm"):
+        if key in table:
+            yield f"{path}: has {key} and an orthographic lens, expected view_width_m of the lens alone"
 
 
 def _keyframe_conflicts(path: str, table: dict[str, Any]) -> Iterator[str]:

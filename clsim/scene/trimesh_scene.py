@@ -39,7 +39,8 @@ def load_bare(path: Path) -> World:
     center, size = bounds(path, parts.meshes, parts.instances)
     camera, light, notes = orbiting_camera(center, size), lamp(center, size), []
     if inside := stand_inside(parts.meshes, parts.instances, center, size, ORBIT_S):
-        (camera, light), notes = inside, [f"{path.name}: is a closed room: the camera stands in it"]
+        camera, light, why = inside
+        notes = [f"{path.name}: {why}"]
     return World(
         name=path.stem,
         camera=camera,

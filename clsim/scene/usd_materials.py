@@ -1,4 +1,4 @@
-"""Materials of USD: UsdPreviewSurface (its specification, version 2.6), and plain colours of meshes."""
+"""Materials of USD: UsdPreviewSurface (its specification, version 2.6), what is read as one, and colours of meshes."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from pxr import UsdShade
+from pxr import UsdGeom, UsdShade
 
 from clsim.scene.usd_light_tracks import brightest
 from clsim.scene.usd_stage import Stage
+from clsim.scene.usd_surfaces import LUMENS_PER_WATT, SurfaceModel, surface_of
 from clsim.scene.usd_textures import TextureReader, Told, same_size
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3
 
 Color = tuple[float, float, float]
 BLACK: Vec3 = (0.0, 0.0, 0.0)
-UNTOLD: Vec3 = (0.18, 0.18, 0.18)
-"""A surface's colour where its file tells none: the specification's."""
 
 
 class MaterialReader:
@@ -67,32 +66,64 @@ class MaterialReader:
         subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
         for each in (prim, *(subset.GetPrim() for subset in subsets)):
             bound, _ = UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()
-            surface = _surface(bound) if bound else None
-            if surface and (name := self._reader.uv_name(surface)):
+            found = surface_of(bound) if bound else None
+            if found and (name := self._reader.uv_name(found[0])):
                 return name
         return "st"
 
+    def color_name(self, prim: Any) -> str | None:
+        """Return which primvar gives a mesh its colours: that of its material's, or USD's own where it has none."""
+        subsets = UsdShade.MaterialBindingAPI(prim).GetMaterialBindSubsets()
+        materials = [
+            UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()[0]
+            for each in (prim, *(subset.GetPrim() for subset in subsets))
+        ]
+        for found in (surface_of(bound) for bound in materials if bound):
+            if found and (name := self._reader.primvar_name(found[0], found[1].names["diffuseColor"])):
+                return name
+        if materials[0]:
+            return None
+        # Faces with a material of their own have no colours that differ from point to point; one for all is told apart.
+        one = UsdGeom.Gprim(prim).GetDisplayColorPrimvar().GetInterpolation() == UsdGeom.Tokens.constant
+        return None if any(materials) and not one else "displayColor"
+
     def _read(self, bound: Any) -> Material:
-        name, surface = bound.GetPrim().GetName(), _surface(bound)
-        if surface is None:
-            self._warn(f"materials that are no UsdPreviewSurface are grey (first {name})")
+        name, found = bound.GetPrim().GetName(), surface_of(bound)
+        if found is None:
+            kinds = "UsdPreviewSurface nor MaterialX's standard surface, OpenPBR or glTF's"
+            self._warn(f"materials that are neither {kinds} are grey (first {name})")
             return Material(name=name)
+        surface, model = found
         told = {
-            key: self._reader.told(surface, key)
+            key: self._told(surface, model, key)
             for key in ("diffuseColor", "emissiveColor", "specularColor", "metallic", "roughness", "opacity", "normal")
         }
         numbers = {
-            key: self._reader.told(surface, key).number(default)
+            key: self._mean(self._told(surface, model, key), model.names.get(key, key), default, name)
             for key, default in (
                 ("useSpecularWorkflow", 0.0),
-                ("ior", 1.5),
+                ("ior", model.ior),
                 ("clearcoat", 0.0),
-                ("clearcoatRoughness", 0.01),
+                ("clearcoatRoughness", model.clearcoat_roughness),
                 ("opacityThreshold", 0.0),
+                ("transmission", 0.0),
+                ("baseWeight", 1.0),
+                ("specularWeight", 1.0),
             )
         }
+        if model.names.get("opacity") == "opacity" and told["opacity"].image is None:
+            # MaterialX's standard surface has a colour for it.
+            told["opacity"] = replace(told["opacity"], value=float(np.mean(told["opacity"].color((1.0, 1.0, 1.0)))))
+        for extra in model.unread:
+            if self._reader.told(surface, extra).number(0.0) > 0 or self._reader.told(surface, extra).image is not None:
+                self._warn(f"{extra} of materials is left out (first that of {name})")
+        told["diffuseColor"], tint = self._below_coat(
+            told["diffuseColor"], self._told(surface, model, "coatColor"), _share(numbers["clearcoat"]), name
+        )
         texture, factor = self._reader.colors(told["diffuseColor"])
-        color = _shares(told["diffuseColor"].color(UNTOLD) if texture < 0 else factor)
+        color = told["diffuseColor"].color(model.color) if texture < 0 else factor
+        r, g, b = (channel * shade for channel, shade in zip(_times(color, numbers["baseWeight"]), tint, strict=True))
+        color = _shares((r, g, b))
         material = Material(
             kind="principled",
             color=color,
@@ -101,12 +132,38 @@ class MaterialReader:
             clearcoat=_share(numbers["clearcoat"]),
             clearcoat_alpha=_share(numbers["clearcoatRoughness"]) ** 2,
             normal_texture=self._normals(told["normal"]),
+            specular_color=(_share(numbers["specularWeight"]),) * 3,
+            transmission=_share(numbers["transmission"]),
             name=name,
         )
         if numbers["useSpecularWorkflow"]:
             material = self._specular(material, told["specularColor"])
             told["metallic"] = Told(0.0)
-        return self._opaque(self._rough(self._glowing(material, told["emissiveColor"]), told), told, numbers)
+        glowing = self._glowing(material, told["emissiveColor"], surface, model)
+        return self._opaque(self._rough(glowing, told, model.roughness), told, numbers)
+
+    def _told(self, surface: Any, model: SurfaceModel, key: str) -> Told:
+        name = model.names.get(key)
+        return Told() if name is None else self._reader.told(surface, name)
+
+    def _mean(self, told: Told, key: str, default: float, name: str) -> float:
+        """Return a number, or the mean of the picture that tells it."""
+        if told.image is None:
+            return told.number(default)
+        self._warn(f"the mean of {key} textures stands in for them (first that of {name})")
+        return float(told.plain(told.channel).mean())
+
+    def _below_coat(self, base: Told, coat: Told, share: float, name: str) -> tuple[Told, Vec3]:
+        """Return what tells the colour below a coat, and by what the coat's own colour multiplies it."""
+        white = (1.0, 1.0, 1.0)
+        if coat.image is None or share == 0.0:
+            r, g, b = (1.0 + share * (channel - 1.0) for channel in coat.color(white))
+            return base, (r, g, b)
+        if base.image is not None:
+            self._warn(f"textures of coats over others are left out (first that of {name})")
+            return base, white
+        # One picture stands for both, as if the coat covered all.
+        return coat, base.color(white)
 
     def _normals(self, told: Told) -> int:
         """Return the index of a normal map: bytes from 0 to 255 stand for −1 to 1, as its scale and bias say."""
@@ -127,18 +184,21 @@ class MaterialReader:
         r, g, b = (channel / highest for channel in color)
         return replace(material, ior=(1 + root) / (1 - root), specular_color=(min(r, 1.0), min(g, 1.0), min(b, 1.0)))
 
-    def _glowing(self, material: Material, told: Told) -> Material:
+    def _glowing(self, material: Material, told: Told, surface: Any, model: SurfaceModel) -> Material:
+        told_weight = self._told(surface, model, "emissionWeight")
+        weight = self._mean(told_weight, model.names.get("emissionWeight", ""), model.emission, material.name)
+        weight = max(weight, 0.0) / (LUMENS_PER_WATT if model.nits else 1.0)
         if told.image is not None:
             index, factor = self._reader.colors(told)
-            return replace(material, emission=factor, emission_texture=index)
-        colors = [(told.attribute, lambda value: replace(told, value=value).color(BLACK))]
+            return replace(material, emission=_times(factor, weight), emission_texture=index if weight else -1)
+        colors = [(told.attribute, lambda value: _times(replace(told, value=value).color(model.emissive), weight))]
         emission, change = brightest(self._stage, colors, repeat=self._repeat)
         return replace(material, emission=emission, modulation=change)
 
-    def _rough(self, material: Material, told: dict[str, Told]) -> Material:
+    def _rough(self, material: Material, told: dict[str, Told], default: float) -> Material:
         """Return it with roughness and metalness, of which either may be a picture: both share one of ours."""
         rough, metal = told["roughness"], told["metallic"]
-        roughness, metallic = _share(rough.number(0.5)), _share(metal.number(0.0))
+        roughness, metallic = _share(rough.number(default)), _share(metal.number(0.0))
         source = rough if rough.image is not None else metal
         if source.image is None:
             return replace(material, alpha=roughness**2, metallic=metallic)
@@ -178,15 +238,12 @@ class MaterialReader:
         return replace(material, opacity=share, opacity_texture=texture, alpha_cutoff=max(threshold, 0.0), **mode)
 
 
-def _surface(bound: Any) -> Any:
-    """Return the UsdPreviewSurface of a material; None where its surface is another, or it has none."""
-    source = bound.ComputeSurfaceSource()
-    shader = source[0] if isinstance(source, tuple) else source
-    return shader if shader and shader.GetIdAttr().Get() == "UsdPreviewSurface" else None
-
-
 def _share(value: float) -> float:
     return min(max(value, 0.0), 1.0)
+
+
+def _times(color: Vec3, factor: float) -> Vec3:
+    return color[0] * factor, color[1] * factor, color[2] * factor
 
 
 def _shares(color: Vec3) -> Vec3:

@@ -67,7 +67,14 @@ class _Values:
 
 
 def read_mesh(
-    stage: Stage, prim: Any, uv_name: str, material_of: MaterialOf, warn: Callable[[str], None], *, repeat: bool
+    stage: Stage,
+    prim: Any,
+    uv_name: str,
+    color_name: str | None,
+    material_of: MaterialOf,
+    warn: Callable[[str], None],
+    *,
+    repeat: bool,
 ) -> Mesh | None:
     """Return a mesh as triangles, with its materials and, where its points move, its shapes; None where it has none.
 
@@ -75,6 +82,7 @@ def read_mesh(
         stage: the file.
         prim: a ``UsdGeomMesh``.
         uv_name: name of the primvar that its material takes for texture coordinates.
+        color_name: name of the primvar that gives it colours; None for none.
         material_of: tells the material of a prim or of a subset of its faces.
         warn: takes what is left out.
         repeat: whether what moves starts anew at the end.
@@ -85,9 +93,10 @@ def read_mesh(
     if faces is None:
         return None
     normals, uvs = _normals(stage, source, faces), _primvar(stage, prim, uv_name, 2, faces)
-    colors = _primvar(stage, prim, "displayColor", 3, faces)
+    colors = None if color_name is None else _primvar(stage, prim, color_name, 3, faces)
     one_color = None
-    if colors is not None and (colors.values == colors.values[0]).all():
+    bound, _ = UsdShade.MaterialBindingAPI(prim).ComputeBoundMaterial()
+    if not bound and colors is not None and (colors.values == colors.values[0]).all():
         r, g, b = np.clip(colors.values[0], 0.0, 1.0).tolist()
         one_color, colors = (r, g, b), None
     ids = _material_ids(stage, prim, faces, lambda each: material_of(each, (1.0, 1.0, 1.0) if colors else one_color))

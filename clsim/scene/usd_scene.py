@@ -6,6 +6,7 @@ As in glTF, a file without a camera is an asset: the camera orbits around it, an
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,7 +17,16 @@ import numpy as np
 from pxr import Usd, UsdGeom
 
 from clsim.errors import InputError
-from clsim.scene.framing import ENVIRONMENT, ORBIT_S, RESOLUTION, bounds, glow_lights, lamp, orbiting_camera
+from clsim.scene.framing import (
+    ENVIRONMENT,
+    ORBIT_S,
+    RESOLUTION,
+    bounds,
+    glow_lights,
+    lamp,
+    orbiting_camera,
+    orthographic_camera,
+)
 from clsim.scene.geometry import placed_rigidly, transformed
 from clsim.scene.indoors import stand_inside
 from clsim.scene.modulation import Modulation
@@ -28,6 +38,7 @@ from clsim.scene.usd_lights import LightReader, suns
 from clsim.scene.usd_materials import MaterialReader
 from clsim.scene.usd_meshes import read_body, read_mesh
 from clsim.scene.usd_motion import Shapes, are_similar, motion_of, moving_codes
+from clsim.scene.usd_points import read_points
 from clsim.scene.usd_stage import PrimError, Stage
 from clsim.scene.world import Camera, Instance, Lens, Mesh, World
 
@@ -66,7 +77,7 @@ def load_usd(path: Path) -> World:
         camera, duration_s = orbiting_camera(center, size, period_s), period_s
         if inside := stand_inside(reader.meshes, reader.instances, center, size, period_s):
             camera, lamps = inside[0], (inside[1],)
-            notes.append(f"{path.name}: is a closed room: the camera stands in it")
+            notes.append(f"{path.name}: {inside[2]}")
     return World(
         name=path.stem,
         camera=camera,
@@ -125,6 +136,7 @@ class _Reader:
 
     def __init__(self, path: Path, *, repeat: bool | None) -> None:
         self.warnings: list[str] = []
+        self._told: set[str] = set()
         self.notes: list[str] = []
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
@@ -141,10 +153,11 @@ class _Reader:
         self._shared: dict[tuple[str, ...], int | None] = {}
 
     def warn(self, sentence: str) -> None:
-        """Note once what the file asks for and clsim lacks."""
-        text = f"{self._name}: {sentence}"
-        if text not in self.warnings:
-            self.warnings.append(text)
+        """Note once what the file asks for and clsim lacks, with the first that it is about."""
+        about = re.sub(r"\(first [^)]*\)", "", sentence)
+        if about not in self._told:
+            self._told.add(about)
+            self.warnings.append(f"{self._name}: {sentence}")
 
     def check_instances(self) -> None:
         """Raise InputError where nothing is to be seen, with what was left out."""
@@ -155,6 +168,10 @@ class _Reader:
 
     def read(self) -> None:
         """Visit all prims."""
+        with self.stage.hearing():
+            self._read()
+
+    def _read(self) -> None:
         for prim in self._prims(self.stage.usd.GetPseudoRoot()):
             with self._leaving_out(prim):
                 self._add(prim)
@@ -228,7 +245,12 @@ class _Reader:
         if key not in self._shared:
             if prim.IsA(UsdGeom.Mesh):
                 uv_name = self.materials.uv_name(prim)
-                mesh = read_mesh(self.stage, prim, uv_name, self.materials.index, self.warn, repeat=self._repeat)
+                color_name = self.materials.color_name(prim)
+                mesh = read_mesh(
+                    self.stage, prim, uv_name, color_name, self.materials.index, self.warn, repeat=self._repeat
+                )
+            elif prim.IsA(UsdGeom.Points):
+                mesh = read_points(self.stage, prim, self.materials, self.warn)
             else:
                 mesh = read_body(self.stage, prim, self.materials.index)
                 if mesh is None:
@@ -339,9 +361,6 @@ class _Reader:
 
     def _add_camera(self, prim: Any) -> None:
         source = UsdGeom.Camera(prim).GetCamera(Usd.TimeCode(self.stage.start))
-        if str(source.projection).endswith("Orthographic"):
-            self.warn(f"orthographic cameras are left out (first {prim.GetName()})")
-            return
         across, up, focal = source.horizontalAperture, source.verticalAperture, source.focalLength
         if not all(0 < size < 1e9 for size in (across, up, focal)):
             raise PrimError(
@@ -350,6 +369,11 @@ class _Reader:
         if self.stage.times(prim.GetAttribute("focalLength")):
             self.warn(f"the focal length of {prim.GetName()} is that of the start")
         width = RESOLUTION[0]
+        if str(source.projection).endswith("Orthographic"):
+            # Apertures are in tenths of the file's unit, as seen from within the camera.
+            scale = np.linalg.norm(self.stage.to_world(prim, self.stage.start)[:3, :2], axis=0) / 10
+            self.cameras.append(orthographic_camera(width, across * scale[0], up * scale[1], self._rigid(prim)))
+            return
         lens = Lens(principal_point=(-source.horizontalApertureOffset / across, source.verticalApertureOffset / across))
         if source.fStop > 0 and source.focusDistance > 0:
             # Focal lengths are in tenths of the file's unit.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import textwrap
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,10 @@ MAX_BYTES = 1 << 30
 
 class PrimError(InputError):
     """What is wrong with one prim, without which the others can be shown."""
+
+
+_HARMLESS = "MaterialBindingAPI is not applied"
+"""What changes nothing: the material is found all the same."""
 
 
 class Stage:
@@ -53,8 +57,7 @@ class Stage:
             raise InputError(f"{path}: cannot be read as USD ({_reason(error)})") from None
         finally:
             complaints = [each.commentary for each in collector.TakeUncoalescedDiagnostics()]
-        for complaint in dict.fromkeys(map(_short, complaints)):
-            warn(complaint)
+        self._pass_on(complaints)
         self.metres: float = self._metadata("metersPerUnit", UsdGeom.GetStageMetersPerUnit)
         if not 1e-9 <= self.metres <= 1e9:
             raise InputError(f"{path}: metersPerUnit is {self.metres:g}, expected a positive number of metres")
@@ -130,6 +133,26 @@ class Stage:
             raise PrimError(
                 f"{self.path}: {prim.GetPath()} has a value that cannot be used ({_reason(error)})"
             ) from None
+
+    @contextmanager
+    def hearing(self) -> Iterator[None]:
+        """Let what usd-core complains of meanwhile become warnings, instead of lines on standard error."""
+        collector = UsdUtils.CoalescingDiagnosticDelegate()
+        try:
+            yield
+        finally:
+            self._pass_on(each.commentary for each in collector.TakeUncoalescedDiagnostics())
+
+    def _pass_on(self, complaints: Iterable[str]) -> None:
+        """Warn of what usd-core complained of."""
+        for complaint in dict.fromkeys(complaints):
+            if missing := re.search(r"@([^@]*\.mtlx)@", complaint):
+                self._warn(
+                    "materials in .mtlx files are left out, which usd-core does not open: `usdcat --flatten` of a USD "
+                    f"with MaterialX writes them into the file (first {Path(missing[1]).name})"
+                )
+            elif _HARMLESS not in complaint:
+                self._warn(_short(complaint))
 
     def times(self, attribute: Any) -> list[float]:
         """Return the time codes from start to end at which an attribute has samples, with both ends; [] if it is one.

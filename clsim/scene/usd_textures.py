@@ -18,7 +18,14 @@ from clsim.scene.images import U8, PixelBudget, decode_rgba, decode_srgb, encode
 from clsim.scene.usd_stage import Stage
 from clsim.scene.world import ImageTexture, Texture, Vec3, Wrap
 
-_WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "mirror": "mirror"}
+_WRAPS: dict[str, Wrap] = {"clamp": "clamp", "black": "clamp", "constant": "clamp", "mirror": "mirror"}
+PICTURES = ("UsdUVTexture", "ND_UsdUVTexture", "ND_image_", "ND_tiledimage_")
+PRIMVARS = ("UsdPrimvarReader_float3", "UsdPrimvarReader_vector", "ND_geompropvalue_color3", "ND_geomcolor_color3")
+"""Nodes whose values are those of a mesh, where a colour is asked for."""
+PASSING = {"ND_normalmap": "in", "ND_constant_": "value", "ND_dot_": "in", "ND_convert_": "in"}
+"""Nodes of MaterialX that pass an input on, as far as clsim goes."""
+MOST_NODES = 8
+"""How far a graph is followed; it may run in circles."""
 _CHANNELS = {"r": 0, "g": 1, "b": 2, "a": 3}
 F64 = npt.NDArray[np.float64]
 
@@ -34,6 +41,7 @@ class Told:
         key: what makes it the same picture.
         channel: which of its channels, 0 … 3, where the input takes a number.
         scale, bias: what its channels are multiplied by, and what is then added.
+        primvar: which values of the mesh it is, where it is neither.
     """
 
     value: Any = None
@@ -42,6 +50,7 @@ class Told:
     key: tuple[Any, ...] = ()
     channel: int = 0
     scale: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    primvar: str = ""
     bias: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
     def color(self, default: Vec3) -> Vec3:
@@ -80,16 +89,21 @@ class TextureReader:
         self._pixels: dict[str, U8 | None] = {}
         self._indices: dict[tuple[Any, ...], int] = {}
 
-    def told(self, shader: Any, name: str) -> Told:
+    def told(self, shader: Any, name: str, depth: int = 0) -> Told:
         """Return what an input is, through all connections."""
         source = shader.GetInput(name)
         for attribute in source.GetValueProducingAttributes() if source else []:
             if not UsdShade.Output.IsOutput(attribute):
                 return Told(self._stage.value(attribute), attribute)
-            texture = UsdShade.Shader(attribute.GetPrim())
-            if texture and texture.GetIdAttr().Get() == "UsdUVTexture":
-                return self._texture(texture, attribute.GetName().rpartition(":")[2])
-            kind = texture.GetIdAttr().Get() if texture else "a graph"
+            node, output = UsdShade.Shader(attribute.GetPrim()), attribute.GetName().rpartition(":")[2]
+            kind = str(node.GetIdAttr().Get()) if node else "a graph"
+            if kind.startswith(PICTURES):
+                return self._texture(node, output)
+            if kind.startswith(PRIMVARS):
+                return Told((1.0, 1.0, 1.0), primvar=self._primvar(node, kind))
+            passed = next((entry for prefix, entry in PASSING.items() if kind.startswith(prefix)), None)
+            if passed is not None and depth < MOST_NODES:
+                return self.told(node, passed, depth + 1)
             self._warn(f"what {kind} gives to materials is left out (first {name} of {shader.GetPath()})")
         return Told()
 
@@ -98,9 +112,24 @@ class TextureReader:
         for source in shader.GetInputs():
             for attribute in source.GetValueProducingAttributes():
                 texture = UsdShade.Shader(attribute.GetPrim())
-                if UsdShade.Output.IsOutput(attribute) and texture.GetIdAttr().Get() == "UsdUVTexture":
+                if UsdShade.Output.IsOutput(attribute) and str(texture.GetIdAttr().Get()).startswith(PICTURES):
                     return self._reader(texture)[0]
         return None
+
+    def primvar_name(self, shader: Any, name: str) -> str | None:
+        """Return which primvar an input is; None where it is none."""
+        source = shader.GetInput(name)
+        for attribute in source.GetValueProducingAttributes() if source else []:
+            node = UsdShade.Shader(attribute.GetPrim())
+            kind = str(node.GetIdAttr().Get()) if node else ""
+            if UsdShade.Output.IsOutput(attribute) and kind.startswith(PRIMVARS):
+                return self._primvar(node, kind)
+        return None
+
+    def _primvar(self, node: Any, kind: str) -> str:
+        if kind.startswith("ND_geomcolor"):
+            return "displayColor"
+        return str(self._value(node, "geomprop" if kind.startswith("ND_") else "varname") or "")
 
     def add(self, key: tuple[Any, ...], make: Callable[[], ImageTexture]) -> int:
         """Return the index of a texture, which is made where it is not there yet."""
@@ -130,12 +159,20 @@ class TextureReader:
             self._warn(f"a texture is left out: {error}")
             pixels, named = None, None
         if pixels is None or named is None:
-            fallback = self._value(shader, "fallback")
-            return Told(None if fallback is None else tuple(fallback)[:3] if output == "rgb" else fallback[0])
+            fallback = self._value(shader, "default" if str(shader.GetIdAttr().Get()).startswith("ND_") else "fallback")
+            if isinstance(fallback, float):
+                return Told(fallback)
+            return Told(None if fallback is None else tuple(fallback)[:3] if output in ("rgb", "out") else fallback[0])
         _, matrix = self._reader(shader)
+        kind = str(shader.GetIdAttr().Get())
         space = str(self._value(shader, "sourceColorSpace") or "auto")
+        if kind.startswith(("ND_image_", "ND_tiledimage_")):
+            # MaterialX encodes colours alone, and says so at the file.
+            told = str(found[0].GetColorSpace() or "")
+            space = "raw" if "color" not in kind or "lin" in told or told == "raw" else "auto"
         srgb = _is_encoded(space, *named)
-        wraps = [_WRAPS.get(str(self._value(shader, wrap)), "repeat") for wrap in ("wrapS", "wrapT")]
+        names = ("uaddressmode", "vaddressmode") if kind.startswith("ND_") else ("wrapS", "wrapT")
+        wraps = [_WRAPS.get(str(self._value(shader, wrap)), "repeat") for wrap in names]
         image = ImageTexture(pixels, srgb=srgb, wrap_u=wraps[0], wrap_v=wraps[1], uv_matrix=matrix)
         scale, bias = (_four(self._value(shader, key), default) for key, default in (("scale", 1.0), ("bias", 0.0)))
         key = (str(named[1]) if isinstance(named[1], Path) else named[0], srgb, *wraps, matrix)
@@ -165,7 +202,13 @@ class TextureReader:
                 break
             if kind == "UsdTransform2d":
                 matrix = matrix @ self._transform(shader)
-            following = shader.GetInput("st" if kind == "UsdUVTexture" else "in")
+            if kind.startswith("ND_geompropvalue_vector2"):
+                name = str(self._value(shader, "geomprop") or "st")
+                break
+            if kind.startswith("ND_tiledimage_"):
+                tiling = self._value(shader, "uvtiling")
+                matrix = matrix @ np.diag([*(tiling or (1.0, 1.0)), 1.0])
+            following = shader.GetInput({"UsdUVTexture": "st"}.get(kind, "texcoord" if "image" in kind else "in"))
             attributes = following.GetValueProducingAttributes() if following else []
             shader = UsdShade.Shader(attributes[0].GetPrim()) if attributes else None
         else:

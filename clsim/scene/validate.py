@@ -193,7 +193,12 @@ def _camera_problems(camera: Camera) -> Iterator[str]:
         yield f"camera: {camera.width}×{camera.height} is more than {MAX_PIXELS} pixels"
     lens = camera.lens
     widest, terms = (360, 4) if lens.model == "fisheye" else (180, 5)
-    if not 0 < camera.fov_deg < widest:
+    if lens.model == "orthographic":
+        if not 0 < lens.view_width_m < math.inf:
+            yield f"camera: view_width_m is {lens.view_width_m}, expected a positive number for an orthographic lens"
+        if lens.aperture_radius_m or any(lens.distortion):
+            yield "camera: an orthographic lens has no aperture_radius_m and no distortion, expected 0"
+    elif not 0 < camera.fov_deg < widest:
         yield f"camera: fov_deg is {camera.fov_deg}, expected more than 0 and less than {widest}"
     if not all(map(math.isfinite, lens.principal_point)):
         yield f"camera: principal_point is {lens.principal_point}, expected finite numbers"

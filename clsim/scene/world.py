@@ -24,6 +24,7 @@ Kind = Literal["diffuse", "conductor", "dielectric", "thin-dielectric", "plastic
 AlphaMode = Literal["opaque", "mask", "blend"]
 Distribution = Literal["ggx", "beckmann"]
 Back = Literal["same", "black", "culled"]
+LensModel = Literal["perspective", "fisheye", "orthographic"]
 Falloff = Literal["squared", "linear", "smooth", "frame"]
 Spectral = Literal["luminance", "silicon"] | Vec3
 
@@ -248,24 +249,30 @@ class Lens:
         aperture_radius_m: radius of a thin lens; 0 is a pinhole.
         focus_distance_m: distance of the plane in focus.
         model: ``perspective`` with Brown–Conrady ``distortion`` (k1, k2, p1, p2, k3), or ``fisheye``
-            (equidistant, Kannala–Brandt) with (k1, k2, k3, k4), as OpenCV defines them.
+            (equidistant, Kannala–Brandt) with (k1, k2, k3, k4), as OpenCV defines them; or ``orthographic``, whose rays
+            are parallel, begin in the plane of the camera's position, and know neither aperture nor distortion.
         principal_point: offset of the optical centre from the image centre, in image widths, x right and y down.
         mirrored: whether the image is turned over, left for right.
         aspect: focal length along rows over that along columns, in pixels: below 1, pixels are wider than high.
+        view_width_m: width of what an orthographic lens sees.
     """
 
     aperture_radius_m: float = 0.0
     focus_distance_m: float = 1.0
-    model: Literal["perspective", "fisheye"] = "perspective"
+    model: LensModel = "perspective"
     distortion: tuple[float, ...] = ()
     principal_point: tuple[float, float] = (0.0, 0.0)
     mirrored: bool = False
     aspect: float = 1.0
+    view_width_m: float = 0.0
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera; ``fov_deg`` is horizontal, pixels are square unless the lens says otherwise."""
+    """A camera; ``fov_deg`` is horizontal, pixels are square unless the lens says otherwise.
+
+    An orthographic lens has no field of view, and ``fov_deg`` is not used.
+    """
 
     width: int
     height: int
@@ -275,9 +282,15 @@ class Camera:
     lens: Lens = field(default_factory=Lens)
 
     def focal_px(self) -> tuple[float, float]:
-        """Return the focal length along rows, negative where the image is mirrored, and along columns [pixels]."""
+        """Return the focal length along rows, negative where the image is mirrored, and along columns [pixels].
+
+        Of an orthographic lens they are pixels per metre.
+        """
         fov = math.radians(self.fov_deg)
-        across = self.width / fov if self.lens.model == "fisheye" else self.width / (2.0 * math.tan(fov / 2.0))
+        if self.lens.model == "orthographic":
+            across = self.width / self.lens.view_width_m
+        else:
+            across = self.width / fov if self.lens.model == "fisheye" else self.width / (2.0 * math.tan(fov / 2.0))
         return -across if self.lens.mirrored else across, across / self.lens.aspect
 
 

@@ -17,6 +17,8 @@ def opencv_numbers(camera: Mapping[str, Any]) -> tuple[list[float], list[float]]
     Raises:
         InputError: they are not known.
     """
+    if camera.get("model") == "orthographic":
+        raise InputError("this layout needs intrinsics as OpenCV has them, and an orthographic camera has none")
     try:
         px, distortion = camera["intrinsics_px"], camera["distortion"]
         keys = _DISTORTION[camera["model"]]

@@ -26,6 +26,7 @@ class LayoutKind:
         module: within clsim.truth; has ``open_layout(path, about)``.
         holds: names of `TRUTH_NAMES`.
         folder: whether it is a folder.
+        calibrated: whether it always tells intrinsics, which not every lens has.
     """
 
     name: str
@@ -33,6 +34,7 @@ class LayoutKind:
     module: str
     holds: tuple[str, ...]
     folder: bool = False
+    calibrated: bool = False
 
     def load(self) -> Any:
         """Import the module."""
@@ -46,10 +48,10 @@ _ALL = (
 _DSEC = ("intensity", "image", "depth", "ids", "flow", "backward-flow", "poses", "imu")
 LAYOUTS = (
     LayoutKind("clsim", (".h5", ".hdf5"), "hdf5", _ALL),
-    LayoutKind("dsec", (".dsec",), "dsec", _DSEC, folder=True),
+    LayoutKind("dsec", (".dsec",), "dsec", _DSEC, folder=True, calibrated=True),
     LayoutKind("mvsec", (".mvsec",), "mvsec", ("intensity", "image", "depth", "flow", "poses", "imu"), folder=True),
-    LayoutKind("ecd", (".ecd",), "ecd", ("intensity", "image", "depth", "poses", "imu"), folder=True),
-    LayoutKind("tumvie", (".tumvie",), "tumvie", ("intensity", "image", "poses", "imu"), folder=True),
+    LayoutKind("ecd", (".ecd",), "ecd", ("intensity", "image", "depth", "poses", "imu"), folder=True, calibrated=True),
+    LayoutKind("tumvie", (".tumvie",), "tumvie", ("intensity", "image", "poses", "imu"), folder=True, calibrated=True),
     LayoutKind("event_utils", (".event_utils",), "event_utils", ("intensity", "image", "flow"), folder=True),
     LayoutKind("tum", (".tum",), "tum", ("poses",)),
     LayoutKind("ros", (".mcap", ".db3", ".bag"), "ros", ("intensity", "image", "depth", "flow", "poses", "imu")),
@@ -95,5 +97,7 @@ def open_layout(name: str, about: About) -> Layout:
     """Open an output that has a layout; raises InputError when it cannot be."""
     kind = layout_of(name)
     assert kind is not None, "only outputs with a layout are opened here"
+    if kind.calibrated and about.camera.get("model") == "orthographic":
+        raise InputError(f"{name}: needs intrinsics as OpenCV has them, and an orthographic camera has none")
     layout: Layout = kind.load().open_layout(Path(name), about)
     return layout

@@ -75,12 +75,18 @@ def test_frustums_are_mujocos(attributes: str, size: tuple[int, int]) -> None:
     assert not scene.world.warnings
 
 
-def test_orthographic_cameras_are_told_of() -> None:
-    """A pinhole 3 m from the middle, over 2 m: what is in the middle is as large."""
+@pytest.mark.parametrize("size", [(64, 48), (80, 80)])
+def test_orthographic_frustums_are_mujocos(size: tuple[int, int]) -> None:
+    """An orthographic frustum is as wide at any distance: its edges are metres."""
     try:
         model, data = load('fovy="2" projection="orthographic"')
     except ValueError:
         model, data = load('fovy="2" orthographic="true"')
-    world = MujocoScene(model, data, camera="eye", resolution=(64, 48)).world
-    assert edges(world.camera)[2:] == pytest.approx([-1 / 3, 1 / 3])
-    assert "orthographic" in " ".join(world.warnings)
+    scene, eye = mujoco.MjvScene(model, 100), mujoco.MjvCamera()
+    eye.type, eye.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
+    mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, eye, mujoco.mjtCatBit.mjCAT_ALL, scene)
+    top = scene.camera[0].frustum_top
+    world = MujocoScene(model, data, camera="eye", resolution=size).world
+    assert world.camera.lens.model == "orthographic"
+    assert edges(world.camera) == pytest.approx([-top * size[0] / size[1], top * size[0] / size[1], -top, top])
+    assert not world.warnings

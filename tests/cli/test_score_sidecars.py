@@ -145,3 +145,17 @@ def test_windows_of_time_are_scored_and_printed(clsim, tmp_path: Path) -> None:
     for wrong in ("", "1ms,", "0.4us", "x"):
         outcome = clsim("score", found, truth, "--within", wrong)
         assert outcome.status == 2 and "--within must be" in outcome.stderr
+
+
+@pytest.mark.parametrize("order", [("bad.txt", "good.txt"), ("good.txt", "bad.txt")])
+def test_events_out_of_order_are_told_and_strict_refuses(clsim, tmp_path: Path, order: tuple[str, str]) -> None:
+    record(tmp_path / "good.txt", [11_000, 12_000, 13_000])
+    good = (tmp_path / "good.txt").read_text().splitlines()
+    (tmp_path / "bad.txt").write_text("\n".join([*good[:-2], good[-1], good[-2]]) + "\n")
+    pair = [tmp_path / name for name in order]
+    options = ("--resolution", "8x4", "--fps", 50, "--json")
+    outcome = clsim("score", *pair, *options)
+    assert outcome.status == 0 and json.loads(outcome.stdout)["f1"] == 1
+    assert "bad.txt" in outcome.stderr and "1 event" in outcome.stderr
+    refused = clsim("score", *pair, *options, "--strict")
+    assert refused.status == 2 and "expected rising times" in refused.stderr and refused.stdout == ""

@@ -1,5 +1,6 @@
 """Files of footage as people have them: cut, of floating point, several films in one folder."""
 
+import re
 import warnings
 from fractions import Fraction
 from pathlib import Path
@@ -17,6 +18,7 @@ from clsim.footage.displacement import Displacement
 from clsim.footage.images import Pictures
 from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
+from clsim.footage.wholeness import cut_end
 from clsim.frames import RADIANCE, Frame, SourceEnded, page_aligned
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
@@ -63,6 +65,7 @@ FILMS: dict[str, dict[str, Any]] = {
     "sound.mp4": {"codec": "mpeg4", "audio_s": 3.0, "movflags": "faststart"},
     "parts.mp4": {"codec": "mpeg4", "movflags": "frag_keyframe+empty_moov"},
     "a.flv": {"codec": "flv1"},
+    "a.ts": {"codec": "mpeg2video"},
     "a.avi": {"codec": "mjpeg", "pixels": "yuvj420p"},
     "a.gif": {"codec": "gif", "pixels": "rgb8"},
     "a.apng": {"codec": "apng", "pixels": "rgb24"},
@@ -73,12 +76,35 @@ FILMS: dict[str, dict[str, Any]] = {
 def test_a_whole_video_is_whole_and_a_cut_one_is_told(tmp_path: Path, name: str) -> None:
     path = film(tmp_path / name, **FILMS[name])
     assert len(read(Video(path, Reading(transfer="srgb")))) == COUNT
-    if name == "parts.mp4":  # its header does not tell how long it is
-        return
     data = path.read_bytes()
-    (tmp_path / f"cut_{name}").write_bytes(data[: 6 * len(data) // 10])
-    with pytest.raises(InputError, match=r"frames are missing|without its end mark|cannot be decoded"):
+    (tmp_path / f"cut_{name}").write_bytes(data[: 6 * len(data) // 10 | 1])
+    with pytest.raises(InputError, match=r"frames are missing|without its end mark|cannot be decoded|lacks \d+"):
         read(Video(tmp_path / f"cut_{name}", Reading(transfer="srgb")))
+
+
+@pytest.mark.parametrize("name", ["parts.mp4", "a.ts"])
+def test_what_a_container_tells_of_its_end(tmp_path: Path, name: str) -> None:
+    """Boxes tell their length, and packets have one; wherever else a file is cut than between them."""
+    path = film(tmp_path / name, **(FILMS[name]))
+    data, kind = path.read_bytes(), "mov,mp4" if name == "parts.mp4" else "mpegts"
+    assert cut_end(str(path), kind) is None
+    for size in np.random.default_rng(0).integers(len(data) // 2, len(data), 40).tolist():
+        path.write_bytes(data[:size])
+        told = cut_end(str(path), kind)
+        if name == "a.ts":
+            assert (told is None) == (size % 188 == 0)
+        else:
+            assert told is not None and re.match(r"lacks \d+ of|ends within the head", told)
+
+
+def test_a_last_frame_that_is_not_whole_is_told(tmp_path: Path) -> None:
+    """Where a transport stream tells how long a frame is, whole packets of it may be missing."""
+    head = bytes([0x47, 0x41, 0x00, 0x10]) + b"\0\0\1\xe0" + (500).to_bytes(2, "big")
+    packets = [head + bytes(188 - len(head)), *(bytes([0x47, 0x01, 0x00, 0x10 | k]) + bytes(184) for k in (1, 2))]
+    for count, missing in ((1, 500 + 6 - 184), (2, 500 + 6 - 2 * 184), (3, None)):
+        (tmp_path / "a.ts").write_bytes(b"".join([bytes([0x47, 0x1F, 0xFF, 0x10]) + bytes(184)] * 3 + packets[:count]))
+        expected = None if missing is None else f"lacks {missing} bytes of its last frame"
+        assert cut_end(str(tmp_path / "a.ts"), "mpegts") == expected
 
 
 @pytest.mark.skipif(not CASES.is_dir(), reason="the shared cases are not beside the checkout")

@@ -94,3 +94,16 @@ def test_a_scaled_camera_has_a_pose_without_scale() -> None:
     scaled = Static(np.diag([2.0, 2.0, 2.0, 1.0]) @ moved(1.0, 2.0, 3.0))
     pose = camera_pose(replace(load_world("still").camera, motion=scaled), 0.0)
     np.testing.assert_allclose(pose[:3, :3], np.eye(3), atol=1e-12)
+
+
+def test_an_orthographic_camera_is_told_in_metres() -> None:
+    lens = Lens(model="orthographic", view_width_m=4.0, principal_point=(0.25, 0.0), mirrored=True)
+    told = about_camera(Camera(80, 60, 45.0, Static(np.eye(4)), lens=lens))
+    assert told == {
+        "width": 80,
+        "height": 60,
+        "view_width_m": 4.0,
+        "model": "orthographic",
+        "pixels_per_m": {"x": -20.0, "y": 20.0},
+        "axis_px": {"cx": 60.0, "cy": 30.0},
+    }

@@ -14,10 +14,11 @@ from clsim.detect.knots import Knots
 from clsim.frames import ALBEDO, Fineness
 from clsim.render import RenderOptions
 from clsim.render.flat_pixels import build_flat_pixels
-from clsim.scene import load_world
+from clsim.scene import Lens, load_world
 from clsim.score.matching import Sampling, one_to_one
 
 SIZE = (64, 48)
+PARALLEL = Lens(model="orthographic", view_width_m=4.0)
 START_S, END_S = 0.0333333, 0.0666667
 
 
@@ -32,13 +33,15 @@ def test_kernels_of_textured_scenes_are_declared(coated):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("linear", [True, False])
-def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear):
+@pytest.mark.parametrize(("linear", "lens"), [(True, Lens()), (False, Lens()), (True, PARALLEL)])
+def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear, lens):
     """Lines between the times that are told stay within what was asked for, and its ends are the frames'."""
-    options = {"resolution": SIZE, "quality": "balanced", "time": "adaptive", "fps": 30.0}
+    options = {"quality": "balanced", "time": "adaptive", "fps": 30.0}
     found, find = [], FlatPixels.find
     monkeypatch.setattr(FlatPixels, "find", lambda *given: found.append(find(*given)) or found[-1])
-    with clsim.Simulator("two-boxes", **options) as simulator:
+    world = load_world("two-boxes")
+    world = replace(world, camera=replace(world.camera, lens=lens, width=SIZE[0], height=SIZE[1]))
+    with clsim.Simulator(world, **options) as simulator:
         simulator.step(66_667)
         tracer = simulator._eye.detector._tracer
         pixels = np.flatnonzero(found[-1].known)

@@ -246,7 +246,7 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         def effort(self, value):
             self._now = value
 
-    keeper = Hurried(4, 3, Effort(2, 1, 8), effort.Sight(0.01, sharp=True), None, UNTOLD, 0, None, "cpu")
+    keeper = Hurried(4, 3, Effort(2, 1, 8), effort.Sight((0.01, 0.0), sharp=True), None, UNTOLD, 0, None, "cpu")
     for index in range(3):
         changed, paths = keeper.prepare(index, 1_000 * index)
         assert changed["out_lights"].shape == (paths, 12)

@@ -97,7 +97,7 @@ def test_light_that_changes_does_not_stand_still() -> None:
 
 
 def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left() -> None:
-    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), Sight(0.01, sharp=True), None, "cpu")
+    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), Sight((0.01, 0.0), sharp=True), None, "cpu")
 
     def wanted(index: int) -> set[int]:
         steerer.arguments["correction"].fill_(7.0)

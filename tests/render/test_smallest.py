@@ -11,7 +11,7 @@ from test_steered import Run, textured_world
 
 from clsim.render.camera import CameraData
 from clsim.render.features import view_features
-from clsim.render.pixel_angle import widest_pixel
+from clsim.render.pixel_width import widest_pixel
 from clsim.render.placement import place
 from clsim.render.scene_features import scene_features
 from clsim.render.smallest import smallest_of

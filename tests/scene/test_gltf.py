@@ -147,6 +147,10 @@ def test_a_toml_places_a_file_with_all_its_parts(tmp_path):
             {"extensionsRequired": ["EXT_meshopt_compression"]},
             "EXT_meshopt_compression, which clsim does not support; gltfpack",
         ),
+        (
+            {"extensionsRequired": ["KHR_texture_basisu", "KHR_meshopt_compression"]},
+            "support; gltf-transform ktxdecompress IN OUT and gltfpack -i IN -o OUT unpacks it",
+        ),
     ],
 )
 def test_broken_gltf_gets_one_sentence(tmp_path, changes, part):

@@ -148,3 +148,46 @@ def test_a_room_as_gltf(tmp_path: Path) -> None:
     assert (eye > 0).all() and (eye < (6.0, 3.0, 4.0)).all()
     assert "scene.gltf: is a closed room: the camera stands in it" in world.notes
     assert (world.sphere_lights[0].motion.pose(0.0)[:3, 3] < (6.0, 3.0, 4.0)).all(), "and so does the lamp"
+
+
+@pytest.mark.parametrize("thick", [False, True])
+@pytest.mark.parametrize("side", range(4))
+def test_the_camera_looks_into_a_room_that_is_open_to_one_side(tmp_path: Path, side: int, thick: bool) -> None:
+    """Cornell's box: from all around, its other walls would be seen from behind."""
+    corners, faces = box_of((5.5, 5.5, 5.6), inwards=True)
+    normal = [(-1, 0), (1, 0), (0, -1), (0, 1)][side]
+    ends = corners[faces].mean(axis=1)[:, [0, 2]] - corners.mean(axis=0)[[0, 2]]
+    kept = faces[(ends @ normal) < 2.0]
+    table = box_of((1.5, 1.5, 1.5), inwards=False)
+    parts = [(corners, kept), (table[0] + (1.0, 0.0, 1.0), table[1])]
+    if thick:
+        grown = (corners - corners.mean(axis=0)) * 1.04 + corners.mean(axis=0)
+        parts.append((grown, kept[:, ::-1]))
+    world = load_world(write_obj(tmp_path / "cornell.obj", *parts))
+    assert world.notes == ("cornell.obj: is a room: the camera looks in from its open side",)
+    for t in np.linspace(0, ORBIT_S, 9):
+        pose = world.camera.motion.pose(t)
+        away = (pose[:3, 3] - (2.75, 2.75, 2.8))[[0, 2]]
+        assert away @ normal > 5.0 and np.degrees(np.arccos(away @ normal / np.linalg.norm(away))) < 16
+        assert -pose[[0, 2], 2] @ normal < -0.95
+    lamp = world.sphere_lights[0].motion.pose(0.0)[:3, 3]
+    assert (lamp > 0).all() and (lamp < 5.5).all()
+
+
+def test_a_van_is_no_room(tmp_path: Path) -> None:
+    """Its load space is a box of flat walls, empty; from outside there is more to see."""
+    outer, inner = box_of((4.0, 2.2, 2.0), inwards=False), box_of((3.8, 2.0, 1.8), inwards=True)
+    parts = [outer, (inner[0] + 0.1, inner[1])]
+    for size, place in (
+        ((1.2, 1.4, 2.0), (4.0, 0.0, 0.0)),
+        ((0.8, 0.8, 0.2), (0.4, -0.4, -0.2)),
+        ((0.8, 0.8, 0.2), (3.0, -0.4, -0.2)),
+        ((0.8, 0.8, 0.2), (0.4, -0.4, 2.0)),
+        ((0.8, 0.8, 0.2), (3.0, -0.4, 2.0)),
+        ((0.8, 0.3, 1.0), (3.0, 2.2, 0.5)),
+        ((0.8, 0.3, 1.0), (1.0, 2.2, 0.5)),
+    ):
+        corners, faces = box_of(size, inwards=False)
+        parts.append((corners + place, faces))
+    world = load_world(write_obj(tmp_path / "van.obj", *parts))
+    assert world.notes == ()

@@ -12,6 +12,7 @@ from mitsuba_files import load, scene
 from usd_files import METRES, mesh, usda
 
 from clsim.scene import load_world
+from clsim.scene.rigid import facing
 
 SIGNS = list(product((1, -1), repeat=3))
 NUMBERS = count()
@@ -62,6 +63,12 @@ def assert_looks_along(pose, back):
     assert np.linalg.det(turn) > 0
     if np.abs(back).max() > 1e-100:
         np.testing.assert_allclose(turn[:, 2], back / np.linalg.norm(back), atol=1e-9)
+
+
+def test_axes_that_are_nearly_one_still_make_a_rotation():
+    for tilt in (1e-6, 1e-8, 1e-10, 1e-11):
+        pose = facing(whole([[1.0, 0.6, 0.6 + tilt], [0.3, 0.7, 0.7], [0.2, 0.4, 0.4]]))
+        assert_looks_along(pose, np.array([0.6 + tilt, 0.7, 0.4]))
 
 
 def whole(linear):

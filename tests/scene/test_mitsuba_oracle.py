@@ -99,6 +99,23 @@ def test_cameras_send_the_same_rays(tmp_path, size, sensor):
         np.testing.assert_allclose(direction, np.array(ray.d), atol=2e-6)
 
 
+@pytest.mark.parametrize("signs", SIGNS)
+@pytest.mark.parametrize("place", [MIRRORED, ACROSS, STRETCH, ""])
+@pytest.mark.parametrize("size", [(60, 40), (40, 60)])
+def test_orthographic_cameras_send_the_same_rays(tmp_path, size, place, signs):
+    body = f'<sensor type="orthographic">{place.format(signs)}{FILM.format(*size)}</sensor>'
+    world, scene = both(tmp_path, body)
+    camera = world.camera
+    pose, (fx, fy) = camera.motion.pose(0.0), camera.focal_px()
+    for x, y in ((0.5, 0.5), (0.1, 0.2), (0.9, 0.3), (0.3, 0.95)):
+        ray, _ = scene.sensors()[0].sample_ray(0, 0.5, [x, y], [0.5, 0.5])
+        np.testing.assert_allclose(-pose[:3, 2], _unit(np.array(ray.d)), atol=2e-6)
+        start = pose[:3, :3] @ ((x - 0.5) * camera.width / fx, (0.5 - y) * camera.height / fy, 0) + pose[:3, 3]
+        # Mitsuba's begins where its near plane is.
+        off = np.array(ray.o) - start
+        np.testing.assert_allclose(off - off @ pose[:3, 2] * pose[:3, 2], 0, atol=1e-5)
+
+
 @pytest.mark.skipif(not ROOM.is_dir(), reason="the real scenes are not beside this checkout")
 def test_the_camera_of_the_living_room():
     world, scene = load_world(ROOM / "scene_mi3.xml"), mi.load_file(str(ROOM / "scene_mi3.xml"))

@@ -251,3 +251,14 @@ def test_coloured_glass(mi, tmp_path, glass):
     body = FLOOR + SKY + ball + f"{floats(albedo=0, scale=3)}</medium></shape>" + core
     # Mitsuba's plain paths know no media; blocks of its own differ by .045 from seed to seed.
     assert_alike(mi, tmp_path, body, spp=1024, integrator="volpath", block=0.07)
+
+
+def test_orthographic_pictures(mi, tmp_path, monkeypatch):
+    """A box and a ball before a floor, by an uneven, mirrored view."""
+    lens = SENSOR.replace('"perspective"', '"orthographic"').replace('<float name="fov" value="50"/>', "")
+    lens = lens.replace('name="to_world">', 'name="to_world"><scale x="-1.6" y="1.2"/>')
+    monkeypatch.setitem(globals(), "SENSOR", lens)
+    place = '<transform name="to_world"><scale value="0.5"/><rotate y="1" angle="30"/><translate y="0.5"/></transform>'
+    ball = '<transform name="to_world"><scale value="0.4"/><translate x="0.9" y="0.4" z="0.5"/></transform>'
+    body = f'<shape type="cube">{place}{DIFFUSE}</shape><shape type="sphere">{ball}</shape>'
+    assert_alike(mi, tmp_path, FLOOR + SUN + SKY + body, spp=1024)

@@ -407,7 +407,7 @@ def test_what_is_missing_or_hidden_is_not_there(tmp_path):
         ('def Mesh "bare" {}', "bare has no faces that can be shown"),
         (mesh('token visibility = "invisible"'), "square is hidden, or a guide or a proxy"),
         (mesh('uniform token purpose = "guide"'), "square is hidden, or a guide or a proxy"),
-        ('def Points "dust" { point3f[] points = [(0, 0, 0)] }', "Points is left out (first dust)"),
+        ('def BasisCurves "hair" { point3f[] points = [(0, 0, 0)] }', "BasisCurves is left out (first hair)"),
         ('def Scope "nothing" {}', "expected a mesh"),
     ],
 )
@@ -415,3 +415,22 @@ def test_files_without_triangles_say_why(tmp_path, text, why):
     with pytest.raises(InputError) as caught:
         load_world(usda(tmp_path, text))
     assert "has no triangles" in str(caught.value) and why in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_points_are_small_spheres(tmp_path):
+    """With their widths and colours; where they tell no width, apart from each other."""
+    body = """def Points "dots" {
+        point3f[] points = [(0, 0, 0), (3, 0, 0), (0, 3, 0)]
+        float[] widths = [0.2, 0.4, 1.0]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (interpolation = "vertex") }
+    """
+    world = load_world(usda(tmp_path, body))
+    (made,) = world.meshes
+    thirds = np.split(made.vertices, 3)
+    for vertices, centre, width in zip(thirds, [(0, 0, 0), (3, 0, 0), (0, 3, 0)], (0.2, 0.4, 1.0), strict=True):
+        np.testing.assert_allclose(np.linalg.norm(vertices - centre, axis=1), width / 2, rtol=1e-5)
+    np.testing.assert_array_equal(made.colors[:: len(thirds[0])], np.eye(3))
+    assert world.materials[made.material_ids[0]].color == (1, 1, 1) and not world.warnings
+    bare = load_world(usda(tmp_path, body.replace("float[] widths = [0.2, 0.4, 1.0]", ""), name="bare.usda"))
+    assert 0 < np.ptp(np.split(bare.meshes[0].vertices, 3)[0][:, 0]) < 3
+    assert any("tell no widths" in text for text in bare.warnings)

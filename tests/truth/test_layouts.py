@@ -33,6 +33,13 @@ def recorded(path: Path, lens: Lens | None = None) -> recordings.Given:
     return recordings.feed(open_layout(str(path), recordings.about(lens)))
 
 
+@pytest.mark.parametrize("ending", [kind.endings[0] for kind in LAYOUTS if kind.calibrated])
+def test_layouts_that_tell_intrinsics_refuse_parallel_rays_before_they_begin(tmp_path: Path, ending: str) -> None:
+    with pytest.raises(InputError, match=f"run{ending}: needs intrinsics"):
+        recorded(tmp_path / f"run{ending}", Lens(model="orthographic", view_width_m=2.0))
+    assert not list(tmp_path.iterdir())
+
+
 def test_tonic_reads_dsec(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     cv2, tonic = pytest.importorskip("cv2"), pytest.importorskip("tonic")
     # It would reach for the net.

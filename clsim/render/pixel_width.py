@@ -1,10 +1,16 @@
-"""How wide the pixels of a camera are, as angles seen from it."""
+# Warp: a variable that changes must be born by a call.
+"""How wide the pixels of a camera are.
+
+Seen through most lenses they are so many radians wide, and what they show is the wider the farther away it is; through
+an orthographic one they are so many metres wide wherever that is. A pixel is both numbers, of which one is 0.
+"""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
+import warp as wp
 
 from clsim.scene import Camera
 
@@ -12,15 +18,23 @@ _ANGLES = 1024
 """Angles from the axis at which a lens is looked at."""
 
 
-def pixel_angle(camera: Camera) -> float:
-    """Return the width of a pixel on average [rad], along a row through the middle and without distortion."""
-    return math.radians(camera.fov_deg) / camera.width
+@wp.func
+def width_at(pixel: wp.vec2, depth: float) -> float:
+    """Return how wide a pixel is at that distance [m]."""
+    return float(wp.where(pixel[0] > 0.0, depth * pixel[0], pixel[1]))
+
+
+def pixel_of(camera: Camera) -> tuple[float, float]:
+    """Return how wide a pixel is on average [rad], along a row through the middle and without distortion, and [m]."""
+    if camera.lens.model == "orthographic":
+        return 0.0, camera.lens.view_width_m / camera.width
+    return math.radians(camera.fov_deg) / camera.width, 0.0
 
 
 def widest_pixel(camera: Camera) -> float:
     """Return the width of the widest pixel [rad], from the axis outwards or around it, by OpenCV's models.
 
-    Tangential distortion is left out.
+    Tangential distortion is left out, and the lens is not orthographic.
     """
     fov, lens = math.radians(camera.fov_deg), camera.lens
     k = (*lens.distortion, *[0.0] * (5 - len(lens.distortion)))
