@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
-from clsim.scene.world import Spectral, Vec3
+from clsim.scene.world import Mosaic, Sensor, Spectral, Vec3
 
 WEIGHTS: dict[str, Vec3] = {"luminance": (0.2126, 0.7152, 0.0722), "silicon": (0.304, 0.359, 0.337)}
 """``luminance`` is Rec. 709's.
@@ -28,3 +29,21 @@ def spectral_weights(spectral: Spectral) -> Vec3:
         return WEIGHTS[spectral]
     red, green, blue = (weight / sum(spectral) for weight in spectral)
     return red, green, blue
+
+
+Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
+"""Colours of the filters before the pixels (0, 0), (1, 0), (0, 1) and (1, 1), and so on over the picture."""
+
+
+def mosaic_of(pattern: Pattern, red: Vec3, green: Vec3, blue: Vec3) -> Mosaic:
+    """Return what pixels behind a pattern of filters see, each filter's weights adding up to 1."""
+    filters = {"R": spectral_weights(red), "G": spectral_weights(green), "B": spectral_weights(blue)}
+    first, second, third, fourth = (filters[colour] for colour in pattern)
+    return first, second, third, fourth
+
+
+def seen_by_pixels(sensor: Sensor) -> Mosaic:
+    """Return the weights of R, G and B of the pixels of each square of four; all are alike without filters."""
+    if sensor.mosaic is not None:
+        return sensor.mosaic
+    return (spectral_weights(sensor.spectral),) * 4

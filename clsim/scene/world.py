@@ -26,6 +26,8 @@ Distribution = Literal["ggx", "beckmann"]
 Back = Literal["same", "black", "culled"]
 Falloff = Literal["squared", "linear", "smooth", "frame"]
 Spectral = Literal["luminance", "silicon"] | Vec3
+Mosaic = tuple[Vec3, Vec3, Vec3, Vec3]
+"""Weights of R, G and B of the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square of four, x first."""
 
 
 class Deformation(Protocol):
@@ -325,6 +327,8 @@ class Sensor:
     lux_per_unit: float = 100.0
     """Illuminance of the sensor under a luminance of 1 [lux]."""
     spectral: Spectral = "luminance"
+    mosaic: Mosaic | None = None
+    """What pixels behind colour filters see instead; None where there are none."""
 
 
 @dataclass(frozen=True)
