@@ -150,8 +150,8 @@ class DetectorConfig:
             raise InputError(f"`luminance` must be weights that are not negative, and not all 0, got {self.luminance}")
         if self.mosaic is not None and self.method != "esim":
             raise InputError(
-                f"a `sensor` with a color_filter needs `method` esim, got {self.method}, which takes neighbours, behind "
-                "other filters, for alike"
+                f"a `sensor` with a color_filter needs `method` esim, got {self.method}, which mixes neighbours that "
+                "are behind other filters"
             )
         if 0 < self.floor < SMALLEST_FLOOR:
             raise InputError(f"`floor` must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")

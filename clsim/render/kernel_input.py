@@ -15,8 +15,8 @@ class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
 
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
-    what pixels see of R, G and B, and ``mosaic`` what those of each square of four do. Nothing is farther away than ``reach_m``, if that is finite, and no sphere is less
-    wide than ``least_sphere_rad`` [rad], seen from the camera.
+    what pixels see of R, G and B, and ``mosaic`` what those of each square of four do. Nothing is farther away than
+    ``reach_m``, if that is finite, and no sphere is less wide than ``least_sphere_rad`` [rad], seen from the camera.
     """
 
     samples: int

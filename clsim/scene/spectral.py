@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 from clsim.scene.world import Mosaic, Sensor, Spectral, Vec3
 
@@ -31,12 +30,8 @@ def spectral_weights(spectral: Spectral) -> Vec3:
     return red, green, blue
 
 
-Pattern = Literal["RGGB", "GRBG", "GBRG", "BGGR"]
-"""Colours of the filters before the pixels (0, 0), (1, 0), (0, 1) and (1, 1), and so on over the picture."""
-
-
-def mosaic_of(pattern: Pattern, red: Vec3, green: Vec3, blue: Vec3) -> Mosaic:
-    """Return what pixels behind a pattern of filters see, each filter's weights adding up to 1."""
+def mosaic_of(pattern: str, red: Vec3, green: Vec3, blue: Vec3) -> Mosaic:
+    """Return what pixels behind a pattern of filters, such as RGGB, see; each filter's weights add up to 1."""
     filters = {"R": spectral_weights(red), "G": spectral_weights(green), "B": spectral_weights(blue)}
     first, second, third, fourth = (filters[colour] for colour in pattern)
     return first, second, third, fourth

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from clsim.errors import InputError
-from clsim.scene.spectral import Pattern, are_weights, mosaic_of
+from clsim.events.color_filter import Pattern
+from clsim.scene.spectral import are_weights, mosaic_of
 from clsim.scene.world import Mosaic, Spectral, Vec3
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
 from clsim.sensor.stage import Stage, check_not_negative, check_positive
@@ -117,7 +118,9 @@ class Optics:
             raise InputError("`spectral` is of pixels without filters; give it or `color_filter`")
         for name in ("filter_red", "filter_green", "filter_blue"):
             if not are_weights(getattr(self, name)):
-                raise InputError(f"`{name}` must be weights of R, G and B from 0, and not all 0, got {getattr(self, name)}")
+                raise InputError(
+                    f"`{name}` must be weights of R, G and B from 0, and not all 0, got {getattr(self, name)}"
+                )
 
 
 _KINDS: dict[str, Any] = {
