@@ -82,6 +82,8 @@ class RecordedSensor:
         spectral = self.sensor.optics.spectral
         asked["luminance"] = None if spectral is None else spectral_weights(spectral)
         asked["mosaic"] = self.sensor.optics.mosaic
-        if method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
+        if asked["mosaic"] is not None:
+            asked["method"] = "esim"  # others mix neighbours
+        elif method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
             asked["method"] = DENSE_METHOD
         return {name: value for name, value in asked.items() if value is not None} | dict(given)

@@ -15,6 +15,7 @@ from clsim.errors import InputError
 from clsim.events.color_filter import Pattern, filters_of, sidecar_color_filter
 from clsim.frames import RADIANCE, Frame
 from clsim.live.options import LiveOptions
+from clsim.live.sensors import RecordedSensor
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor
 from clsim.sensor.settings import Optics
@@ -108,6 +109,12 @@ def test_video_and_arrays_are_seen_through_them_too():
     found = clsim.events_from(frames, times_us, transfer="linear", sensor=sensor, threshold_on=0.15, threshold_off=0.15)
     events = np.concatenate([batch.copy() for batch in found])
     np.testing.assert_array_equal(events, shown(sensor.optics, SensorSettings()))
+
+
+def test_recorded_frames_are_seen_pixel_by_pixel_unless_told_otherwise():
+    seen_by = RecordedSensor(SensorSettings(optics=Optics(color_filter="RGGB")))
+    assert seen_by.detector({}, "esim-ad")["method"] == "esim"
+    assert seen_by.detector({"method": "irradiance"}, "irradiance")["method"] == "irradiance"
 
 
 @pytest.mark.parametrize("method", ["irradiance", "wlr-esim", "esim-ad"])
