@@ -183,11 +183,13 @@ def _numbers(guess: Any) -> tuple[float, float, float, float, float]:
 
 def _told(shape: FloatArray, linear: FloatArray, jacobian: FloatArray, misfit: float) -> UniformFit:
     """Return the numbers of a fit with their errors."""
-    covariance = np.linalg.pinv(jacobian.T @ jacobian) * max(1.0, misfit)
+    # What the rates do not hang on has an error of a thousand.
+    covariance = np.linalg.inv(jacobian.T @ jacobian + 1e-6 * np.eye(7)) * max(1.0, misfit)
     # Each number's logarithm is a sum of those sought: of `_numbers`.
     made = np.array([[1, 0, 0, 0, 0], [1, 1, 0, 0, 0], [-2, 0, 1, 0, 0], [0, 0, 0, 1, 0], [0, 0, 0, 0, 1]])
     of_logs = np.sqrt(np.diag(made @ covariance[:5, :5] @ made.T)).tolist()
-    told = misfit < _MISFIT and linear[0] > 0
+    # Where no threshold is known, looks are of any length.
+    told = misfit < _MISFIT and linear[0] > 0 and max(of_logs[:2]) < _LOG_MOST
     values = _numbers([*shape, -math.log(linear[0]) if told else 0.0])
     numbers = [
         (value, value * error) if told and error < _LOG_MOST else None

@@ -87,6 +87,12 @@ def test_noise_of_another_kind_tells_no_thresholds():
     assert found.on is None and found.photons_per_lux is None and found.misfit > 25
 
 
+def test_noise_that_is_alike_in_all_light_tells_nothing_but_leak():
+    found = fit_uniform([Rates(lux, (0.018, 3e-4), (0.012, 3e-4)) for lux in LUX])
+    assert found.on is found.off is found.photons_per_lux is found.dark_photons is found.look_s is None
+    assert found.leak_hz[0] == pytest.approx(0.006, rel=0.3) and found.leak_hz_per_lux[0] < 1e-5
+
+
 def test_few_lights_are_refused():
     with pytest.raises(InputError, match="take 5 illuminances at least, got 2"):
         fit_uniform([Rates(1.0, (1.0, 0.1), (1.0, 0.1)), Rates(2.0, (1.0, 0.1), (1.0, 0.1))] * 3)
