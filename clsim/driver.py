@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -26,6 +27,7 @@ from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectory import Axes, Interpolation, turned
 from clsim.sensor.settings import SensorSettings
+from clsim.shared_scene import SharedScene, Turn
 from clsim.snapshot import SimulatorState
 from clsim.stepping import Clock, StepClock
 from clsim.values import read_value
@@ -100,16 +102,37 @@ class Driver(ABC):
             given["scene"] = world.name
         self._options = LiveOptions(**given)
         self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)
+        self._start(SharedScene(self.world), kind)
+
+    def _start(self, scene: SharedScene, clock: Clock) -> None:
+        """Choose devices; the scene is moved in turn with others that have it."""
         self._eyes = {name: Eye(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()}
         self.fps = self._first.fps
         self.warnings = tuple(dict.fromkeys(text for eye in self._eyes.values() for text in eye.stages.warnings))
-        self._driving = Driving(self.world)
+        self._turn = Turn(scene)
         self._driven: tuple[str, ...] = ()
-        self.names = self._driving.names
+        self.names = scene.driving.names
         self._data: SceneData | None = None
         self._closed = False
-        self._clock = StepClock(kind, self.fps)
+        self._clock = StepClock(clock, self.fps)
         self._begin()
+
+    def twin(self: DriverT, seed: int) -> DriverT:
+        """Return another of the same scene, with poses, light and time of its own, before its first step.
+
+        Both share the scene on the device, and so its kernels and trees; what can be moved is what has been set when
+        the first of them steps. They are for one thread.
+        """
+        self._check_open()
+        other = copy(self)
+        other._options = replace(self._options, seed=seed)
+        other._start(self._turn.scene, self._clock.kind)
+        return other
+
+    @property
+    def _driving(self) -> Driving:
+        """What is set from outside; from now on the scene is as this driver has set it."""
+        return self._turn.driving
 
     def _load(self) -> World:
         """Load the scene that the options name."""
@@ -299,14 +322,17 @@ class Driver(ABC):
     def _build(self) -> SceneData:
         """Copy the scene to the device, and build what works on it."""
         self._driven = self._driving.moved
-        self.world = self._driving.seal()
+        shared = self._turn.scene
+        self.world = self._driving.seal() if shared.data is None else shared.data.world
         self._plan()
-        data = self._scene_data()
+        data = shared.data or self._scene_data()
         for name, radiance in self._driving.light.items():
             data.set_light(name, radiance)
         for eye in self._eyes.values():
             eye.connect(data)
-        self._data = data  # now that all is built: a step after one that could not be begins with this again
+        self._data = shared.data = (
+            data  # now that all is built: a step after one that could not be begins with this again
+        )
         return data
 
     @abstractmethod

@@ -76,6 +76,7 @@ class RadianceCamera:
         config = DetectorConfig(
             method="esim", event_rule=event_rule, threshold_on=on, threshold_off=off, scale=scale, floor=floor,
             luminance=spectral_weights(spectral or "luminance"),
+            mosaic=None if settings is None else settings.optics.mosaic,
         )  # fmt: skip
         # Its level is the logarithm of scaled luminance, which is 0 where luminance is 1 / scale.
         lux = read_value("lux_per_unit", lux_per_unit, float) / config.scale

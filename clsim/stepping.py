@@ -15,12 +15,13 @@ class StepClock:
     """Tells the times of a step's frames, and waits for the wall clock where a step shall.
 
     Attributes:
+        kind: who says when frames are.
         lag_s: by how much the last step ended late [s].
     """
 
     def __init__(self, kind: Clock, fps: float) -> None:
         """Prepare; see `clsim.Simulator` for the kinds."""
-        self._kind, self._fps = kind, fps
+        self.kind, self._fps = kind, fps
         self.restart()
 
     def restart(self) -> None:
@@ -36,7 +37,7 @@ class StepClock:
             passed_us: time of the frame before, or 0.
             until_us: when the step ends.
         """
-        if self._kind != "caller":
+        if self.kind != "caller":
             last = following
             while frame_time_us(last, self._fps) <= until_us:
                 last += 1
@@ -48,7 +49,7 @@ class StepClock:
 
     def wait_for(self, until_us: int) -> None:
         """Wait until the end of a step has come, where the wall clock counts; the first step's is now."""
-        if self._kind != "wall":
+        if self.kind != "wall":
             return
         now_s = time.perf_counter()
         if self._started_s is None:

@@ -6,10 +6,11 @@
 // One work-item packs one row, plane by plane in loops that compilers vectorise. `frame` holds planes of width·height
 // floats; `source` names them: R, G, B, the F features, then `quiet` candidates that have been constant so far, then
 // coverage if has_coverage.
+// `weights` are what pixels see of R, G and B: all alike or, with MOSAIC, the four of each square, row by row.
 // Per row: number of invalid pixels, and the extremes of each quiet candidate; depth is none where pixels may see nothing.
 __kernel void pack(
     __global const float *restrict frame, __constant int *source, int width, int height, int pitch, int quiet,
-    int has_coverage, real weight_r, real weight_g, real weight_b, int variance_plane,
+    int has_coverage, __constant real *weights, int variance_plane,
     real variance_scale, long start,
     __global real *restrict out_packed, __global int *restrict out_invalid, __global float *restrict out_range)
 {
@@ -30,8 +31,10 @@ __kernel void pack(
     __global const float *restrict r = row + source[0] * area, *restrict g = row + source[1] * area;
     __global const float *restrict b = row + source[2] * area;
     __global real *restrict brightness = mask + BRIGHTNESS * pitch;
+    __constant real *in_row = weights + MOSAIC * 6 * (y % 2);
     for (int x = 0; x < width; x++) {
-        const real luminance = weight_r * r[x] + weight_g * g[x] + weight_b * b[x];
+        __constant real *of = in_row + MOSAIC * 3 * (x % 2);
+        const real luminance = of[0] * r[x] + of[1] * g[x] + of[2] * b[x];
 #if LINEAR
         const real level = MIN(luminance, (real)LARGEST_LUMINANCE);
 #else

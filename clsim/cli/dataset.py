@@ -25,7 +25,9 @@ _TOLD = 5
 
 
 def dataset(
-    spec: Annotated[str, typer.Argument(help="A TOML specification, or a bundled one: flow, indoor-depth, flicker.")],
+    spec: Annotated[
+        str, typer.Argument(help="A TOML specification, or a bundled one: flow, indoor-depth, flicker, digits.")
+    ],
     out: Annotated[str, typer.Option(help="Folder of the data set; what is whole in it is kept.")],
     count: Annotated[int | None, typer.Option(min=1, help="Number of sequences. [the specification's]")] = None,
     workers: Annotated[

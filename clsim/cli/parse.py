@@ -44,6 +44,14 @@ def threshold(text: str) -> tuple[float, float]:
     return numbers[0], numbers[-1]
 
 
+def numbers(text: str, option: str) -> tuple[float, ...]:
+    """Return the positive numbers of ``0.5,2,10``."""
+    found = [_number(part) for part in text.split(",")]
+    if any(each is None or not 0 < each < float("inf") for each in found):
+        raise InputError(f"{option} must be positive numbers such as 0.5,2,10, got {text!r}")
+    return tuple(each for each in found if each is not None)
+
+
 def _number(text: str) -> float | None:
     try:
         return float(text)

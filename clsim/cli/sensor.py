@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,8 +13,6 @@ from clsim.errors import InputError
 
 if TYPE_CHECKING:
     from clsim.sensor import SensorSettings
-    from clsim.sensor.fit_flicker import FlickerFit
-    from clsim.sensor.fit_still import Counts, StillFit
 
 sensor = typer.Typer(help="Look at simulated cameras, and fit one to recordings.", no_args_is_help=True)
 
@@ -58,6 +55,16 @@ def fit(
     base: Annotated[
         str | None, typer.Option(metavar="NAME|FILE", help="The sensor that says what is not fitted. [ideal]")
     ] = None,
+    lux: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LUX,LUX…",
+            help="Illuminances of the recordings, which show even scenes: thresholds, photons and leak by noise alone.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Fit each recording's first half, and tell how well it foretells the other.")
+    ] = False,
     resolution: SENSOR_SIZE = None,
     as_json: JSON = False,
 ) -> None:
@@ -68,11 +75,13 @@ def fit(
     Examples: `clsim sensor fit still.aedat4 --out mine.toml`,
     `clsim sensor fit still.raw --lamp lamp.raw --contrast 0.5 --base davis346 --out mine.toml`
     """
+    from clsim.cli.sensor_fits import fit_lights, fit_scenes, foretell, tell
     from clsim.events.filesink import PartFile
-    from clsim.sensor.fitted import fitted_rows, sensor_file
 
     if (lamp is None) != (contrast is None):
         raise InputError("--lamp and --contrast belong together; give both")
+    if lux is not None and (lamp is not None or check):
+        raise InputError("--lux is of even scenes alone; give it without --lamp and --check")
     _check_ending(out, ".toml")
     if base is not None:
         _load(base, "--base")
@@ -81,18 +90,18 @@ def fit(
         base = str(Path(base).absolute()) if Path(base).suffix.lower() == ".toml" else base
     part = PartFile(out)
     try:
-        size, still, flicker = _fitted(recordings, lamp, contrast, resolution)
-        rows = list(fitted_rows(still, flicker))
+        size = None if resolution is None else parse.resolution(resolution)
         told = ", ".join(Path(each).name for each in (*recordings, *([] if lamp is None else [lamp])))
-        part.part.write_text(sensor_file(out.stem, size, rows, told, base), encoding="utf-8")
+        if lux is not None:
+            text, rows = fit_lights(recordings, parse.numbers(lux, "--lux"), size, out.stem, told, base)
+        else:
+            text, rows = fit_scenes(recordings, lamp, contrast, size, out.stem, told, base)
+        halves = foretell(recordings, size) if check else []
+        part.part.write_text(text, encoding="utf-8")
         part.complete()
     finally:
         part.discard()
-    if as_json:
-        typer.echo(json.dumps({name: number for name, number, _ in rows}))
-        return
-    for name, number, _ in rows:
-        typer.echo(f"{name:<24} " + ("none found" if number is None else f"{number[0]:.5g} ± {number[1]:.2g}"))
+    tell(rows, halves, as_json=as_json)
 
 
 def _check_ending(out: Path, ending: str) -> None:
@@ -109,31 +118,3 @@ def _load(name: str, option: str) -> SensorSettings:
         return load_sensor(name)
     except InputError as error:
         raise InputError(str(error).replace("`sensor`", option, 1)) from None
-
-
-def _fitted(
-    recordings: list[str], lamp: str | None, contrast: float | None, resolution: str | None
-) -> tuple[tuple[int, int], StillFit, FlickerFit | None]:
-    """Return the sensor's size, and what the recordings tell."""
-    from clsim.events.open import open_events, sensor_size
-    from clsim.sensor.fit_flicker import fit_flicker
-    from clsim.sensor.fit_still import Counts, fit_still
-
-    counts: Counts | None = None
-    size = None if resolution is None else parse.resolution(resolution)
-    for name in recordings:
-        with open_events(name) as source:
-            # The first recording tells the size of all.
-            size = sensor_size(name, source, size)
-            counts = counts or Counts.of_size(*size)
-            counts.add(source)
-    assert counts is not None and size is not None, "the command line asks for a recording at least"
-    still = fit_still(counts)
-    if lamp is None or contrast is None:
-        return size, still, None
-    with open_events(lamp) as source:
-        flicker = fit_flicker(source, *size, contrast, ~still.hot)
-    if flicker.mismatch[0] > min(flicker.on[0], flicker.off[0]):
-        # What is no flicker fits thresholds of nothing, which differ by more than they are.
-        raise InputError(f"{lamp}: is no recording of a lamp whose light is a sine of contrast {contrast:g}")
-    return size, still, flicker

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -15,7 +15,9 @@ from clsim.cli.options import SENSOR_SIZE, STRICT_ORDER
 from clsim.cli.watch import PORT, announce, check, host_and_port
 from clsim.cli.words import dropped_text, events_text
 from clsim.errors import InputError
+from clsim.events import CAUSES
 from clsim.events.address import is_address
+from clsim.events.color_filter import FILTERS, sidecar_color_filter, with_filters
 from clsim.truth.recording import recording_kind
 
 if TYPE_CHECKING:
@@ -47,12 +49,12 @@ def view(
     decay: Annotated[bool, typer.Option("--decay", help="Let events fade within that time, not end at it.")] = False,
     contrast: Annotated[float, typer.Option(help="Events in a pixel that give the strongest colour.")] = 2.0,
     colours: Annotated[
-        Literal["blue-orange", "purple-green", "violet-yellow", "grey", "cause"] | None,
+        Literal["blue-orange", "purple-green", "violet-yellow", "grey", "cause", "filter"] | None,
         typer.Option(
             "--colours",
             "--colors",
             help="Colours of OFF and ON, each pair for the colour-blind too; or of what caused each event, in files "
-            "written with --labels. [blue-orange]",
+            "written with --labels; or of colour filters, where there were some. [blue-orange, filter]",
         ),
     ] = None,
     theme: Annotated[Literal["dark", "light"], typer.Option(help="Ground of the picture.")] = "dark",
@@ -86,8 +88,9 @@ def view(
         raise InputError(f"--show is for recordings with truth, but {events} is none")
     if to is None:
         check(where)
-        if colours == "cause" and where != "web":
-            raise InputError(f"--colours cause is for the page and for --to, got --view {where}")
+        if colours in ("cause", "filter") and where != "web":
+            raise InputError(f"--colours {colours} is for the page and for --to, got --view {where}")
+    pattern = _pattern(events, colours)
     with open_events(events, labels=("cause",) if colours == "cause" else (), strict=strict) as source:
         size = _size(events, source, None if resolution is None else parse.resolution(resolution))
         if to is not None:
@@ -95,10 +98,10 @@ def view(
             from clsim.live.view.picture import Film, Look, write_picture
 
             accumulate_us = max(1, round(parse.duration_s(accumulate, "--accumulate") * 1e6))
-            look = Look(accumulate_us, decay, contrast, colours or DEFAULT, theme, zoom)
+            look = Look(accumulate_us, decay, contrast, colours or ("filter" if pattern else DEFAULT), theme, zoom)
             at_us = None if at is None else round(parse.duration_s(at, "--at") * 1e6)
             times = _Times()
-            count = write_picture(to, times.of(source), size, look, Film(video_fps, speed), at_us)
+            count = write_picture(to, times.of(_coloured(source, pattern)), size, look, Film(video_fps, speed), at_us)
             if at_us is None and accumulate_us > times.span_us:
                 _warn(f"--accumulate {accumulate} is longer than the recording, {times.span_us * 1e-6:g} s")
             typer.echo(f"{to}: {count} picture{'s' * (count > 1)}", err=True)
@@ -111,8 +114,23 @@ def view(
 
             _pump(source, RerunSink(events, *size))
         elif where == "web":
-            _in_page(events, source, size, port, show, colours, strict)
+            _in_page(events, source, size, port, show, colours, strict, pattern)
     return 0
+
+
+def _pattern(name: str, colours: str | None) -> str | None:
+    """Return the pattern of the filters to colour events by; None where that is not wanted, or there are none."""
+    if colours not in (None, "filter"):
+        return None
+    pattern = None if is_address(name) else sidecar_color_filter(name)
+    if pattern is None and colours == "filter":
+        raise InputError(f"{name}: no sidecar tells of a color_filter, which --colours filter shows")
+    return pattern
+
+
+def _coloured(source: EventSource | SocketSource, pattern: str | None) -> Iterable[EventBatch]:
+    """Return the batches; with the filter of each event where there are filters."""
+    return source if pattern is None else with_filters(cast("EventSource", source), pattern)
 
 
 def _size(name: str, source: EventSource | SocketSource, given: tuple[int, int] | None) -> tuple[int, int]:
@@ -156,6 +174,7 @@ def _in_page(
     show: Shown | None,
     colours: str | None,
     strict: bool,
+    pattern: str | None,
 ) -> None:
     """Serve the page until Ctrl-C or, for a stream, its end."""
     from clsim.events.filesource import EventSource
@@ -181,15 +200,17 @@ def _in_page(
         from clsim.events.aedat4 import read_frames
 
         frames = partial(read_frames, Path(name))
-    causes = "cause" in source.labelled
+    causes = "cause" in source.labelled and pattern is None
+    kinds = {"filters": FILTERS} if pattern else {"causes": CAUSES} if causes else {}
+    opened = partial(open_source, name, labels=("cause",) if causes else (), strict=strict)
     player = Player(
-        partial(open_source, name, labels=("cause",) if causes else (), strict=strict),
+        (lambda: with_filters(opened(), pattern)) if pattern else opened,
         Path(name).name,
         *size,
         **host_and_port(port),
         read_frames=frames,
-        causes=causes,
-        colours=colours,
+        kinds=kinds,
+        colours=colours or ("filter" if pattern else None),
     )
     _warn(player.warning)
     announce(player.url)

@@ -125,12 +125,13 @@ def load_spec(name: str, count: int | None = None) -> Spec:
         raise InputError(f"{name}: is no specification; expected a .toml file or one of {', '.join(sorted(bundled))}")
     told = read_toml(path)
     try:
-        return _spec(path, told, count)
+        return _spec(path, told, count, Path.cwd() if name in bundled else path.resolve().parent)
     except InputError as error:
         raise InputError(f"{path}: {error}") from None
 
 
-def _spec(path: Path, told: dict[str, Any], count: int | None) -> Spec:
+def _spec(path: Path, told: dict[str, Any], count: int | None, folder: Path) -> Spec:
+    """Return the specification, whose files are seen from that folder: a bundled one's are the user's."""
     known = ("description", "count", "split", "seeds", "run", "scene", "write", "reject")
     for key in told:
         if key not in known:
@@ -141,7 +142,6 @@ def _spec(path: Path, told: dict[str, Any], count: int | None) -> Spec:
     count = told.get("count", 1) if count is None else count
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= 10_000_000:
         raise InputError(f"count must be a whole number from 1 to 10000000, got {count!r}")
-    folder = path.resolve().parent
     run, scene = (check(whole_paths(told.get(key, {}), folder), key, folder) for key in ("run", "scene"))
     allowed = sorted({each.name for each in fields(LiveOptions)} - set(_NOT_OF_RUNS))
     for key in run:

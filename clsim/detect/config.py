@@ -16,7 +16,8 @@ Response = Literal["ln", "lin-log"]
 Regress = Literal["log", "linear"]
 Bandwidth = Literal["fixed", "tsvd", "optimised"]
 Luma = Literal["rec709", "rec601"]
-Luminance = Luma | tuple[float, float, float]
+Weights = tuple[float, float, float]
+Luminance = Luma | Weights
 Precision = Literal["float32", "float64"]
 SMALLEST_THRESHOLD = 1e-36
 """The number of crossings in a step, up to 160 / C, must be a number in float32."""
@@ -119,6 +120,8 @@ class DetectorConfig:
     response: Response = "ln"
     luminance: Luminance = "rec709"
     """What of R, G and B brightness is: a standard's luminance, or three weights."""
+    mosaic: tuple[Weights, Weights, Weights, Weights] | None = None
+    """Such weights of the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square, behind filters; None without."""
     scale: float = 1.0
     floor: float = 1e-4
     features: tuple[str, ...] | None = None
@@ -145,6 +148,11 @@ class DetectorConfig:
             raise InputError(f"`event_rule` linear-light needs `response` ln, got {self.response}")
         if not isinstance(self.luminance, str) and (min(self.luminance) < 0 or sum(self.luminance) == 0):
             raise InputError(f"`luminance` must be weights that are not negative, and not all 0, got {self.luminance}")
+        if self.mosaic is not None and self.method != "esim":
+            raise InputError(
+                f"a `sensor` with a color_filter needs `method` esim, got {self.method}, which mixes neighbours that "
+                "are behind other filters"
+            )
         if 0 < self.floor < SMALLEST_FLOOR:
             raise InputError(f"`floor` must be at least {SMALLEST_FLOOR:g}, got {self.floor:g}")
         for name in ("bandwidth_h", "gate_scale", "scale", "floor"):

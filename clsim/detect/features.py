@@ -17,6 +17,11 @@ def luminance_weights(config: DetectorConfig) -> tuple[float, float, float]:
     return LUMINANCE_WEIGHTS[config.luminance] if isinstance(config.luminance, str) else config.luminance
 
 
+def mosaic_weights(config: DetectorConfig) -> tuple[tuple[float, float, float], ...]:
+    """Return the same of all pixels alike; behind filters, of the four of each square."""
+    return (luminance_weights(config),) if config.mosaic is None else config.mosaic
+
+
 def feature_names(config: DetectorConfig, names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the planes to regress on, in the order of ``names``.
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.features import luminance_weights
+from clsim.detect.features import mosaic_weights
 from clsim.detect.layout import Place
 from clsim.frames import COVERAGE, DEPTH, LUMINANCE_VARIANCE, RADIANCE, Frame
 from clsim.opencl.device import Device
@@ -100,7 +100,9 @@ class Pack:
         planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
         self._source = place.allocate((len(planes),), np.int32)
         place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))
-        self._weights = [weight * config.scale for weight in luminance_weights(config)]
+        weights = np.array(mosaic_weights(config), dtype=place.real).ravel() * config.scale
+        self._weights = place.allocate(weights.shape)
+        place.write(self._weights, weights.astype(place.real))
         self._variance = names.index(LUMINANCE_VARIANCE) if place.layout.extra else -1
         self._variance_scale = config.scale**2
         height = place.layout.height
@@ -115,7 +117,7 @@ class Pack:
         layout = self._place.layout
         self._place.launch(
             self._kernel, (layout.height,), memory, self._source, layout.width, layout.height, layout.pitch,
-            len(self._quiet), int(self._coverage), *self._weights, self._variance, self._variance_scale,
+            len(self._quiet), int(self._coverage), self._weights, self._variance, self._variance_scale,
             np.int64(self.offset(slot)),
             self.packed, self._invalid, self._range,
         )  # fmt: skip

@@ -106,7 +106,7 @@ def open_footage_session(
     except BaseException:
         source.close()
         raise
-    about = about_run(asdict(options) | {"transfer": source.transfer}, config, schedule.fps)
+    about = about_run(asdict(options) | {"transfer": source.transfer}, config, schedule.fps, options.seen_by.sensor)
     about |= {"camera": {"width": source.width, "height": source.height}, "detector": asdict(config)}
     warnings = (*source.warnings, *unused_options(config), *cost_of(options.seen_by.sensor, *size))
     return Session(

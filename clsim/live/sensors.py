@@ -81,6 +81,9 @@ class RecordedSensor:
         asked: dict[str, Any] = {"threshold_on": threshold.on, "threshold_off": threshold.off}
         spectral = self.sensor.optics.spectral
         asked["luminance"] = None if spectral is None else spectral_weights(spectral)
-        if method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
+        asked["mosaic"] = self.sensor.optics.mosaic
+        if asked["mosaic"] is not None:
+            asked["method"] = "esim"  # others mix neighbours
+        elif method == "esim-ad" and (self.sensor.front_end.macros() or self.sensor.noise.macros()):
             asked["method"] = DENSE_METHOD
         return {name: value for name, value in asked.items() if value is not None} | dict(given)

@@ -231,7 +231,7 @@ def open_live(
         second_look = PatchLooks(config, patches, stages.planes, choose_device(options.opencl))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.without_use() else config.side
-    about = about_run(options.as_dict() | {"window": window}, config, schedule.fps)
+    about = about_run(options.as_dict() | {"window": window}, config, schedule.fps, options.sensor)
     about["options"] = about["options"] | dict(told)
     about |= {} if seat is None else seat.facts
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
@@ -308,7 +308,7 @@ def open_recording(options: RecordingOptions, extra_sinks: Sequence[Sink] = ()) 
         schedule,
         (source.names, source.height, source.width),
     )
-    about = about_run(options.as_dict(), options.config, schedule.fps)
+    about = about_run(options.as_dict(), options.config, schedule.fps, options.seen_by.sensor)
     about["camera"] = {"width": source.width, "height": source.height}
     name = str(options.frames)
     solves = options.config.facts.regresses

@@ -15,6 +15,7 @@ from clsim.live.schedule import Schedule
 from clsim.scene import Camera, bundled_names
 from clsim.scene.motion import Matrix
 from clsim.scene.rigid import quaternion_of, without_scale
+from clsim.sensor.settings import SensorSettings
 from clsim.version import VERSION
 
 _HEAD = """\
@@ -24,14 +25,17 @@ _HEAD = """\
 _DISTORTION = {"perspective": ("k1", "k2", "p1", "p2", "k3"), "fisheye": ("k1", "k2", "k3", "k4")}
 
 
-def about_run(options: dict[str, Any], config: DetectorConfig, fps: float) -> dict[str, Any]:
+def about_run(
+    options: dict[str, Any], config: DetectorConfig, fps: float, sensor: SensorSettings | None = None
+) -> dict[str, Any]:
     """Return what a sidecar tells of any run; a scene file by its full path, so that it is found from any folder."""
     scene = options.get("scene")
     if scene is not None and scene not in bundled_names():
         options = options | {"scene": os.path.abspath(scene)}
     if options.get("camera_path") is not None:
         options = options | {"camera_path": os.path.abspath(options["camera_path"])}
-    return {
+    pattern = None if sensor is None else sensor.optics.color_filter
+    return ({} if pattern is None else {"color_filter": pattern}) | {
         "clsim_version": VERSION,
         "options": options,
         "thresholds": {"on": config.threshold_on, "off": config.threshold_off},

@@ -168,9 +168,10 @@ def load_options_world(options: LiveOptions) -> World:
 
 def in_colours_of(sensor: SensorSettings | None, world: World) -> World:
     """Return the world seen in the colours that a sensor's file asks for; they come before the scene's."""
-    if sensor is None or sensor.optics.spectral is None:
+    if sensor is None:
         return world
-    return replace(world, sensor=replace(world.sensor, spectral=sensor.optics.spectral))
+    optics, seen = sensor.optics, world.sensor
+    return replace(world, sensor=replace(seen, spectral=optics.spectral or seen.spectral, mosaic=optics.mosaic))
 
 
 def alone(world: World) -> World:
@@ -238,6 +239,8 @@ def plan_stages(
     specimen = specimen_of(options.sensor, options.seed, world.sensor.lux_per_unit / world.sensor.scale)
     retracing = None
     if options.time != "fixed":
+        if world.sensor.mosaic is not None:
+            raise InputError(f"a `sensor` with a color_filter needs `time` fixed, got {options.time}")
         if world.camera.shutter_s > 0:
             raise InputError(
                 f"`time` {options.time} finds brightness at instants, but the camera of {world.name} exposes for "
@@ -255,6 +258,8 @@ def _goes_fast(world: World, fps: float, driven: Collection[str]) -> bool:
 
     # Before such a camera few pixels change. One that exposes sees no instants between frames.
     watched = camera_watches(world) and not driven and world.camera.shutter_s == 0
+    # Nor is it known between frames what comes from a neighbour, behind another filter.
+    watched = watched and world.sensor.mosaic is None
     return watched and fastest_px_s(world) / fps > FAST_PX
 
 
@@ -336,4 +341,5 @@ def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
         scale=sensor.scale,
         floor=sensor.floor,
         luminance="rec709" if sensor.spectral == "luminance" else spectral_weights(sensor.spectral),
+        mosaic=sensor.mosaic,
     )

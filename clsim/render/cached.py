@@ -24,6 +24,7 @@ from clsim.render.film import Sample
 from clsim.render.first_hits import Seen
 from clsim.render.geometry import transform_vector
 from clsim.render.kept_light import Gathering, Lit, finished, gain, is_smooth, light_of, shown_in, wrong_by
+from clsim.render.kernel_input import spectral_of
 from clsim.render.light_cache import Cell, Followed, layer_of
 from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness
@@ -122,6 +123,7 @@ def make_cached(
         first = first_pixel + wp.tid() * pixels
         for number in range(first, first + pixels):
             pixel = number * wp.max(again, 1)
+            spectral = spectral_of(settings, pixel)
             state = sampling.absorb(settings.stream, pixel)
             if again > 0:
                 state = sampling.absorb(state, _AGAIN)
@@ -153,13 +155,13 @@ def make_cached(
                 )
                 if corner_pass:
                     break
-                lit = light_of(cells, followed, things, seen.things, gathering, settings.spectral)
+                lit = light_of(cells, followed, things, seen.things, gathering, spectral)
                 error = float(SHARE_ERROR)
                 told = steering.event.on > 0.0
                 if told and seen.counted:
-                    so_far = finished(lit, own[pixel], own[pixel], settings.spectral)
-                    gained = wp.where(again > 0, 0.0, gain(so_far, settings.spectral))
-                    level = level_of(shown_in(so_far, False, learnt[pixel] + gained), steering.event, settings.spectral)
+                    so_far = finished(lit, own[pixel], own[pixel], spectral)
+                    gained = wp.where(again > 0, 0.0, gain(so_far, spectral))
+                    level = level_of(shown_in(so_far, False, learnt[pixel] + gained), steering.event, spectral)
                     error = error_allowed(level, fired[pixel], steering.event)
                 looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, error, told)
             if corner_pass:
@@ -167,15 +169,15 @@ def make_cached(
             if steering.tells_shadows and again == 0:
                 out_shadows[pixel] = seen.shadow
             if again > 0:
-                lit = finished(lit, own[pixel], own_before[pixel], settings.spectral)
+                lit = finished(lit, own[pixel], own_before[pixel], spectral)
                 learnt_then = learnt[pixel]
                 if steering.earlier:
                     learnt_then = learnt_before[pixel]
                 shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
                 sees = shown_in(lit, steering.earlier, learnt_then)
                 for one in range(2):
-                    off, gained = wrong_by(lit, wp.where(one == 0, _OFF, -_OFF), steering.earlier, settings.spectral)
-                    seen_by = brightness(wp.where(one == 0, shows, sees), settings.spectral)
+                    off, gained = wrong_by(lit, wp.where(one == 0, _OFF, -_OFF), steering.earlier, spectral)
+                    seen_by = brightness(wp.where(one == 0, shows, sees), spectral)
                     learnt_twice[one, number] = learnt_twice[one, number] + gained
                     then = wp.where(steering.earlier, gained, 0.0)
                     out_twice[one, number] = seen_by * wp.exp(off - learnt_twice[one, number] + then)
@@ -220,16 +222,16 @@ def make_cached(
             if albedo[0] > 0.0:
                 own[pixel] = wp.cw_div(radiance, albedo)
             traced[pixel] = traced[pixel] + wanted
-            lit = finished(lit, own[pixel], before, settings.spectral)
+            lit = finished(lit, own[pixel], before, spectral)
             learnt_so_far = learnt[pixel]
             if settings.samples > 0:
-                learnt[pixel] = learnt_so_far + gain(lit, settings.spectral)
+                learnt[pixel] = learnt_so_far + gain(lit, spectral)
                 out_spent[1, pixel] = wanted
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]
             shown = shown_in(lit, steering.earlier, learnt_so_far)
             if steering.event.on > 0.0:
-                level = level_of(shown, steering.event, settings.spectral)
+                level = level_of(shown, steering.event, spectral)
                 fired[pixel] = fire(level, fired[pixel], steering.event)
             store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
             out_spent[0, pixel] = seen.rays

@@ -6,14 +6,17 @@ from clsim.render.geometry import Geometry
 from clsim.render.lights import Lights
 from clsim.render.materials import Materials
 
+Mosaic = wp.types.matrix(shape=(4, 3), dtype=float)
+"""What the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square see of R, G and B, a row each."""
+
 
 @wp.struct
 class Settings:
     """The options of a render that change nothing in the code; ``stream`` is the hash of seed (and frame).
 
     The exposure begins at ``opens`` and takes ``lasts`` of the interval that the scene's data covers. ``spectral`` is
-    what pixels see of R, G and B. Nothing is farther away than ``reach_m``, if that is finite, and no sphere is less
-    wide than ``least_sphere_rad`` [rad], seen from the camera.
+    what pixels see of R, G and B, and ``mosaic`` what those of each square of four do. Nothing is farther away than
+    ``reach_m``, if that is finite, and no sphere is less wide than ``least_sphere_rad`` [rad], seen from the camera.
     """
 
     samples: int
@@ -25,9 +28,17 @@ class Settings:
     opens: float
     lasts: float
     spectral: wp.vec3
+    mosaic: Mosaic
     reach_m: float
     least_sphere_rad: float
     stream: wp.uint64
+
+
+@wp.func
+def spectral_of(settings: Settings, pixel: int) -> wp.vec3:
+    """Return what a pixel sees of R, G and B."""
+    line = pixel // settings.width
+    return settings.mosaic[2 * (line % 2) + (pixel - line * settings.width) % 2]
 
 
 @wp.struct

@@ -91,7 +91,7 @@ class Retracer:
         self._kernel = build_kernel(features, data.tree)
         smallest_m = data.smallest_m if self._first_hits else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
-        self._settings: Any = settings_of(options, camera, data.world.sensor.spectral)
+        self._settings: Any = settings_of(options, camera, data.world.sensor)
         self._settings.stream = stream_state(options.seed, None)
         self._sight = Sight(pixel_of(camera), features.sharp, features.lamp_light)
         if self._first_hits:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,15 +16,15 @@ from clsim.render.camera import CameraData
 from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
 from clsim.render.film import Sample
 from clsim.render.integrator import build_kernel
-from clsim.render.kernel_input import Settings
+from clsim.render.kernel_input import Mosaic, Settings
 from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
 from clsim.render.pixel_width import pixel_of
 from clsim.render.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
-from clsim.scene.spectral import spectral_weights
-from clsim.scene.world import Spectral
+from clsim.scene.spectral import seen_by_pixels, spectral_weights
+from clsim.scene.world import Sensor
 
 if TYPE_CHECKING:
     from clsim.render.light_keeper import LightKeeper
@@ -36,8 +37,8 @@ SOBOL_BATCHES = 4
 """Independently scrambled batches of Sobol points; more make variances surer and pictures noisier."""
 
 
-def settings_of(options: RenderOptions, camera: Camera, spectral: Spectral) -> Any:
-    """Return the kernel's settings for pictures of a camera, of pixels that see such light."""
+def settings_of(options: RenderOptions, camera: Camera, sensor: Sensor) -> Any:
+    """Return the kernel's settings for pictures of a camera with such pixels."""
     settings: Any = Settings()
     settings.samples = options.spp
     settings.batches = SOBOL_BATCHES
@@ -45,7 +46,8 @@ def settings_of(options: RenderOptions, camera: Camera, spectral: Spectral) -> A
     settings.roulette_start = options.roulette_start
     settings.width, settings.height = camera.width, camera.height
     settings.reach_m = math.inf
-    settings.spectral = wp.vec3(*spectral_weights(spectral))
+    settings.spectral = wp.vec3(*spectral_weights(sensor.spectral))
+    settings.mosaic = Mosaic(*itertools.chain.from_iterable(seen_by_pixels(sensor)))
     return settings
 
 
@@ -115,7 +117,7 @@ class View:
         smallest_m = data.smallest_m if options.first_hit_rays else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._motion, self._sky_differs = camera.motion, features.environment_map
-        self._settings: Any = settings_of(options, camera, data.world.sensor.spectral)
+        self._settings: Any = settings_of(options, camera, data.world.sensor)
         if features.motion_blur:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share

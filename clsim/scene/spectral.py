@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from clsim.scene.world import Spectral, Vec3
+from clsim.scene.world import Mosaic, Sensor, Spectral, Vec3
 
 WEIGHTS: dict[str, Vec3] = {"luminance": (0.2126, 0.7152, 0.0722), "silicon": (0.304, 0.359, 0.337)}
 """``luminance`` is Rec. 709's.
@@ -28,3 +28,17 @@ def spectral_weights(spectral: Spectral) -> Vec3:
         return WEIGHTS[spectral]
     red, green, blue = (weight / sum(spectral) for weight in spectral)
     return red, green, blue
+
+
+def mosaic_of(pattern: str, red: Vec3, green: Vec3, blue: Vec3) -> Mosaic:
+    """Return what pixels behind a pattern of filters, such as RGGB, see; each filter's weights add up to 1."""
+    filters = {"R": spectral_weights(red), "G": spectral_weights(green), "B": spectral_weights(blue)}
+    first, second, third, fourth = (filters[colour] for colour in pattern)
+    return first, second, third, fourth
+
+
+def seen_by_pixels(sensor: Sensor) -> Mosaic:
+    """Return the weights of R, G and B of the pixels of each square of four; all are alike without filters."""
+    if sensor.mosaic is not None:
+        return sensor.mosaic
+    return (spectral_weights(sensor.spectral),) * 4

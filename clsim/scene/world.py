@@ -27,6 +27,8 @@ Back = Literal["same", "black", "culled"]
 LensModel = Literal["perspective", "fisheye", "orthographic"]
 Falloff = Literal["squared", "linear", "smooth", "frame"]
 Spectral = Literal["luminance", "silicon"] | Vec3
+Mosaic = tuple[Vec3, Vec3, Vec3, Vec3]
+"""Weights of R, G and B of the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square of four, x first."""
 
 
 class Deformation(Protocol):
@@ -338,6 +340,8 @@ class Sensor:
     lux_per_unit: float = 100.0
     """Illuminance of the sensor under a luminance of 1 [lux]."""
     spectral: Spectral = "luminance"
+    mosaic: Mosaic | None = None
+    """What pixels behind colour filters see instead; None where there are none."""
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -38,16 +38,21 @@ class Counts:
     Attributes:
         on, off: how many there were, ``[H, W]``.
         seconds: how long was recorded, from each recording's first event to its last [s].
+        next_alike, next_opposite: how many had the polarity of the one before them in their recording, and how many the
+            other, ``[H, W]``.
     """
 
     on: npt.NDArray[np.int64]
     off: npt.NDArray[np.int64]
     seconds: float = 0.0
+    next_alike: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((1, 1), np.int64))
+    next_opposite: npt.NDArray[np.int64] = field(default_factory=lambda: np.zeros((1, 1), np.int64))
 
     @classmethod
     def of_size(cls, width: int, height: int) -> Counts:
         """Return those of no recording."""
-        return cls(np.zeros((height, width), np.int64), np.zeros((height, width), np.int64))
+        on, off, alike, opposite = (np.zeros((height, width), np.int64) for _ in range(4))
+        return cls(on, off, 0.0, alike, opposite)
 
     def add(self, batches: Iterable[EventBatch]) -> None:
         """Count a recording's events.
@@ -57,6 +62,7 @@ class Counts:
         """
         first_us = last_us = None
         height, width = self.on.shape
+        before = np.zeros(width * height, np.int8)  # 1 is ON, -1 OFF
         for batch in batches:
             if not len(batch):
                 continue
@@ -65,8 +71,21 @@ class Counts:
             at = pixel_numbers(batch, width, height)
             for counts, chosen in ((self.on, batch["on"]), (self.off, ~batch["on"])):
                 counts += np.bincount(at[chosen], minlength=width * height).reshape(height, width)
+            self._add_pairs(at, np.where(batch["on"], 1, -1).astype(np.int8), before)
         if first_us is not None and last_us is not None:
             self.seconds += (last_us - first_us) * 1e-6
+
+    def _add_pairs(self, at: npt.NDArray[np.int64], sign: npt.NDArray[np.int8], before: npt.NDArray[np.int8]) -> None:
+        """Count which events have the sign of their pixel's last one; ``before`` keeps these."""
+        order = np.argsort(at, kind="stable")
+        at, sign = at[order], sign[order]
+        firsts = np.append(True, at[1:] != at[:-1])
+        product = sign * np.where(firsts, before[at], np.roll(sign, 1))
+        shape = self.on.shape
+        for counts, wanted in ((self.next_alike, 1), (self.next_opposite, -1)):
+            counts += np.bincount(at[product == wanted], minlength=self.on.size).reshape(shape)
+        lasts = np.append(firsts[1:], True)
+        before[at[lasts]] = sign[lasts]
 
 
 def pixel_numbers(batch: EventBatch, width: int, height: int) -> npt.NDArray[np.int64]:

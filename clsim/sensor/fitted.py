@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from clsim.sensor.fit_flicker import FlickerFit
 from clsim.sensor.fit_still import StillFit
+from clsim.sensor.fit_uniform import Rates, UniformFit
 
 _SHORTEST_REST_US = 20.0
 """A lamp that is no exact sine, or noise, looks like a shorter one."""
 Row = tuple[str, "tuple[float, float] | None", str]
 """A number's name, "stage.number", with its standard error; None where there is none of it. And what it is of."""
+PHOTONS = ("look.photons_per_lux", "look.dark_photons", "look.s")
+"""What is told of even scenes and no sensor file holds."""
 
 
 def fitted_rows(still: StillFit, flicker: FlickerFit | None) -> Iterator[Row]:
@@ -37,6 +40,30 @@ def fitted_rows(still: StillFit, flicker: FlickerFit | None) -> Iterator[Row]:
         yield "refractory.us", flicker.rest_us if rests else None, "lamp"
 
 
+def uniform_rows(found: UniformFit) -> Iterator[Row]:
+    """Yield what even scenes in several lights told: thresholds and leak, and the photons of a look."""
+    of = f"noise in several lights, off by {found.misfit:.2g} squared errors on average"
+    yield "threshold.on", found.on, of
+    yield "threshold.off", found.off, of
+    for name, number in (("hz", found.leak_hz), ("parasitic_hz_per_lux", found.leak_hz_per_lux)):
+        yield f"leak.{name}", number if number[0] > 2 * number[1] else None, of
+    for name, told in zip(PHOTONS, (found.photons_per_lux, found.dark_photons, found.look_s), strict=True):
+        yield name, told, of
+
+
+def noise_table(rates: Sequence[Rates], found: UniformFit) -> str:
+    """Return the lines of ``[noise]`` that say the rates in each light, those of leak taken off ON events."""
+    rising = sorted(rates, key=lambda each: each.lux)
+    leaks = [found.leak_hz[0] + found.leak_hz_per_lux[0] * each.lux for each in rising]
+    columns = {
+        "lux": [each.lux for each in rising],
+        "on_hz": [max(0.0, each.on_hz[0] - leak) for each, leak in zip(rising, leaks, strict=True)],
+        "off_hz": [each.off_hz[0] for each in rising],
+    }
+    lines = [f"{name} = [{', '.join(f'{value:.5g}' for value in column)}]" for name, column in columns.items()]
+    return "\n".join(["[noise]", *lines, "spread_decades = 0.0"])
+
+
 def _own_spread(still: StillFit, flicker: FlickerFit | None) -> tuple[float, float]:
     """Return the leak's spread without that of the thresholds over which pixels leak, if it is known."""
     spread, error = still.leak_decades
@@ -46,7 +73,9 @@ def _own_spread(still: StillFit, flicker: FlickerFit | None) -> tuple[float, flo
     return max(spread**2 - of_thresholds**2, 0.0) ** 0.5, error
 
 
-def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, base: str | None = None) -> str:
+def sensor_file(
+    name: str, size: tuple[int, int], rows: Sequence[Row], told: str, base: str | None = None, more: str = ""
+) -> str:
     """Return the text of a sensor file.
 
     Args:
@@ -54,7 +83,9 @@ def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, ba
         size: width and height [pixels].
         rows: see `fitted_rows`.
         told: what the numbers are from, such as the recordings' names.
-        base: the sensor that says what was not fitted. What was looked for and not seen is 0, whatever it says.
+        base: the sensor that says what was not fitted. What was looked for and not seen is 0, whatever it says; but no
+            threshold is.
+        more: tables that stand there as they are.
     """
     lines = ["# Fitted by `clsim sensor fit`.", f"name = {_quoted(name)}"]
     if base is not None:
@@ -63,7 +94,7 @@ def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, ba
     sources = {"optics.width": told, "optics.height": told}
     stage = ""
     for row, number, of in rows:
-        if number is None and base is None:
+        if row in PHOTONS or (number is None and (base is None or row.startswith("threshold"))):
             continue
         group, key = row.split(".")
         if group != stage:
@@ -72,6 +103,7 @@ def sensor_file(name: str, size: tuple[int, int], rows: list[Row], told: str, ba
         value, told_error = (0.0, "none seen") if number is None else (number[0], f"± {number[1]:.2g}")
         lines.append(f"{key} = {value:.5g}")
         sources[row] = f"{told_error}; {of}; {told}"
+    lines += ["", more] if more else []
     lines += ["", "[sources]", *(f"{_quoted(key)} = {_quoted(source)}" for key, source in sources.items())]
     return "\n".join(lines) + "\n"
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from clsim.errors import InputError
-from clsim.scene.spectral import are_weights
-from clsim.scene.world import Spectral
+from clsim.events.color_filter import Pattern
+from clsim.scene.spectral import are_weights, mosaic_of
+from clsim.scene.world import Mosaic, Spectral, Vec3
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
 from clsim.sensor.stage import Stage, check_not_negative, check_positive
 from clsim.values import read_fields, read_value
@@ -82,6 +83,8 @@ class Optics:
         pitch_um: from pixel to pixel [µm]; told, not simulated.
         fov_deg: horizontal field of view [degrees].
         spectral: how much of R, G and B its pixels see; see `clsim.scene.spectral`.
+        color_filter: colours of the filters before the pixels (0, 0), (1, 0), (0, 1), (1, 1), and so on.
+        filter_red, filter_green, filter_blue: what these filters let through of R, G and B; each counts by its sum.
     """
 
     width: int | None = None
@@ -89,6 +92,17 @@ class Optics:
     pitch_um: float | None = None
     fov_deg: float | None = None
     spectral: Spectral | None = None
+    color_filter: Pattern | None = None
+    filter_red: Vec3 = (1.0, 0.0, 0.0)
+    filter_green: Vec3 = (0.0, 1.0, 0.0)
+    filter_blue: Vec3 = (0.0, 0.0, 1.0)
+
+    @property
+    def mosaic(self) -> Mosaic | None:
+        """What the pixels of each square of four see of R, G and B; None without filters."""
+        if self.color_filter is None:
+            return None
+        return mosaic_of(self.color_filter, self.filter_red, self.filter_green, self.filter_blue)
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -100,6 +114,13 @@ class Optics:
             raise InputError(f"`fov_deg` must be less than 180, got {self.fov_deg:g}")
         if self.spectral is not None and not are_weights(self.spectral):
             raise InputError(f"`spectral` must be weights of R, G and B from 0, and not all 0, got {self.spectral}")
+        if self.spectral is not None and self.color_filter is not None:
+            raise InputError("`spectral` is of pixels without filters; give it or `color_filter`")
+        for name in ("filter_red", "filter_green", "filter_blue"):
+            if not are_weights(getattr(self, name)):
+                raise InputError(
+                    f"`{name}` must be weights of R, G and B from 0, and not all 0, got {getattr(self, name)}"
+                )
 
 
 _KINDS: dict[str, Any] = {

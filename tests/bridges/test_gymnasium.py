@@ -11,7 +11,7 @@ from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
 from clsim.events.grids import voxel_grid
 from clsim.scene.motion import compose
-from tests.simulator.stage import simulator
+from tests.simulator.stage import scene, simulator
 
 gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
 
@@ -92,3 +92,24 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
                 wrapped(run, **options)
         with pytest.raises(InputError, match="`form` must be one of voxels, histogram, got 'image'"):
             wrapped(run, form="image")
+
+
+def test_a_vector_of_environments_shares_one_scene(tmp_path: Path) -> None:
+    def rounds(envs: Any) -> list[bytes]:
+        observed, _ = envs.reset(seed=[3, 4])
+        assert observed["events"].shape[0] == 2
+        found = []
+        for _ in range(2):
+            *_, info = envs.step(np.array([[20.0], [-15.0]]))
+            found += [events["t"].tobytes() for events in info["events"]]
+        return found
+
+    with clsim.batch(scene(tmp_path), 2, quality="draft") as simulators:
+        envs = gymnasium.vector.SyncVectorEnv([lambda run=run: wrapped(run) for run in simulators])
+        together = rounds(envs)
+        assert simulators[0]._data is simulators[1]._data
+    runs = [simulator(tmp_path, quality="draft") for _ in range(2)]
+    alone = rounds(gymnasium.vector.SyncVectorEnv([lambda run=run: wrapped(run) for run in runs]))
+    assert together == alone and min(map(len, together)) > 20 * 8
+    for run in runs:
+        run.close()

@@ -21,7 +21,7 @@ from clsim.cli import watch
 from clsim.errors import InputError
 from clsim.events import CAUSES
 from clsim.events.files import open_sink
-from clsim.live.view.colormaps import CAUSE, lut
+from clsim.live.view.colormaps import CAUSE, FILTER, lut
 from tests.events.event_data import end_of
 from tests.live.view_events import random_events
 
@@ -146,6 +146,24 @@ def test_causes_are_drawn(clsim: Callable[..., object], tmp_path: Path) -> None:
     assert clsim("view", tmp_path / "a.h5", "--to", tmp_path / "a.png", *how).status == 0
     with Image.open(tmp_path / "a.png") as picture:
         assert (np.asarray(picture.convert("RGB")) == lut(CAUSE)[191]).all()
+
+
+def test_events_behind_filters_have_their_colours(clsim: Callable[..., Any], recording: Path, tmp_path: Path) -> None:
+    Path(f"{recording}.json").write_text('{"color_filter": "GRBG"}')
+    assert clsim("convert", recording, tmp_path / "b.csv").status == 0  # the pattern comes along
+    for name, how in ((recording, ()), (tmp_path / "b.csv", ("--colours", "filter"))):
+        how = (*how, "--zoom", "1", "--accumulate", "1s", "--contrast", "1")
+        assert clsim("view", name, "--to", tmp_path / "a.png", *how).status == 0
+        with Image.open(tmp_path / "a.png") as picture:
+            seen = np.asarray(picture.convert("RGB"))
+        red, green, blue = lut(FILTER)[[63, 127, 191]]
+        assert (seen[0::2, 0::2] == green).all() and (seen[1::2, 1::2] == green).all()
+        assert (seen[0::2, 1::2] == red).all() and (seen[1::2, 0::2] == blue).all()
+
+
+def test_filters_that_nobody_tells_of_are_not_shown(clsim: Callable[..., Any], recording: Path) -> None:
+    outcome = clsim("view", recording, "--to", "a.png", "--colours", "filter")
+    assert outcome.status == 2 and "no sidecar tells of a color_filter" in outcome.stderr
 
 
 @pytest.mark.parametrize(

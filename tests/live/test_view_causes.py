@@ -172,7 +172,13 @@ def test_the_page_is_told_of_causes(live: bool, tmp_path: Path) -> None:
             return ViewSink("a test", WIDTH, HEIGHT, port=0, causes=True)
         read = open_source
         return Player(
-            lambda: read(path, labels=("cause",)), "a test", WIDTH, HEIGHT, port=0, causes=True, colours=CAUSE
+            lambda: read(path, labels=("cause",)),
+            "a test",
+            WIDTH,
+            HEIGHT,
+            port=0,
+            kinds={"causes": CAUSES},
+            colours=CAUSE,
         )
 
     async def run(url: str) -> tuple[dict[str, Any], list[bytes]]:

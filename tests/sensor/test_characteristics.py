@@ -1,6 +1,8 @@
 """Curves of a sensor against closed forms."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,3 +114,26 @@ def test_a_picture_that_cannot_be_written_is_told_so(tmp_path):
     with pytest.raises(InputError, match="more than 8 sensors apart in one picture, got 9"):
         sensor_plot.plot_sensors([SensorSettings()] * 9, tmp_path / "a.png")
     assert not list(tmp_path.iterdir())
+
+
+LOSES = [
+    ("gen4.1", 0.0013, 0.006),
+    ("genx320", 0.0053, 0.024),
+    ("dvxplorer", 0.0079, 0.032),
+    ("gen3.1", 0.0094, 0.67),
+    ("davis346", 0.52, 0.88),
+]
+
+
+@pytest.mark.parametrize(("name", "at_25_million", "at_100_million"), LOSES)
+def test_cameras_lose_as_much_of_25_and_100_million_events_a_second_as_their_page_says(
+    name, at_25_million, at_100_million
+):
+    asked = np.array([25e6, 100e6])
+    read = characteristics.read_rates(load_sensor(name), asked)
+    # Half a million requests and more are counted, twice.
+    np.testing.assert_allclose(1 - read / asked, [at_25_million, at_100_million], atol=0.004)
+    page = (Path(__file__).parents[2] / "docs" / "sensor.md").read_text(encoding="utf-8")
+    row = next(line for line in page.splitlines() if line.startswith(f"| `{name}` |") and "%:" in line)
+    told = [float(share) / 100 for share in re.findall(r"([\d.]+) %", row)]
+    assert told == pytest.approx([at_25_million, at_100_million], rel=0.06)

@@ -5,9 +5,12 @@ import re
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from clsim.sensor.statistics import statistics
+from tools import simulated_digits
 from tools.real import digits
+from tools.real.digit_set import cut, make_screens
 from tools.real.page import Compared, page
 from tools.real.scene import DIRECTION, LAYERS, Look, Texture
 from tools.real.streams import Taken, at_rate
@@ -143,3 +146,38 @@ def test_a_linear_classifier_learns_what_is_linear():
     line = digits.Line(seen[:400], labels[:400])
     assert line.right(seen[400:], labels[400:]) > 0.95
     assert line.right(seen[400:], random.permutation(labels[400:])) < 0.3
+
+
+def test_a_screen_shows_each_digit_in_its_place_and_is_cut_likewise(tmp_path):
+    images = np.zeros((200, 28, 28))
+    images[np.arange(200), np.arange(200) % 28, 5] = 1.0
+    make_screens(tmp_path, images, np.arange(200) % 10)
+    with Image.open(tmp_path / "screens" / "001.png") as picture:
+        assert picture.size == (340, 340)
+        stored = np.asarray(picture.convert("L"))
+    y, x = np.nonzero(stored == 255)
+    assert set(zip(x.tolist(), y.tolist(), strict=True)) == {
+        (34 * (k % 10) + 5, 34 * (k // 10) + (100 + k) % 28) for k in range(100)
+    }
+    decoded = ((stored.min() / 255 + 0.055) / 1.055) ** 2.4
+    assert decoded == pytest.approx(digits.BLACK, rel=0.02)
+    events = np.zeros(len(x), [("t", "i8"), ("x", "u2"), ("y", "u2"), ("on", "?")])
+    events["t"], events["x"], events["y"] = 50_000, x, y
+    events[0]["t"] = 39_999  # before the saccades
+    parts = list(cut(events))
+    assert [len(part) for part in parts] == [0] + [1] * 99
+    assert [tuple(part[0])[:3] for part in parts[1:]] == [(10_000, 5, (100 + k) % 28) for k in range(1, 100)]
+
+
+def test_shifts_lose_what_leaves_the_picture():
+    events = np.zeros(3, [("t", "i8"), ("x", "u2"), ("y", "u2"), ("on", "?")])
+    events["x"], events["y"] = [0, 5, 33], [33, 5, 0]
+    assert digits.shifted(events, -1, 1)[["x", "y"]].tolist() == [(4, 6), (32, 1)]
+    assert len(digits.shifted(events, 0, 0)) == 3 and events["x"].tolist() == [0, 5, 33]
+
+
+def test_the_page_says_how_far_simulated_training_is_from_real():
+    rows = [["real", "300", "1", ".5", "0.917", "0.940"], ["a", "300", "1", ".5", "0.8", "0.85"]]
+    rows += [["a", "2700, moved too", "1", ".5", "0.867", "0.920"]]
+    text = " ".join(simulated_digits.page(rows, 20).split())
+    assert "a 5.0 points on the 60 and 2.0 on the 300." in text and "| real | 300 |" in text and "20 minutes" in text

@@ -17,8 +17,6 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from clsim.events import EventBatch, empty_batch
-from clsim.sensor import SensorSettings
-from clsim.sensor.lab import Lab, without
 from tools.real.v2e_model import V2e
 
 FloatArray = npt.NDArray[np.float64]
@@ -31,8 +29,8 @@ SACCADES = (
 """From when to when [ms], and from where to where the digit's corner goes [pixels]."""
 PARTS_US = (0, 105_000, 215_000, 310_000)
 """Between saccades."""
-STEP_US, BLACK, BLUR_PX, LUX = 2000, 0.05, 0.2, 100.0
-"""Between levels; of the screen's white; of the lens; of white."""
+STEP_US, BLACK, BLUR_PX = 2000, 0.05, 0.2
+"""Between frames for v2e; of the screen's white; of the lens."""
 TOGETHER = 30
 """Digits along the side of a picture that is simulated at once."""
 
@@ -73,16 +71,6 @@ def levels(images: FloatArray, time_ms: float) -> FloatArray:
     seen = ndimage.gaussian_filter(padded, (0, BLUR_PX, BLUR_PX))[:, :SIDE, :SIDE]
     sheet = seen.reshape(TOGETHER, TOGETHER, SIDE, SIDE).transpose(0, 2, 1, 3).reshape(TOGETHER * SIDE, -1)
     return np.log(BLACK + (1 - BLACK) * sheet)
-
-
-def camera(settings: SensorSettings) -> Callable[[int], Callable[[int, FloatArray], EventBatch]]:
-    """Return what builds clsim's pixels, by a seed. So few events wait for no readout."""
-
-    def build(seed: int) -> Callable[[int, FloatArray], EventBatch]:
-        lab = Lab(without(settings, "readout"), TOGETHER * SIDE, TOGETHER * SIDE, seed=seed, lux=LUX)
-        return lambda time_us, level: lab.to(time_us, level).events
-
-    return build
 
 
 def v2e() -> Callable[[int], Callable[[int, FloatArray], EventBatch]]:
@@ -140,6 +128,15 @@ def features(events: EventBatch) -> FloatArray:
     smooth = ndimage.gaussian_filter(counts, (0, 0, 1.0, 1.0))
     pooled = smooth.reshape(6, SIDE // 2, 2, SIDE // 2, 2).sum(axis=(2, 4)).ravel()
     return np.asarray(np.sqrt(pooled) / max(np.sqrt(pooled.sum()), 1e-9))
+
+
+def shifted(events: EventBatch, x: int, y: int) -> EventBatch:
+    """Return the events moved by so many pixels, without those that leave the picture."""
+    right, down = events["x"].astype(np.int64) + x, events["y"].astype(np.int64) + y
+    inside = (right >= 0) & (right < SIDE) & (down >= 0) & (down < SIDE)
+    moved = events[inside].copy()
+    moved["x"], moved["y"] = right[inside], down[inside]
+    return moved
 
 
 class Line:

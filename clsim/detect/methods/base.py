@@ -53,6 +53,7 @@ class Setting:
             "LIN_LOG": int(config.response == "lin-log"),
             "FLOOR_Y": f"{config.floor:.9e}" + ("" if config.precision == "float64" else "f"),
             "LINEAR": int(config.linear),
+            "MOSAIC": int(config.mosaic is not None),
             "SHRINK": int(shrinks),
         }
         return Workplace(self.device, layout, self.queue, macros)

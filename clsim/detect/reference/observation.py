@@ -68,6 +68,11 @@ def weights_of(config: DetectorConfig) -> F64:
 
 def scaled_luminance(rgb: F64, config: DetectorConfig) -> F64:
     """Return the luminance of linear radiance ``[3, …]``, times the configured scale."""
+    if config.mosaic is not None:
+        height, width = rgb.shape[1:]
+        square = np.array(config.mosaic).reshape(2, 2, 3)
+        behind = square[np.arange(height)[:, None] % 2, np.arange(width) % 2]
+        return np.asarray(np.einsum("yxc,cyx->yx", behind, rgb) * config.scale)
     weights = weights_of(config)
     result: F64 = np.tensordot(weights, rgb, axes=1) * config.scale
     return result

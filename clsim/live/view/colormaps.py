@@ -2,7 +2,7 @@
 
 Each map joins a colour for "nothing" to one ramp for OFF and one for ON, on a dark and on a light ground. The pairs
 differ in hue *and* stay apart when the difference of red and green is taken away. One more map has a ramp for each
-cause of events, in hues of Okabe and Ito (Color Universal Design, 2008).
+cause of events, in hues of Okabe and Ito (Color Universal Design, 2008), and one for each colour filter.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ DEFAULT = "blue-orange"
 CAUSE = "cause"
 """The map of causes: index CAUSE_LEVELS · cause is "nothing", and from there the ramp of that cause goes up."""
 CAUSE_LEVELS = 256 // len(CAUSES)
+FILTER = "filter"
+"""The map of colour filters, likewise; the rest of the table is not used."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,18 @@ _MAPS: dict[str, dict[Theme, _Ramps]] = {
         "light": _Ramps("9aa0a8", ("62676e", "2a2e33", "000000"), ("cbd0d6", "f2f4f6", "ffffff")),
     },
 }
+_FILTER_RAMPS: dict[Theme, dict[str, tuple[str, ...]]] = {
+    "dark": {
+        "red": ("8a1f1f", "ff4a3d", "ff8f85"),
+        "green": ("1a6b2a", "3fd65a", "9cf7ac"),
+        "blue": ("24409c", "4f7dff", "a3bcff"),
+    },
+    "light": {
+        "red": ("ffb3ab", "e02b1d", "7f0f07"),
+        "green": ("a9dfb0", "1a9a3a", "00441b"),
+        "blue": ("b3c4ff", "2a55e0", "081f6b"),
+    },
+}
 _CAUSE_RAMPS: dict[Theme, dict[str, tuple[str, ...]]] = {
     "dark": {
         "signal": ("1f5f86", "56b4e9", "8fd0f5"),
@@ -66,17 +80,21 @@ _CAUSE_RAMPS: dict[Theme, dict[str, tuple[str, ...]]] = {
         "hot": ("9aa0a8", "2a2e33", "000000"),
     },
 }
+_KIND_RAMPS = {CAUSE: _CAUSE_RAMPS, FILTER: _FILTER_RAMPS}
 NAMES = tuple(_MAPS)
 """Those of ON and OFF."""
+KINDS = tuple(_KIND_RAMPS)
+"""Those of kinds of events."""
 
 
 def lut(name: str = DEFAULT, theme: Theme = "dark") -> Lut:
     """Return the table uint8 ``[256, 3]`` of a map; raises InputError for an unknown name."""
-    require_choice("the colour map", name, (*NAMES, CAUSE))
-    if name == CAUSE:
+    require_choice("the colour map", name, (*NAMES, *KINDS))
+    if name in _KIND_RAMPS:
         nothing = _rgb(_MAPS[DEFAULT][theme].rest)
-        parts = [_ramp([nothing, *map(_rgb, _CAUSE_RAMPS[theme][cause])], CAUSE_LEVELS) for cause in CAUSES]
-        return np.rint(np.concatenate(parts)).astype(np.uint8)
+        kinds = _KIND_RAMPS[name][theme].values()
+        parts = [_ramp([nothing, *map(_rgb, ramp)], CAUSE_LEVELS) for ramp in kinds]
+        return np.resize(np.rint(np.concatenate(parts)), (256, 3)).astype(np.uint8)
     ramps = _MAPS[name][theme]
     rest = _rgb(ramps.rest)
     table = np.empty((256, 3))

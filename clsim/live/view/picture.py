@@ -16,7 +16,7 @@ from clsim.errors import InputError
 from clsim.events import EventBatch, Labels
 from clsim.events.filesink import PartFile, unwritable
 from clsim.live.view.accumulate import EventWindow, IndexImage, cause_indices, colour_indices, signed_image
-from clsim.live.view.colormaps import CAUSE, DEFAULT, ZERO, Lut, Theme, lut
+from clsim.live.view.colormaps import DEFAULT, KINDS, ZERO, Lut, Theme, lut
 
 ENDINGS = (".mp4", ".gif", ".png")
 _DECAY_REACH = 5
@@ -32,7 +32,7 @@ class Look:
     full: float = 2.0
     """Sum of events in a pixel that gets the strongest colour."""
     colours: str = DEFAULT
-    """Name of a colour map; CAUSE is for batches that have ``labels``."""
+    """Name of a colour map; KINDS are for batches that have ``labels``."""
     theme: Theme = "dark"
     scale: int = 2
     """Side of a pixel in the picture."""
@@ -40,7 +40,7 @@ class Look:
     @property
     def labels(self) -> Labels:
         """Labels that events must have to be shown so."""
-        return ("cause",) if self.colours == CAUSE else ()
+        return ("cause",) if self.colours in KINDS else ()
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def _windows(batches: Iterable[EventBatch], look: Look, step_us: float) -> Itera
 
 def _image(events: EventBatch, end_us: int, size: tuple[int, int], look: Look) -> IndexImage:
     decay_us = float(look.accumulate_us) if look.decay else None
-    if look.colours == CAUSE:
+    if look.colours in KINDS:
         return cause_indices(events, *size, look.full, end_us=end_us, decay_us=decay_us)
     return colour_indices(signed_image(events, *size, end_us=end_us, decay_us=decay_us), look.full)
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.events import CAUSES, EventBatch
+from clsim.events import EventBatch
 from clsim.events.filesource import EventSource
 from clsim.live.view.hub import Hub
 from clsim.live.view.playback import Playback, TimedImages
@@ -36,13 +36,13 @@ class Player:
         host: str = "127.0.0.1",
         port: int | None = None,
         read_frames: Callable[[], TimedImages] | None = None,
-        causes: bool = False,
+        kinds: Mapping[str, Sequence[str]] | None = None,
         colours: str | None = None,
     ) -> None:
         """Start the server; ``read_frames`` begins to read the frames that were recorded along, if there are any.
 
-        ``causes`` tells whether events have a field ``cause``, ``colours`` with which map the page begins; None is that
-        of last time.
+        ``kinds`` are the names of what the field ``cause`` of events tells, "causes" or "filters"; ``colours`` is the
+        map with which the page begins, None that of last time.
 
         Raises:
             InputError: aiohttp is missing, or the port cannot be used.
@@ -53,7 +53,7 @@ class Player:
         self._error: BaseException | None = None
         self._playbacks: list[Playback] = []
         hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": False}
-        hello |= {"causes": CAUSES} if causes else {}
+        hello |= kinds or {}
         hello |= {} if colours is None else {"colours": colours}
         self._server = PageServer(hello, self._status, host, port, play=self._play)
         self.url, self.warning = self._server.url, self._server.warning

@@ -252,7 +252,7 @@ def _page_files() -> dict[str, tuple[bytes, str]]:
     }
     tables = {
         name: {theme: colormaps.lut(name, theme).reshape(-1).tolist() for theme in ("dark", "light")}
-        for name in (*colormaps.NAMES, colormaps.CAUSE)
+        for name in (*colormaps.NAMES, *colormaps.KINDS)
     }
     page["colormaps.json"] = (json.dumps(tables, separators=(",", ":")).encode(), "application/json")
     return page

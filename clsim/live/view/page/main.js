@@ -8,6 +8,7 @@ import { percent, seconds, short, span } from "./text.js";
 
 const HEADER_BYTES = 32;
 const EVENTS = 1, SEEK = 4, CAUSED = 8;
+const KINDS = { cause: "causes", filter: "filters" }; // maps of kinds of events, and what the server tells of them
 const IMAGES = { 2: "noisy", 3: "denoised", 5: "depth", 6: "flow", 7: "ids" };
 const RATE_OVER_US = 50_000;
 const SKIPPED = "Events that this browser was too slow to draw; files and streams have them all";
@@ -197,13 +198,13 @@ function restyle() {
   const rgb = tables[settings.colours][theme];
   const table = new Uint32Array(256);
   for (let i = 0; i < 256; i++) table[i] = (255 << 24 | rgb[3 * i + 2] << 16 | rgb[3 * i + 1] << 8 | rgb[3 * i]) >>> 0;
-  const byCause = settings.colours === "cause" && hello !== null;
+  const byCause = settings.colours in KINDS && hello !== null;
   // Points and bars take the ramps' middle; grey says nothing on a ground of its own, so they stay coloured there.
   const ramps = byCause || settings.colours === "grey" ? tables["blue-orange"][theme] : rgb;
   const of = (colours, index) => [...colours.slice(3 * index, 3 * index + 3)];
   const css = (colour) => `rgb(${colour.join(" ")})`;
   const [off, on] = [of(ramps, 43), of(ramps, 213)];
-  const legend = byCause ? hello.causes.map((name, k) => [name, of(rgb, CAUSE_LEVELS * k + 42)]) : [["OFF", of(rgb, 43)], ["ON", of(rgb, 213)]];
+  const legend = byCause ? hello[KINDS[settings.colours]].map((name, k) => [name, of(rgb, CAUSE_LEVELS * k + 42)]) : [["OFF", of(rgb, 43)], ["ON", of(rgb, 213)]];
   const style = getComputedStyle(document.documentElement);
   const unit = (colour) => colour.map((c) => c / 255);
   look = {
@@ -230,8 +231,8 @@ const sliders = {
   contrast: { key: "full", low: 20, high: 0.5, text: null },
 };
 
-// Only what is labelled can be coloured by cause.
-const offered = () => Object.keys(tables).filter((name) => name !== "cause" || hello.causes);
+// Only what is labelled can be coloured by cause, and only what is seen through filters by these.
+const offered = () => Object.keys(tables).filter((name) => !(name in KINDS) || hello[KINDS[name]]);
 
 function offerColours() {
   if (!offered().includes(settings.colours)) settings.colours = offered()[0];
