@@ -159,9 +159,10 @@ start and stop. The way of the saccades and the blur of v2e's frames were chosen
 and so were the thresholds of `--sensor atis`. The bit of polarity in the real files is set where light falls.
 
 The recordings are a data set of `clsim dataset digits`: a hundred digits on each screen, rendered, and seen by the
-camera. v2e, its published equations with the defaults of its command line, sees frames of the same digits on the same
-way, 500 a second. The classifier is linear: ridge regression on the square roots of counts of either polarity in each
-saccade, smoothed over a pixel and added up over 2×2, scaled to length 1 (1,734 numbers).
+camera; screens are drawn at random, so some are seen twice. v2e, its published equations with the defaults of its
+command line, sees frames of the same digits on the same way, 500 a second. The classifier is linear: ridge regression
+on the square roots of counts of either polarity in each saccade, smoothed over a pixel and added up over 2×2, scaled to
+length 1 (1,734 numbers).
 
 ## Again
 
