@@ -1,7 +1,10 @@
 """What docs/real-cameras.md is made with: a drifting texture, v2e's equations, the search for a rate, and the line."""
 
+import io
+import json
 import math
 import re
+import tarfile
 
 import numpy as np
 import pytest
@@ -151,7 +154,7 @@ def test_a_linear_classifier_learns_what_is_linear():
 def test_a_screen_shows_each_digit_in_its_place_and_is_cut_likewise(tmp_path):
     images = np.zeros((200, 28, 28))
     images[np.arange(200), np.arange(200) % 28, 5] = 1.0
-    make_screens(tmp_path, images, np.arange(200) % 10)
+    make_screens(tmp_path, images)
     with Image.open(tmp_path / "screens" / "001.png") as picture:
         assert picture.size == (340, 340)
         stored = np.asarray(picture.convert("L"))
@@ -167,6 +170,21 @@ def test_a_screen_shows_each_digit_in_its_place_and_is_cut_likewise(tmp_path):
     parts = list(cut(events))
     assert [len(part) for part in parts] == [0] + [1] * 99
     assert [tuple(part[0])[:3] for part in parts[1:]] == [(10_000, 5, (100 + k) % 28) for k in range(1, 100)]
+
+
+def test_what_real_recordings_show_is_not_simulated(tmp_path):
+    with tarfile.open(tmp_path / "a.tgz", "w:gz") as archive:
+        for digit in range(10):
+            data = json.dumps({"data": [digit + 0.1 * k for k in range(3) for _ in range(28 * 28)]}).encode()
+            told = tarfile.TarInfo(f"package/src/digits/{digit}.json")
+            told.size = len(data)
+            archive.addfile(told, io.BytesIO(data))
+    images, labels, places = digits.digits(tmp_path / "a.tgz")
+    np.testing.assert_allclose(images[:, 0, 0], labels + 0.1 * places)
+    # Real ones show two sevens and a one: the first two sevens and the first one are known.
+    left = digits.strange(labels, places, np.array([7, 1, 7]))
+    known = {(int(label), int(place)) for label, place in zip(labels[~left], places[~left], strict=True)}
+    assert known == {(7, 0), (7, 1), (1, 0)}
 
 
 def test_shifts_lose_what_leaves_the_picture():

