@@ -41,6 +41,8 @@ class Surfaces:
         rgba = model.geom_rgba[geom].tolist()
         if index >= 0 and tuple(rgba) == _DEFAULT:
             rgba = model.mat_rgba[index].tolist()
+        # As in MuJoCo's own picture, no colour reflects more light than there is.
+        rgba = np.clip(rgba, 0.0, 1.0).tolist()
         if rgba[3] <= 0:
             return None
         color = decode_srgb(rgba[:3])

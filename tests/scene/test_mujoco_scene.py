@@ -109,6 +109,16 @@ def test_what_mujocos_compiler_says_is_noted_and_refuses_nothing(tmp_path: Path)
     assert not world.warnings and all(note.startswith("mujoco: ") for note in world.notes)
 
 
+def test_colours_above_1_are_1(tmp_path: Path) -> None:
+    """Models in use have them, written as if of 255."""
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><worldbody><light pos="0 0 3"/><geom size=".1" rgba="22 0.5 -1 7"/></worldbody></mujoco>'
+    )
+    world = load_world(tmp_path / "m.xml")
+    material = world.materials[world.meshes[0].material_ids[0]]
+    assert material.color == pytest.approx((1.0, 0.214, 0.0), abs=1e-3) and material.opacity == 1
+
+
 def test_no_parameters(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="models of MuJoCo's have no parameters"):
         load_world(f"{saved(tmp_path, FALL)}#a=1")
