@@ -17,6 +17,7 @@ def _one(value: Any) -> Any:
 Index = Annotated[int, Field(ge=0)]
 Share = Annotated[float, BeforeValidator(_one), Field(ge=0, le=1)]
 NonNegative = Annotated[float, Field(ge=0)]
+AtLeastOne = Annotated[float, Field(ge=1)]
 Color = tuple[NonNegative, NonNegative, NonNegative]
 Vector = tuple[float, float, float]
 
@@ -151,6 +152,24 @@ class Specular(Part):
     specularColorTexture: TextureInfo | None = None
 
 
+class Anisotropy(Part):
+    """KHR_materials_anisotropy."""
+
+    anisotropyStrength: Share = 0.0
+    anisotropyTexture: TextureInfo | None = None
+
+
+class Iridescence(Part):
+    """KHR_materials_iridescence."""
+
+    iridescenceFactor: Share = 0.0
+    iridescenceTexture: TextureInfo | None = None
+    iridescenceIor: AtLeastOne = 1.3
+    iridescenceThicknessMaximum: NonNegative = 400.0
+    iridescenceThicknessTexture: TextureInfo | None = None
+    iridescenceThicknessMinimum: NonNegative = 100.0
+
+
 class Unlit(Part):
     """KHR_materials_unlit."""
 
@@ -167,6 +186,8 @@ class MaterialExtensions(Part):
     KHR_materials_clearcoat: Clearcoat = Clearcoat()
     KHR_materials_specular: Specular = Specular()
     KHR_materials_pbrSpecularGlossiness: SpecularGlossiness | None = None
+    KHR_materials_anisotropy: Anisotropy | None = None
+    KHR_materials_iridescence: Iridescence | None = None
     KHR_materials_unlit: Unlit | None = None
 
 

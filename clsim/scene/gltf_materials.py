@@ -12,6 +12,7 @@ from clsim.errors import InputError
 from clsim.scene import gltf_material_schema as schema
 from clsim.scene.geometry import flipped_v
 from clsim.scene.gltf_accessors import EXTENSIONS, GltfFile
+from clsim.scene.gltf_layers import reflected_by_film, roughness_between
 from clsim.scene.gltf_light import LightTracks
 from clsim.scene.images import U8, PixelBudget, decode_rgba, decode_srgb
 from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
@@ -125,7 +126,34 @@ class MaterialReader:
             opacity_texture=base if blends else -1,
             name=source.name,
         )
-        return _solid(material, extra.KHR_materials_volume)
+        return _solid(self._under_layers(material, extra, name), extra.KHR_materials_volume)
+
+    def _under_layers(self, material: Material, extra: schema.MaterialExtensions, name: str) -> Material:
+        """Return a material as it looks under layers that clsim has not, told once."""
+        brushed, film = extra.KHR_materials_anisotropy, extra.KHR_materials_iridescence
+        if brushed is not None and brushed.anisotropyStrength > 0:
+            self._warn(f"the mean of roughness along and across stands in for anisotropy (the first is that of {name})")
+            strength = brushed.anisotropyStrength * self._mean("anisotropy", brushed.anisotropyTexture, name)[2]
+            material = replace(material, alpha=roughness_between(material.alpha, strength))
+        if film is None or film.iridescenceFactor == 0:
+            return material
+        self._warn(f"films have the colour that they have seen from above (the first is that of {name})")
+        share = film.iridescenceFactor * self._mean("iridescence", film.iridescenceTexture, name)[0]
+        thin, thick = film.iridescenceThicknessMinimum, film.iridescenceThicknessMaximum
+        filled = self._mean("iridescence thickness", film.iridescenceThicknessTexture, name)[1]
+        seen = share, film.iridescenceIor, thin + (thick - thin) * filled
+        bare = ((material.ior - 1.0) / (material.ior + 1.0)) ** 2
+        r, g, b = reflected_by_film((bare, bare, bare), *seen)
+        # What passes light keeps its index of refraction, whatever it reflects.
+        highest = bare if material.transmission > 0 else min(max(r, g, b, 1e-6), 0.9)
+        x, y, z = material.specular_color
+        root = math.sqrt(highest)
+        return replace(
+            material,
+            color=_mixed(material.color, reflected_by_film(material.color, *seen), material.metallic),
+            ior=(1.0 + root) / (1.0 - root),
+            specular_color=(x * min(r / highest, 1.0), y * min(g / highest, 1.0), z * min(b / highest, 1.0)),
+        )
 
     def _mean(
         self, feature: str, info: schema.TextureInfo | None, name: str, *, srgb: bool = False
@@ -226,6 +254,11 @@ def _textures(source: schema.Material) -> list[schema.TextureInfo]:
 def _set(info: schema.TextureInfo) -> int:
     transform = info.extensions.KHR_texture_transform
     return info.texCoord if transform is None or transform.texCoord is None else transform.texCoord
+
+
+def _mixed(color: Vec3, other: Vec3, share: float) -> Vec3:
+    r, g, b = (one + (two - one) * share for one, two in zip(color, other, strict=True))
+    return r, g, b
 
 
 def _scaled(color: Vec3, factor: float) -> Vec3:
