@@ -10,8 +10,9 @@ ROWS = (
         "triangles, skins, morph targets, all animations of nodes, lamps and glow; cameras, orthographic ones too; "
         "`KHR_lights_punctual`, instancing, quantisation, Draco (extra `draco`), texture transforms, WebP",
         "points and lines; a file that requires meshopt or KTX2 is refused, with the tool that unpacks it (`gltfpack`, "
-        "`gltf-transform`); textures of clearcoat, specular and transmission count by their mean; anisotropy, "
-        "iridescence and other materials' extensions; of keyframes at one time the last counts",
+        "`gltf-transform`); textures of clearcoat, specular and transmission count by their mean; brushed "
+        "grooves are as rough as the mean of both ways, thin films have the colour that they have from above; other "
+        "materials' extensions; of keyframes at one time the last counts",
     ),
     (
         "USD (extra `usd`)",
