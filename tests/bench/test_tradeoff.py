@@ -234,6 +234,7 @@ def test_later_passes_render_what_the_first_one_did(monkeypatch: pytest.MonkeyPa
         assert np.array_equal(each.events, passes[0].events) and each.paths == passes[0].paths
 
 
+@pytest.mark.slow
 def test_where_nothing_happens_there_is_nothing_to_score(tmp_path: Path) -> None:
     """Two frames a microsecond apart."""
     wanted = options(tmp_path, points=POINTS[:1], reference_spp=1, frames=2, fps=1e6)
@@ -258,6 +259,7 @@ def test_wrong_options_are_refused(tmp_path: Path, changes: dict[str, Any], mess
         options(tmp_path, **changes)
 
 
+@pytest.mark.slow
 def test_the_reference_is_made_finer_until_it_has_converged_and_that_is_told(tmp_path: Path) -> None:
     quick, fine = (
         run_tradeoff(options(tmp_path, points=POINTS[:1], reference_budget_s=budget_s), ignore)

@@ -94,6 +94,7 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
             wrapped(run, form="image")
 
 
+@pytest.mark.slow
 def test_a_vector_of_environments_shares_one_scene(tmp_path: Path) -> None:
     def rounds(envs: Any) -> list[bytes]:
         observed, _ = envs.reset(seed=[3, 4])

@@ -32,6 +32,7 @@ def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> 
     assert f"clsim: draft: {settings}" in words(outcome.stderr)
 
 
+@pytest.mark.slow
 def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., object]) -> None:
     rays = ("--sampler", "sobol", "--first-hit-rays", "4")
     command = ("live", "still", *SMALL, *rays, "--method", "irradiance", "--view", "none")

@@ -55,6 +55,7 @@ def test_kernels_there_agree_with_the_reference() -> None:
     assert tested.returncode == 0 and " passed" in tested.stdout, tested.stdout + tested.stderr
 
 
+@pytest.mark.slow
 def test_where_nothing_fits_one_sentence_says_so() -> None:
     ended = run("-c", WITHOUT_NAMES)
     assert ended.returncode == 2 and ended.stdout == ""

@@ -10,7 +10,7 @@ import pytest
 
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("anything")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 
 HALVES = ImageTexture(np.array([[[255, 255, 255, 255], [255, 255, 255, 64]]], np.uint8), nearest=True)
 """Opaque where u < 1/2, a quarter opaque elsewhere."""
@@ -89,7 +89,6 @@ def test_shadows_let_their_share_of_light_through(light):
     assert np.all(hw.radiance(hw.render(shaded_floor(shut, **LIGHTS[light]), spp=64, max_depth=2)).mean() <= edge)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("mode", ["mask", "blend"])
 def test_every_way_of_finding_light_agrees_behind_leaves(mode):
     """A lamp with holes of its own behind a screen with holes."""
@@ -129,7 +128,6 @@ def test_a_ray_ends_among_endless_layers():
     assert np.isfinite(frame.planes[:12]).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["light", "scatter"])
 def test_shadow_rays_end_after_as_many_layers_as_others(strategy):
     """A glowing ceiling above clear panes, found one way or the other: 250 panes change nothing, 300 shut it off."""
@@ -149,7 +147,6 @@ def test_shadow_rays_end_after_as_many_layers_as_others(strategy):
     assert np.all(lit(300) == 0)
 
 
-@pytest.mark.slow
 def test_first_hits_do_not_see_the_colour_of_what_is_cut_out():
     """Squares of leaf between squares of black air, many a pixel: what is hit is leaf and nothing else."""
     pixels = np.zeros((64, 64, 4), np.uint8)

@@ -13,7 +13,7 @@ from clsim.render import RenderOptions, describe_build
 from clsim.render.shutter import key_steps, key_times
 from clsim.scene import Camera, Instance, Material, PunctualLight, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
 
 GLOW = Material(color=(0.0, 0.0, 0.0), emission=(1.0, 2.0, 4.0))
 GREY = Material(color=(0.5, 0.5, 0.5))
@@ -238,7 +238,6 @@ def test_blur_changes_nothing_where_nothing_moves():
     np.testing.assert_array_equal(hw.render(scene, spp=4).planes, sharp)
 
 
-@pytest.mark.slow
 def test_an_object_that_rests_while_another_moves_stays_as_it_was():
     scene = strip(hw.IDENTITY, view())
     moving = replace(

@@ -13,7 +13,7 @@ from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Camera, Instance, Lens, Material, Static, load_world
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
 
 FOX = Path(__file__).parents[2].parent / "shared" / "assets" / "gltf" / "Fox.glb"
 
@@ -146,7 +146,6 @@ def test_what_deforms_blurs_as_what_moves(tree):
     assert np.abs(still - moved)[ramp].max() > 0.4
 
 
-@pytest.mark.slow
 def test_a_blurred_lamp_that_deforms_is_found_both_ways():
     """What a deforming lamp gives to a wall does not depend on how it is found."""
     lamp = hw.quad((-0.5, 1.0, -0.5), (0, 0, 1), (1, 0, 0), material=1)
@@ -175,7 +174,6 @@ def test_what_deforms_is_in_the_middle_of_its_way_on_average():
     assert abs(centres[0] - 23.5) < 0.1 and abs(centres[1] - 23.5) < 0.1
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(not FOX.exists(), reason="the folder of shared scenes is not there")
 def test_the_fox_walks():
     """Its legs are at other places, and each frame shows the mesh of its time."""

@@ -15,7 +15,7 @@ from clsim.render import Effort, RenderCancelled
 from clsim.render.effort import SURE, Sight, looks_of
 from clsim.render.steered import GRADES
 
-pytestmark = pytest.mark.usefixtures("ordinary")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ordinary")]  # kernels of their own are compiled
 
 C = 0.2
 SHAPE = (10, 12)

@@ -12,7 +12,7 @@ from clsim.render.devices import start_warp
 from clsim.render.environment_build import LUMINANCE, guide, steps, tabulate, upload_environment
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 WHITE = Material(color=(1.0, 1.0, 1.0))

@@ -9,7 +9,7 @@ import pytest
 from clsim.render.light_choice import LEAST_SHARE, arriving, fair
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("anything")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 
 GREY = Material(color=(0.5, 0.5, 0.5))
 SUN_W_M2 = 1000.0

@@ -11,7 +11,7 @@ import pytest
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
 
-pytestmark = pytest.mark.usefixtures("anything")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 
 WHITE = Material(color=(1.0, 1.0, 1.0))
 LAMP = Material(color=(0.0, 0.0, 0.0), emission=(4.0, 5.0, 6.0), emits_behind=False)

@@ -10,7 +10,7 @@ import pytest
 
 from clsim.scene import CheckerTexture, Material, PunctualLight, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("anything")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 
 WHITE = (1.0, 1.0, 1.0)
 GLOW = Material(color=(0, 0, 0), emission=(4.0, 5.0, 6.0), emits_behind=False)
@@ -150,7 +150,6 @@ def test_features_follow_a_mirror():
     assert np.all(frame.plane("Coverage") == 1)
 
 
-@pytest.mark.slow
 def test_features_of_the_mirror_itself_on_request():
     silver = Material(kind="conductor", color=(0.9, 0.8, 0.7))
     frame = hw.render(mirrored_wall(silver), spp=64, follow_specular=False)
@@ -160,7 +159,6 @@ def test_features_of_the_mirror_itself_on_request():
         np.testing.assert_allclose(frame.plane(f"Albedo.{channel}"), expected, rtol=1e-5)
 
 
-@pytest.mark.slow
 def test_following_changes_features_and_not_light():
     scene = room(Material(kind="dielectric", color=WHITE))
     followed, plain = (hw.render(scene, spp=16, follow_specular=f) for f in (True, False))

@@ -19,6 +19,8 @@ from clsim.scene.motion import Keyframes
 from clsim.scene.validate import validate
 from clsim.scene.world import CheckerTexture
 
+pytestmark = pytest.mark.slow  # kernels of their own are compiled
+
 LENS = Lens(model="orthographic", view_width_m=3.0)
 POSE = hw.look_from((0.4, 1.5, 2.5), (0.1, 0.0, -0.2), up=(0.2, 1.0, 0.0))
 T0_S, T1_S = 0.1, 0.18

@@ -18,7 +18,7 @@ from clsim.render.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
 from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
 
-pytestmark = pytest.mark.usefixtures("ordinary")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ordinary")]  # kernels of their own are compiled
 
 FPS = 30.0
 FRAMES = (0, 3, 4, 11)
@@ -105,12 +105,10 @@ def test_requests_have_no_variances():
     assert not options.features(data.features, data.world.camera, requests=True).variances
 
 
-@pytest.mark.slow
 def test_a_request_gives_the_bits_of_the_frame_where_everything_moves():
     compare(busy_world(), RenderOptions(spp=4, sampler="sobol", threads=2, tile_pixels=50))
 
 
-@pytest.mark.slow
 def test_first_hits_of_a_request_are_those_of_the_frame():
     """Radiance is what shines, and light straight from lamps: requests find no other irradiance."""
     options = RenderOptions(spp=1, sampler="sobol", first_hit_rays=16, threads=2, tile_pixels=50)
@@ -121,7 +119,6 @@ def test_first_hits_of_a_request_are_those_of_the_frame():
     assert (found[-1] > 0).mean() > 0.5
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "things"])
 @pytest.mark.parametrize("rays", [0, 16])
 def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, rays):
@@ -129,7 +126,6 @@ def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, ray
     compare(busy_world(*moving), RenderOptions(spp=2, first_hit_rays=rays), left_out)
 
 
-@pytest.mark.slow
 def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
     """No corner tells there what a pixel shows, and none is looked at."""
     world = busy_world()
@@ -138,7 +134,6 @@ def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
     compare(blurred, RenderOptions(spp=1, sampler="sobol", first_hit_rays=16), left_out=("R", "G", "B", "Samples"))
 
 
-@pytest.mark.slow
 def test_first_hits_of_a_request_see_a_texture_as_those_of_the_frame_do():
     """Many texels a pixel: what is read of them are coarser levels, here and there."""
     world = busy_world(things_move=False)
@@ -169,7 +164,6 @@ class Carried:
         return np.add(self.rest.vertices, (1.5 * time_s, 0.0, 0.0), dtype=np.float32), None
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("deforms", [False, True])
 def test_ways_on_the_image_are_those_of_the_pinhole(deforms):
     """A wall that goes to the right before a camera that goes back; at the pixels' middles, by plain projection."""
@@ -195,7 +189,6 @@ def test_ways_on_the_image_are_those_of_the_pinhole(deforms):
     assert Retracer(SceneData(busy_world(False, False), instants=True), RenderOptions()).motion(0.0, 0.1) is None
 
 
-@pytest.mark.slow
 def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
     """A wall before a camera that goes back: the first pixel of a block of four, or the last, as on a chessboard."""
     wall = hw.quad((-9, -9, -2), (18, 0, 0), (0, 18, 0))
@@ -210,7 +203,6 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
     np.testing.assert_allclose(ways[1], np.stack([x, y]) * (1 - 2.3 / 2), atol=2e-4)
 
 
-@pytest.mark.slow
 def test_what_is_seen_from_a_stand_is_kept_and_is_what_would_be_seen_anew(monkeypatch):
     """A camera that goes on, jumps back and is moved: ways have the bits of a tracer that knows no other step."""
     world = busy_world(things_move=False)
@@ -244,7 +236,6 @@ def test_what_is_seen_from_a_stand_is_kept_and_is_what_would_be_seen_anew(monkey
     retracer.close()
 
 
-@pytest.mark.slow
 def test_which_of_many_lights_is_drawn_is_of_the_instant_alone():
     """Lamps of a tree that move, at several instants: their bounds are those of each."""
     world = busy_world(size=(7, 5))
@@ -254,7 +245,6 @@ def test_which_of_many_lights_is_drawn_is_of_the_instant_alone():
     compare(world, RenderOptions(spp=4))
 
 
-@pytest.mark.slow
 def test_what_deforms_is_traced_in_the_shape_of_its_time():
     """Several instants at a time, each with shapes and trees of its own: exactly what a frame shows."""
     scene = replace(swelling(moving=True), fps=FPS)
@@ -271,7 +261,6 @@ def test_first_hits_of_a_request_see_soft_shadows_as_those_of_the_frame_do():
     compare(world, RenderOptions(spp=1, sampler="sobol", first_hit_rays=8), left_out=("R", "G", "B", "Samples"))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("light_hz", [None, 30.0])
 def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in(light_hz):
     """At the frame's time it has the frame's bits, whatever the frame's own paths have found."""

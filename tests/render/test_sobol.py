@@ -16,7 +16,7 @@ from clsim.render.devices import start_warp
 from clsim.render.sampling import stream_state
 from clsim.scene import Camera, Material, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("any_lights")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled
 
 SEEDS, PIXELS, POINTS, DIMENSIONS = 4, 32, 64, 4
 
@@ -99,7 +99,6 @@ def lit_world(width=16, height=12):
     )
 
 
-@pytest.mark.slow
 def test_pictures_keep_what_holds_for_independent_samples():
     """Neither threads nor tiles nor variances change a bit; frames share their noise unless asked; seeds differ."""
     scene = lit_world()
@@ -124,7 +123,6 @@ def test_a_sample_is_the_same_whatever_their_number():
     assert np.isnan(first.plane("Variance.G")).all()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("spp", [6, 16])
 def test_variances_are_honest_and_smaller(spp):
     """Over seeds; 6 samples leave batches of unequal size."""
@@ -150,7 +148,6 @@ def test_variances_are_honest_and_smaller(spp):
     assert abs(means[0] - means[1]) < 4 * np.hypot(*errors)
 
 
-@pytest.mark.slow
 def test_an_exposure_is_stratified():
     """16 samples of a moving strip, 4 batches of 4 times each: quieter than independent times."""
 

@@ -17,7 +17,7 @@ from clsim.render.textures import make_textures
 from clsim.render.upload_materials import decoding, upload_materials
 from clsim.scene import CheckerTexture, ImageTexture, Material, SphereLight, Static
 
-pytestmark = pytest.mark.usefixtures("anything")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 
 WRAPS = ("repeat", "clamp", "mirror")
 
@@ -180,7 +180,6 @@ def test_roughness_and_metal_are_textured():
     assert np.all(hw.radiance(frame)[0, :, 3] < 0.9)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("nonlinear", [False, True])
 def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     """Three roughnesses in one picture against a picture of each; smooth, between two tables, and the roughest.
@@ -208,7 +207,6 @@ def test_plastic_of_textured_roughness_is_plastic_of_that_roughness(nonlinear):
     assert np.ptp(shown) > 0.05 * max(shown)
 
 
-@pytest.mark.slow
 def test_tables_between_two_roughnesses_are_those_of_the_roughness_between():
     """So that sixteen are enough, from smooth to the roughest coat; only grazing light needs more of the smoothest."""
     passing, inner = coats(1.0, 1.5)

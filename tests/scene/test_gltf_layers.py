@@ -33,7 +33,15 @@ def test_grooves_are_as_rough_as_the_mean_of_both_ways() -> None:
 def test_a_file_has_them_with_a_warning(tmp_path: Path) -> None:
     film = {"iridescenceFactor": 1.0, "iridescenceIor": 2.0, "iridescenceThicknessMaximum": 550.0 / 8.0}
     layers = {"KHR_materials_iridescence": film, "KHR_materials_anisotropy": {"anisotropyStrength": 1.0}}
-    tree = gltf(materials=[{"name": "shell", "pbrMetallicRoughness": {"roughnessFactor": 0.3, "metallicFactor": 0.0}, "extensions": layers}])
+    tree = gltf(
+        materials=[
+            {
+                "name": "shell",
+                "pbrMetallicRoughness": {"roughnessFactor": 0.3, "metallicFactor": 0.0},
+                "extensions": layers,
+            }
+        ]
+    )
     tree["meshes"][0]["primitives"][0]["material"] = 0
     world = load_gltf(write_gltf(tmp_path, tree))
     material = world.materials[0]

@@ -85,6 +85,7 @@ def test_kernels_do_as_the_reference():
     assert len(events) > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("quality", ["draft", "exact"])
 def test_rendered_scenes_are_seen_through_the_filters(quality):
     """With light kept on surfaces too: what a pixel learns of it is no event in the light that it sees."""

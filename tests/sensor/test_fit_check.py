@@ -38,6 +38,7 @@ def quarters(settings, seconds, seed=0):
     return parts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "seconds"), [(RATES, 20.0), pytest.param(SHOT, 4.0, marks=pytest.mark.slow)], ids=["rates", "shot"]
 )

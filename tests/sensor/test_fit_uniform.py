@@ -107,6 +107,7 @@ def run(monkeypatch, *words):
     return end.value.code
 
 
+@pytest.mark.slow
 def test_the_command_makes_a_sensor_of_them(tmp_path, monkeypatch, capsys):
     names = []
     for light, fired in zip(LUX, looks(np.random.default_rng(3), LUX, 400, **TRUE), strict=True):
