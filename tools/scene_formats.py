@@ -21,7 +21,8 @@ ROWS = (
         "material; cameras, orthographic ones too; lamps and domes; what moves, skins",
         "a prim with a value that cannot be used, by itself; subdivision (smooth normals stand in); curves, volumes; "
         "of MaterialX sheen, subsurface, thin films, anisotropy, all nodes but pictures and values, and `.mtlx` files, "
-        "which usd-core does not open; other materials; what appears or vanishes; light filters and profiles",
+        "which usd-core does not open; other materials; what appears or vanishes; light filters and profiles. "
+        "Faces show on both sides, also where `doubleSided` is false",
     ),
     (
         "Mitsuba (`.xml` of 0.6 to 3)",
