@@ -47,7 +47,7 @@ def test_patches_are_those_of_the_complement_of_the_seed():
 def test_where_things_move_two_looks_differ_as_two_seeds_do():
     """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is.
 
-    What is told may be up to twice as much: planes in cells err less as things move than their errors at each place say.
+    What is told may be up to twice as much: as things move, planes in cells err less than their errors say.
     """
     world = load_world("cornell", resolution=(48, 36))
     given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
