@@ -25,7 +25,8 @@ from clsim.render.first_hits import Seen
 from clsim.render.geometry import transform_vector
 from clsim.render.kept_light import Gathering, Lit, finished, gain, is_smooth, light_of, shown_in, wrong_by
 from clsim.render.kernel_input import spectral_of
-from clsim.render.light_cache import Cell, Followed, layer_of
+from clsim.render.light_cache import Cell, Followed
+from clsim.render.light_grid import layer_of
 from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness
 from clsim.render.shadow_rays import Shadow, Shadows

@@ -11,7 +11,8 @@ import warp as wp
 from clsim.render.closer_look import NextEvent
 from clsim.render.film import Sample
 from clsim.render.first_hits import Looks
-from clsim.render.light_cache import Asked, Cell, Followed, Kept, layer_of, look_up
+from clsim.render.light_cache import Asked, Cell, Followed, Kept, look_up
+from clsim.render.light_grid import layer_of
 from clsim.render.pixel_width import width_at
 from clsim.render.sampling import brightness
 from clsim.render.things import Thing

@@ -15,7 +15,8 @@ from clsim.render.effort import Effort, Sight, looks_of
 from clsim.render.first_hits import Looks
 from clsim.render.kept_light import Gathering
 from clsim.render.launch import record
-from clsim.render.light_cache import BLOCK, LEVELS, Asked, Cell, Followed
+from clsim.render.light_cache import LEVELS, Asked, Cell, Followed
+from clsim.render.light_grid import BLOCK
 from clsim.render.light_updates import SUMS, build_updates
 from clsim.render.path_store import PathStore
 from clsim.render.shadow_rays import Shadow

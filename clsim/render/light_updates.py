@@ -10,22 +10,8 @@ from typing import Any, NamedTuple
 import warp as wp
 
 from clsim.render.compiler import kernel_options, one_at_a_time
-from clsim.render.light_cache import (
-    LEVELS,
-    Asked,
-    Cell,
-    Followed,
-    along_face,
-    before_change,
-    face_of,
-    find_or_make,
-    grid_of,
-    in_cells,
-    key_of,
-    look_up_at,
-    size_of,
-    tells_before,
-)
+from clsim.render.light_cache import LEVELS, Asked, Cell, Followed, before_change, look_up_at, tells_before
+from clsim.render.light_grid import along_face, face_of, find_or_make, grid_of, in_cells, key_of, size_of
 
 wp.set_module_options(kernel_options())
 
