@@ -138,6 +138,7 @@ class _Reader:
         self.warnings: list[str] = []
         self._told: set[str] = set()
         self.notes: list[str] = []
+        self._single_sided = False
         self.meshes: list[Mesh] = []
         self.instances: list[Instance] = []
         self.cameras: list[Camera] = []
@@ -244,6 +245,10 @@ class _Reader:
         key = (str(prototype.GetPath()), *self._bound(prim))
         if key not in self._shared:
             if prim.IsA(UsdGeom.Mesh):
+                sides = UsdGeom.Mesh(prim).GetDoubleSidedAttr()
+                if sides.HasAuthoredValue() and not sides.Get() and not self._single_sided:
+                    self._single_sided = True
+                    self.notes.append(f"{self._name}: doubleSided is false of {prim.GetName()}, but both sides show")
                 uv_name = self.materials.uv_name(prim)
                 color_name = self.materials.color_name(prim)
                 mesh = read_mesh(

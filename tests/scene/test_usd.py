@@ -434,3 +434,10 @@ def test_points_are_small_spheres(tmp_path):
     bare = load_world(usda(tmp_path, body.replace("float[] widths = [0.2, 0.4, 1.0]", ""), name="bare.usda"))
     assert 0 < np.ptp(np.split(bare.meshes[0].vertices, 3)[0][:, 0]) < 3
     assert any("tell no widths" in text for text in bare.warnings)
+
+
+@pytest.mark.parametrize(("sides", "told"), [("uniform bool doubleSided = 0", True), ("", False)])
+def test_faces_that_should_show_on_one_side_are_told(tmp_path, sides, told):
+    world = load_world(usda(tmp_path, mesh(sides, "wall") + mesh(sides, "floor")))
+    assert sum("doubleSided is false of wall" in note for note in world.notes) == told
+    assert not any("doubleSided" in warning for warning in world.warnings)
