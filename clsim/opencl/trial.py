@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import os
 import platform
 import re
+import signal
+import subprocess
+import sys
 import warnings
 from collections.abc import Sequence
 from functools import cache
@@ -23,6 +27,7 @@ POCL = "Portable Computing Language"
 _KERNEL = "kernel void trial(global float16 *x) { x[0] = exp(x[0]); }"
 """Hands a vector to the driver's own library."""
 _TOLERANCE = 1e-5
+_LONGEST_S = 120.0
 _TELLING = re.compile(r"^.*\b(?:error|undefined|unknown|fatal)\b.*$", re.IGNORECASE | re.MULTILINE)
 _ABOUT = ("cpu family", "model", "model name", "stepping", "flags", "CPU implementer", "CPU part", "Features")
 
@@ -45,12 +50,54 @@ def fault_of(device: Any) -> str | None:
     note = cache_folder() / "opencl" / f"{_key(device, told)}.works"
     if note.is_file():
         return None
-    fault = _try(device)
+    fault = _try_outside(device, told)
     if fault is None:
         with contextlib.suppress(OSError):  # then it is tried again next time
             note.parent.mkdir(exist_ok=True)
             note.touch()
     return fault
+
+
+def _try_outside(device: Any, told: str | None) -> str | None:
+    """Try a device in a program of its own: where the driver crashes, that ends, and not the user's."""
+    import pyopencl as cl
+
+    places = [(p, d) for p, each in enumerate(cl.get_platforms()) for d, one in enumerate(_of(each)) if one == device]
+    if not places or not sys.executable or getattr(sys, "frozen", False):
+        return _try(device)
+    command = [sys.executable, "-m", __name__, *map(str, places[0]), *([told] if told else [])]
+    about = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    try:
+        ended = subprocess.run(command, env=about, capture_output=True, text=True, timeout=_LONGEST_S)
+    except subprocess.TimeoutExpired:
+        return f"it does not build a small kernel in {_LONGEST_S:.0f} s"
+    except OSError:  # no program can be started
+        return _try(device)
+    if ended.returncode < 0:
+        with contextlib.suppress(ValueError):
+            return f"it crashes where it builds a small kernel ({signal.Signals(-ended.returncode).name})"
+    return _try(device) if ended.returncode else ended.stdout.strip() or None
+
+
+def _of(driver: Any) -> list[Any]:
+    import pyopencl as cl
+
+    try:
+        return list(driver.get_devices())
+    except cl.Error:
+        return []
+
+
+def _main() -> None:
+    """Try one device, ``python -m clsim.opencl.trial PLATFORM DEVICE [NAME]``, and print what is wrong with it."""
+    import pyopencl as cl
+
+    number, place, *told = sys.argv[1:]
+    device = _of(cl.get_platforms()[int(number)])[int(place)]
+    if told:
+        told_name(device)
+    print(_try(device) or "", flush=True)
+    os._exit(0)  # what drivers do at the end is not asked for
 
 
 def _try(device: Any) -> str | None:
@@ -107,3 +154,7 @@ def _processor() -> dict[str, str]:
     except OSError:
         return {}
     return {name.strip(): value.strip() for name, _, value in rows if name.strip() in _ABOUT}
+
+
+if __name__ == "__main__":
+    _main()

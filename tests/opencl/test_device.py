@@ -89,7 +89,7 @@ def test_a_trial_is_remembered_for_a_device_a_driver_and_a_processor(
     real = cl.get_platforms()[0].get_devices()[0]
     tried = []
     outcome: list[str | None] = [None]
-    monkeypatch.setattr(trial, "_try", lambda device: tried.append(device) or outcome[0])
+    monkeypatch.setattr(trial, "_try_outside", lambda device, told: tried.append(device) or outcome[0])
 
     def fault() -> str | None:
         trial.fault_of.cache_clear()
@@ -98,7 +98,6 @@ def test_a_trial_is_remembered_for_a_device_a_driver_and_a_processor(
     assert fault() is None and fault() is None and len(tried) == 1
     monkeypatch.setattr(trial, "_processor", lambda: {"model name": "another"})
     assert fault() is None and len(tried) == 2
-    trial.told_name.cache_clear()
     outcome[0] = FAULT
     monkeypatch.setattr(trial, "_processor", lambda: {"model name": "a third"})
     assert fault() == FAULT and fault() == FAULT and len(tried) == 4  # it may be mended meanwhile
@@ -113,3 +112,25 @@ def test_a_trial_sees_what_is_computed_wrong(monkeypatch: pytest.MonkeyPatch) ->
     assert trial._try(real) == "it computes something wrong"
     monkeypatch.setattr(trial, "_KERNEL", "kernel void trial(")
     assert str(trial._try(real)).startswith("it builds no kernel (")
+
+
+CRASHING = """
+import os, signal, sys
+if sys.argv[0] == "-m" and "clsim.opencl.trial" in sys.orig_argv:
+    os.kill(os.getpid(), signal.SIGSEGV)
+"""
+
+
+def test_a_driver_that_crashes_is_passed_over(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    real = cl.get_platforms()[0].get_devices()[0]
+    assert trial._try_outside(real, trial.told_name(real)) is None
+    (tmp_path / "sitecustomize.py").write_text(CRASHING)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert trial._try_outside(real, None) == "it crashes where it builds a small kernel (SIGSEGV)"
+
+
+def test_what_is_computed_wrong_outside_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    real = cl.get_platforms()[0].get_devices()[0]
+    (tmp_path / "sitecustomize.py").write_text("import numpy; numpy.allclose = lambda *_, **__: False")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert trial._try_outside(real, trial.told_name(real)) == "it computes something wrong"
