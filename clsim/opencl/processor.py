@@ -88,8 +88,8 @@ def _places_of_name(record: int, features: Set[str]) -> list[int]:
 def _misleads(name: bytes, features: Set[str]) -> bool:
     """Return whether a name is none, or has other registers than a processor of these features."""
     known = name.decode("latin1")
-    promised = _PROMISED.get(known)
-    return known == "generic" or (promised is not None and promised != next(filter(features.__contains__, _NAMES), None))
+    widest = next((each for each in _NAMES if each in features), None)
+    return known == "generic" or _PROMISED.get(known, widest) != widest
 
 
 def _bytes_at(memory: Any, address: int, count: int) -> bytes:
