@@ -55,14 +55,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
         os.environ.setdefault("PYOPENCL_BUILD_OPTIONS", "-cl-opt-disable")
         compile_fast(wp.config)
+        # So do programs that tests start, fixtures of whole files included; they share kernels, too.
+        programs, path = str(Path(__file__).parent / "programs"), os.environ.get("PYTHONPATH", "")
+        if programs not in path.split(os.pathsep):
+            os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (programs, path)))
 
 
 @pytest.fixture(autouse=True)
 def ordinary_kernels(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
-    """Let tests that are not about rendering, and what they start, share kernels (``tests/shared_kernels.py``)."""
+    """Let tests that are not about rendering share kernels (``tests/shared_kernels.py``)."""
     if request.path.relative_to(Path(__file__).parent).parts[0] in _RENDER_BY_THE_WAY:
         from tests.shared_kernels import ORDINARY, widen
 
         widen(monkeypatch, request, ORDINARY)
-        if not request.config.getoption("own_kernels"):
-            monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent / "programs"), prepend=os.pathsep)
