@@ -6,13 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from clsim.detect.between import Between
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
 from clsim.detect.methods import method_of
-from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
-from clsim.detect.whole_pictures import WholePictures
+from clsim.detect.subframe.between import Between
+from clsim.detect.subframe.refine import Refiner
+from clsim.detect.subframe.whole_pictures import WholePictures
 from clsim.errors import InputError
 from clsim.events import Causes, EventBatch
 from clsim.frames import Frame, InterestMap, PixelTracer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from clsim.bench import throughput_scene
+from clsim.bench.throughput import scene as throughput_scene
 
 
 def test_scenes_are_measured_and_what_is_missing_is_told(clsim, monkeypatch, tmp_path):

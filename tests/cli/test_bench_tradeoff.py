@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from clsim.bench import tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, Point, Rendering
-from clsim.cli.bench_tradeoff import with_progress
+from clsim.bench.tradeoff import sweep as tradeoff
+from clsim.bench.tradeoff.settings import BASE, ESIM, ICIP_2023, Point, Rendering
+from clsim.cli.commands.bench_tradeoff import with_progress
 
 POINTS = [
     Point(Rendering(2, "common", 0), ESIM),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from clsim.cli.label_places import place_labels
+from clsim.cli.plots.label_places import place_labels
 
 
 @pytest.mark.parametrize(("width_in", "shown"), [(6.0, ["draft\n1 path in every eighth frame"]), (2.0, ["draft"])])

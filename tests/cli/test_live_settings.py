@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from clsim.cli import status
-from clsim.cli.status import status_line
-from clsim.cli.summary import print_losses, print_summary
-from clsim.cli.words import count_text, dropped_text, events_text, percent_text
+from clsim.cli.output import status
+from clsim.cli.output.status import status_line
+from clsim.cli.output.summary import print_losses, print_summary
+from clsim.cli.output.words import count_text, dropped_text, events_text, percent_text
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
 from clsim.live.session import Session, open_live

@@ -8,7 +8,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
-from clsim.cli.detect import detect
+from clsim.cli.commands.detect import detect
 from clsim.cli.spelling import as_options
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError

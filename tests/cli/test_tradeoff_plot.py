@@ -2,9 +2,9 @@
 
 import pytest
 
-from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
-from clsim.cli.tradeoff_plot import plot_tradeoff
+from clsim.bench.tradeoff.settings import ESIM, Point, Rendering
+from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
+from clsim.cli.plots.tradeoff_plot import plot_tradeoff
 
 
 @pytest.mark.slow

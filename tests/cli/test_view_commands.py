@@ -17,7 +17,7 @@ import pytest
 from PIL import Image
 
 import clsim as library
-from clsim.cli import watch
+from clsim.cli.output import watch
 from clsim.errors import InputError
 from clsim.events import CAUSES
 from clsim.events.files import open_sink
@@ -133,7 +133,7 @@ def test_wrong_options(clsim: Callable[..., object], recording: Path, arguments:
 def test_what_cannot_show_causes_says_so(
     clsim: Callable[..., object], monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], sentence: str
 ) -> None:
-    monkeypatch.setattr("clsim.cli.view.check", lambda where: None)  # here is no terminal
+    monkeypatch.setattr("clsim.cli.commands.view.check", lambda where: None)  # here is no terminal
     outcome = clsim("view", *arguments, "--colours", "cause")
     assert outcome.status == 2 and sentence in outcome.stderr
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from clsim.detect.between import Motion
 from clsim.detect.config import DetectorConfig
-from clsim.detect.flat_pixels import FlatPixels
-from clsim.detect.knots import TICKS_PER_S
+from clsim.detect.subframe.between import Motion
+from clsim.detect.subframe.flat_pixels import FlatPixels
+from clsim.detect.subframe.knots import TICKS_PER_S
 from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, page_aligned
 from clsim.opencl.path import BrightnessPath
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clsim.detect.forecast import BEND, Forecast
+from clsim.detect.subframe.forecast import BEND, Forecast
 from clsim.opencl.device import choose_device
 from clsim.opencl.workplace import Grid, Workplace
 

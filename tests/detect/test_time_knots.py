@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clsim.detect.knots import CAUTION, TICKS_PER_S, Knots, ticks, vague
+from clsim.detect.subframe.knots import CAUTION, TICKS_PER_S, Knots, ticks, vague
 from clsim.sensor.reference.ideal import walk
 
 STEP = 2**15

@@ -12,7 +12,7 @@ from event_data import end_of
 from socket_help import wait_until
 
 from clsim.events import EventBatch
-from clsim.events.tcp import StreamServer
+from clsim.events.sockets.tcp import StreamServer
 
 SCRIPT = """
 import os, sys, time

@@ -12,7 +12,7 @@ from event_data import end_of
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
 
 
 def numbered(start: int, stop: int) -> EventBatch:

@@ -7,9 +7,9 @@ import socket
 import pytest
 
 from clsim.errors import InputError
-from clsim.events.address import Address, parse_address, resolve
-from clsim.events.socket_sources import open_socket_source
-from clsim.events.sockets import open_socket_sink
+from clsim.events.sockets.address import Address, parse_address, resolve
+from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.sockets.sources import open_socket_source
 
 
 def test_addresses_taken_apart() -> None:

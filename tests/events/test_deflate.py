@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from clsim.events.deflate import shuffled_and_deflated
-from clsim.events.hdf5_growing import GrowingHdf5, compressed
+from clsim.events.formats.tables.deflate import shuffled_and_deflated
+from clsim.events.formats.tables.hdf5_growing import GrowingHdf5, compressed
 
 KINDS = ("u1", "<u2", "<u4", "<f4", "<f8")
 

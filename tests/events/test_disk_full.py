@@ -16,7 +16,7 @@ from event_writer import numbered
 from clsim.errors import InputError
 from clsim.events.batch import SinkError
 from clsim.events.files import open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
 
 # In a process of its own, because the limit on the size of files stays. HDF5 alone would crash here.
 WRITER = textwrap.dedent(
@@ -25,7 +25,7 @@ WRITER = textwrap.dedent(
     from event_writer import numbered
     from clsim.events.batch import SinkError
     from clsim.events.files import open_sink
-    from clsim.events.filesink import FlushPolicy
+    from clsim.events.formats.filesink import FlushPolicy
 
     first, second = (open_sink(path, 346, 260, flush=FlushPolicy(interval_us=0)) for path in sys.argv[1:3])
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))

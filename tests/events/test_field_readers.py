@@ -18,10 +18,10 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
-from clsim.events.dv_stream import AEDAT4_MAGIC, Compression, pack_header
-from clsim.events.evt3_words import Evt3Decoder, Evt3Encoder
 from clsim.events.files import open_source
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.dv_stream import AEDAT4_MAGIC, Compression, pack_header
+from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.formats.prophesee.evt3_words import Evt3Decoder, Evt3Encoder
 
 EVENTS = events(4000)
 

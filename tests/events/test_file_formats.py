@@ -17,8 +17,8 @@ from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
 from clsim.events.batch import SinkError
 from clsim.events.files import FORMATS, open_sink, open_source
-from clsim.events.filesink import FlushPolicy
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.formats.filesource import EventSource
 from clsim.events.sidecar import sidecar_path, write_sidecar
 
 

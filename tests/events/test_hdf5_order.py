@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from event_data import end_of
 
-from clsim.events import EVENT_DTYPE, hdf5, hdf5_growing
-from clsim.events.filesink import FlushPolicy
+from clsim.events import EVENT_DTYPE
+from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.formats.tables import hdf5, hdf5_growing
 
 
 @pytest.mark.slow

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clsim.errors import InputError
-from clsim.events.address import parse_address
 from clsim.events.files import open_source
 from clsim.events.sidecar import read_sidecar, sidecar_path, sidecar_size
+from clsim.events.sockets.address import parse_address
 
 edits = st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=0, max_size=8), st.integers(0, 8)), max_size=6)
 

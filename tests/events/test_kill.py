@@ -18,7 +18,7 @@ from event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
 from event_writer import numbered
 
 from clsim.events.files import FORMATS, open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
 
 
 def kill_a_writer(folder: Path, ending: str, batch: int, interval_us: float, delay_s: float) -> tuple[Path, int]:

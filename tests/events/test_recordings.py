@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from clsim.errors import InputError
-from clsim.events.evt2_words import Encoding, Evt2Decoder
 from clsim.events.files import ONLY_READ, open_source
+from clsim.events.formats.prophesee.evt2_words import Encoding, Evt2Decoder
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
 REAL = Path(__file__).parents[3] / "shared" / "real"

@@ -19,10 +19,10 @@ from typer.testing import CliRunner
 import clsim
 from clsim.cli.app import app
 from clsim.errors import InputError
-from clsim.events import ros_messages as messages
 from clsim.events.copy import convert_events
 from clsim.events.files import open_source
-from clsim.events.ros_bag import EVENT_TOPIC, Bag, typestore
+from clsim.events.ros import messages
+from clsim.events.ros.bags import EVENT_TOPIC, Bag, typestore
 
 _ENCODINGS = ("mono", "evt3", "array")
 
@@ -95,7 +95,7 @@ def test_the_words_of_evt3_packets_are_a_recording_that_others_read(tmp_path):
     import evt3
     from mcap_ros2.reader import read_ros2_messages
 
-    from clsim.events.prophesee import raw_header
+    from clsim.events.formats.prophesee.raw import raw_header
 
     batch = events(3000)
     path = write(tmp_path / "a.mcap", split(batch), ros_events="evt3")

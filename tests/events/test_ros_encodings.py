@@ -10,8 +10,8 @@ pytest.importorskip("rosbags")
 
 from pathlib import Path
 
-from clsim.events import ros_messages as messages
 from clsim.events.files import open_source
+from clsim.events.ros import messages
 
 SENSOR = messages.Sensor(WIDTH, HEIGHT)
 BASE_US = 1_702_309_120_762_236

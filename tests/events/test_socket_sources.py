@@ -22,11 +22,11 @@ from socket_help import HEIGHT, WIDTH, make_events
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.events.dv_stream import Compression, DvEncoder, StreamHeader, parse_header, parse_packet
-from clsim.events.socket_sources import open_socket_source
-from clsim.events.stream_source import SocketSource
-from clsim.events.tcp import StreamServer, TcpSink
-from clsim.events.unix import UnixSink
+from clsim.events.formats.dv_stream import Compression, DvEncoder, StreamHeader, parse_header, parse_packet
+from clsim.events.sockets.sources import open_socket_source
+from clsim.events.sockets.stream_source import SocketSource
+from clsim.events.sockets.tcp import StreamServer, TcpSink
+from clsim.events.sockets.unix import UnixSink
 
 HEADER = DvEncoder(WIDTH, HEIGHT).header
 EVENTS = make_events(20)
@@ -35,7 +35,7 @@ EVENTS = make_events(20)
 @pytest.fixture(autouse=True)
 def patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let ``close`` take its time on a busy machine."""
-    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 30.0)
+    monkeypatch.setattr("clsim.events.sockets.tcp.CLOSE_TIMEOUT_S", 30.0)
 
 
 def packet(batch: EventBatch, compression: Compression = Compression.LZ4) -> bytes:

@@ -18,9 +18,9 @@ from socket_help import HEIGHT, WIDTH, make_events, receive_until_end, wait_unti
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, empty_batch
-from clsim.events.dv_stream import AEDAT4_MAGIC, DvEncoder
-from clsim.events.sockets import open_socket_sink
-from clsim.events.tcp import TcpSink
+from clsim.events.formats.dv_stream import AEDAT4_MAGIC, DvEncoder
+from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.sockets.tcp import TcpSink
 
 
 @pytest.mark.parametrize("compression", ["lz4", "none"])
@@ -235,7 +235,7 @@ def test_talking_clients_are_heard_out_then_dropped() -> None:
 
 def test_close_delivers_what_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than the system's buffers hold is on its way when the server closes; a client that reads gets it all."""
-    monkeypatch.setattr("clsim.events.tcp.PATIENCE_S", 30.0)  # for busy machines
+    monkeypatch.setattr("clsim.events.sockets.tcp.PATIENCE_S", 30.0)  # for busy machines
     sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
     batch = make_events(60_000)
     with connect_stuck(sink.port) as client:
@@ -256,7 +256,7 @@ def test_close_delivers_what_waits(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_close_does_not_wait_for_a_stuck_client(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 1000.0)
+    monkeypatch.setattr("clsim.events.sockets.tcp.CLOSE_TIMEOUT_S", 1000.0)
     sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
     batch = make_events(60_000)
     with connect_stuck(sink.port):
@@ -274,8 +274,8 @@ def test_close_does_not_wait_for_a_stuck_client(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("late", [False, True])
 def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) -> None:
     """Ctrl-C, be it while a close waits already, does not wait for a stuck client."""
-    monkeypatch.setattr("clsim.events.tcp.PATIENCE_S", 1000.0)
-    monkeypatch.setattr("clsim.events.tcp.CLOSE_TIMEOUT_S", 1000.0)
+    monkeypatch.setattr("clsim.events.sockets.tcp.PATIENCE_S", 1000.0)
+    monkeypatch.setattr("clsim.events.sockets.tcp.CLOSE_TIMEOUT_S", 1000.0)
     sink = TcpSink("tcp://127.0.0.1:0?compression=none", WIDTH, HEIGHT)
     batch = make_events(60_000)
     with connect_stuck(sink.port):
@@ -297,7 +297,7 @@ def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) ->
 
 
 def test_too_many_clients_are_turned_away(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clsim.events.tcp.MAX_CLIENTS", 2)
+    monkeypatch.setattr("clsim.events.sockets.tcp.MAX_CLIENTS", 2)
     sink = TcpSink("tcp://127.0.0.1:0", WIDTH, HEIGHT)
     clients = [socket.create_connection(("127.0.0.1", sink.port), timeout=10) for _ in range(3)]
     assert receive_until_end(clients[2]) == b""

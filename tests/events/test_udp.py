@@ -21,10 +21,10 @@ from socket_help import AESTREAM, HEIGHT, WIDTH, free_port, is_bound, make_event
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.events.socket_sources import open_socket_source
-from clsim.events.udp import UdpSink
-from clsim.events.udp_layouts import LAYOUTS, Unwrapper
-from clsim.events.udp_source import UdpSource
+from clsim.events.sockets.sources import open_socket_source
+from clsim.events.sockets.udp import UdpSink
+from clsim.events.sockets.udp_layouts import LAYOUTS, Unwrapper
+from clsim.events.sockets.udp_source import UdpSource
 
 FEW = 6000
 """Their datagrams fit into any receiver's default socket buffer, however late it reads."""
@@ -142,10 +142,10 @@ def test_round_trip(layout: str) -> None:
 
 
 def test_full_queue_drops_the_oldest_and_counts(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket) -> None:
-    monkeypatch.setattr("clsim.events.udp.QUEUE_BYTES", 13 * 5000)
+    monkeypatch.setattr("clsim.events.sockets.udp.QUEUE_BYTES", 13 * 5000)
     held = threading.Event()
     resting = SimpleNamespace(monotonic=time.monotonic, sleep=lambda _: held.wait(10))
-    monkeypatch.setattr("clsim.events.udp.time", resting)  # the sender rests after its first burst
+    monkeypatch.setattr("clsim.events.sockets.udp.time", resting)  # the sender rests after its first burst
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     batches = [make_events(1950, start_us=i * 1_000_000) for i in range(10)]
     sink.write(batches[0], end_of(batches[0]))
@@ -172,7 +172,7 @@ def test_close_sends_a_long_queue(receiver: socket.socket) -> None:
 
 @pytest.mark.parametrize("in_a_hurry", [False, True])
 def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket, in_a_hurry: bool) -> None:
-    monkeypatch.setattr(f"clsim.events.udp.{'HURRY_S' if in_a_hurry else 'CLOSE_TIMEOUT_S'}", 0.0)
+    monkeypatch.setattr(f"clsim.events.sockets.udp.{'HURRY_S' if in_a_hurry else 'CLOSE_TIMEOUT_S'}", 0.0)
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     for _ in range(5):
         sink.write(make_events(50_000), end_of(make_events(50_000)))

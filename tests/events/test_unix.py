@@ -11,8 +11,8 @@ from dv_reader import assert_same, read_with_dv
 from socket_help import HEIGHT, WIDTH, make_events
 
 from clsim.errors import InputError
-from clsim.events.sockets import open_socket_sink
-from clsim.events.unix import UnixSink
+from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.sockets.unix import UnixSink
 
 
 def test_network_reader_gets_every_event(tmp_path: Path) -> None:

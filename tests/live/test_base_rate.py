@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from clsim.live.base_rate import base_fps, camera_px_s, fastest_px_s
 from clsim.live.options import LiveOptions
+from clsim.live.pacing.base_rate import base_fps, camera_px_s, fastest_px_s
 from clsim.live.stages import plan_stages
 from clsim.scene import Camera, Instance, Static, World, load_world
 from clsim.scene.modulation import Pwm, Sine

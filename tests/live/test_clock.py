@@ -3,8 +3,8 @@ import time
 
 import pytest
 
-from clsim.live.clock import FrameClock
-from clsim.live.schedule import Schedule
+from clsim.live.pacing.clock import FrameClock
+from clsim.live.pacing.schedule import Schedule
 
 
 def test_the_clock_tells_how_late_a_frame_is_begun() -> None:

@@ -7,8 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from clsim.live.governor import Governor
-from clsim.live.ladder import Level, ladder
+from clsim.live.pacing.governor import Governor
+from clsim.live.pacing.ladder import Level, ladder
 
 BUDGET_S = 1 / 30
 BEST = Level(probe_spp=1, spp=8, first_hit_rays=16)

@@ -9,8 +9,8 @@ from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
 from clsim.frames import RADIANCE, Frame, rendered_planes
 from clsim.frames.patches import Patches
+from clsim.live.noise.patch_looks import PatchLooks, patches_for
 from clsim.live.options import LiveOptions
-from clsim.live.patch_looks import PatchLooks, patches_for
 from clsim.live.session import open_live
 from clsim.opencl.device import choose_device
 from clsim.score.matching import Sampling, one_to_one

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clsim.bench.mismatch import Levels, fire
+from clsim.bench.tradeoff.mismatch import Levels, fire
 from clsim.detect.config import DetectorConfig
-from clsim.live.second_look import ENOUGH, WITHIN_US, SecondLook
+from clsim.live.noise.second_look import ENOUGH, WITHIN_US, SecondLook
 from clsim.score.matching import Sampling, one_to_one
 
 ON, OFF = 0.2, 0.3

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from clsim.frames import Frame
-from clsim.live.schedule import Schedule
-from clsim.live.sidecars import PoseFile, about_camera, camera_pose
+from clsim.live.outputs.sidecars import PoseFile, about_camera, camera_pose
+from clsim.live.pacing.schedule import Schedule
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Camera, World, load_world
 from clsim.scene.motion import Static
-from clsim.scene.trajectory import read_tum
+from clsim.scene.trajectories.trajectory import read_tum
 from clsim.scene.world import Lens, SphereLight
 from tests.shared_kernels import LIGHTS, widen
 

@@ -7,7 +7,7 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.events import EVENT_DTYPE
-from clsim.live.significance import EVERY, Significance
+from clsim.live.noise.significance import EVERY, Significance
 
 ON, OFF = 0.2, 0.3
 

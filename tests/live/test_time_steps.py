@@ -13,12 +13,12 @@ from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.frames import Frame, page_aligned
 from clsim.frames.exr import ExrSequence
-from clsim.live.noting import NotingTracer
 from clsim.live.options import LiveOptions
-from clsim.live.schedule import Schedule
+from clsim.live.outputs.noting import NotingTracer
+from clsim.live.pacing.schedule import Schedule
+from clsim.live.pacing.time_steps import Looping
 from clsim.live.session import open_live
 from clsim.live.stages import plan_stages
-from clsim.live.time_steps import Looping
 from clsim.scene import load_world
 from clsim.score.matching import Sampling, one_to_one
 

@@ -8,9 +8,9 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.events.aedat4 import Aedat4Sink, read_frames
 from clsim.events.files import open_sink, open_source
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.aedat4 import Aedat4Sink, read_frames
+from clsim.events.formats.filesink import FlushPolicy
 from tests.live.view_events import random_events
 
 pytest.importorskip("aiohttp", reason="the page is an extra")

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.live.view.truth_pictures import DepthPicture, FlowPicture, ids_picture, recorded_pictures
-from clsim.truth.hdf5 import Hdf5Layout
+from clsim.truth.formats.hdf5 import Hdf5Layout
 from tests.truth import recordings
 
 

@@ -51,4 +51,4 @@ class _Afterwards(MetaPathFinder):
         return spec
 
 
-sys.meta_path.insert(0, _Afterwards({"warp.config": _compile_fast, "clsim.render.scene_features": _share}))
+sys.meta_path.insert(0, _Afterwards({"warp.config": _compile_fast, "clsim.render.features.scene_features": _share}))

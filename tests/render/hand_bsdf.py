@@ -7,11 +7,11 @@ import numpy as np
 import warp as wp
 
 from clsim.render import RenderOptions
-from clsim.render.bsdf import make_bsdf
-from clsim.render.devices import start_warp
-from clsim.render.geometry import Surface
-from clsim.render.materials import Materials, make_materials
-from clsim.render.upload_materials import upload_materials
+from clsim.render.accel.geometry import Surface
+from clsim.render.bsdf.bsdf import make_bsdf
+from clsim.render.device.devices import start_warp
+from clsim.render.surfaces.materials import Materials, make_materials
+from clsim.render.surfaces.upload_materials import upload_materials
 
 
 class Lone:

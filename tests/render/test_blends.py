@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.render.scene_features import scene_features
+from clsim.render.features.scene_features import scene_features
 from clsim.scene import ImageTexture, Material, PunctualLight, Static, validate
 
 WHITE = (1.0, 1.0, 1.0)

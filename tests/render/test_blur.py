@@ -10,7 +10,7 @@ import pytest
 from test_camera import trace_rays
 
 from clsim.render import RenderOptions, describe_build
-from clsim.render.shutter import key_steps, key_times
+from clsim.render.motion.shutter import key_steps, key_times
 from clsim.scene import Camera, Instance, Material, PunctualLight, SphereLight, Static
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled

@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from clsim.render import bsdf_kinds
+from clsim.render.features import bsdf_kinds
 from clsim.scene.world import Kind
 
 

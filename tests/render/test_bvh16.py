@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render.bvh16 import Bvh16
-from clsim.render.bvh16_traverse import MAX_DEPTH, any_in_tree, any_opaque_in_tree, closest_in_tree
-from clsim.render.devices import start_warp
+from clsim.render.accel.bvh16 import Bvh16
+from clsim.render.accel.bvh16_traverse import MAX_DEPTH, any_in_tree, any_opaque_in_tree, closest_in_tree
+from clsim.render.device.devices import start_warp
 
 FAR = 1e30
 

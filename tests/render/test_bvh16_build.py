@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from test_bvh16 import arrays, directions, shoot
 
-from clsim.render import bvh16
-from clsim.render.bvh16 import Bvh16
-from clsim.render.bvh16_build import TALLEST
-from clsim.render.bvh16_traverse import MAX_DEPTH
+from clsim.render.accel import bvh16
+from clsim.render.accel.bvh16 import Bvh16
+from clsim.render.accel.bvh16_build import TALLEST
+from clsim.render.accel.bvh16_traverse import MAX_DEPTH
 
 
 def slivers(things, n=30):

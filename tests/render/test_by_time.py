@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from clsim.render.by_time import ByTime
+from clsim.render.motion.by_time import ByTime
 
 
 def test_each_instant_is_found_once_and_none_is_mistaken_for_another():

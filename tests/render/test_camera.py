@@ -12,9 +12,9 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.render import RenderOptions
-from clsim.render.camera import CameraData, CameraState, invertible, make_camera
-from clsim.render.devices import start_warp
-from clsim.render.shutter import quaternions
+from clsim.render.camera.camera import CameraData, CameraState, invertible, make_camera
+from clsim.render.device.devices import start_warp
+from clsim.render.motion.shutter import quaternions
 from clsim.scene import Camera, Lens, Material, Static
 from clsim.scene.validate import validate
 

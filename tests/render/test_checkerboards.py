@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from clsim.render.checkerboards import checker_mean
-from clsim.render.texture_data import Footprint, TextureRow
+from clsim.render.textures.checkerboards import checker_mean
+from clsim.render.textures.texture_data import Footprint, TextureRow
 
 CORNERS = {"top_left": (0, 0), "top_right": (1, 0), "bottom_left": (0, 1), "bottom_right": (1, 1)}
 POINTS = 200

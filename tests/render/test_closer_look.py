@@ -16,7 +16,7 @@ from test_steered import Run, interest
 from clsim.errors import InputError
 from clsim.frames import SAMPLES, InterestBoard, rendered_planes
 from clsim.render import RenderOptions
-from clsim.render.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire
+from clsim.render.primary.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire
 from clsim.scene import Material
 
 pytestmark = pytest.mark.usefixtures("ordinary")

@@ -13,13 +13,13 @@ import pytest
 import warp as wp
 
 from clsim import render
-from clsim.render.compiler import one_at_a_time
+from clsim.render.device.compiler import one_at_a_time
 
 FOX = Path(__file__).parents[2].parent / "shared" / "assets" / "gltf" / "Fox.glb"
 BUILD = """
 import threading
 import warp as wp
-from clsim.render.devices import start_warp
+from clsim.render.device.devices import start_warp
 
 start_warp()
 number = {number}
@@ -46,7 +46,7 @@ def test_threads_and_processes_share_them(tmp_path: Path) -> None:
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pch")}
 
     first = build(1)
-    assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/compiler.py"
+    assert len(first) == 1, "Warp keeps precompiled headers elsewhere: see clsim/render/device/compiler.py"
     assert build(2) == first
     assert len(list(tmp_path.rglob("*.o"))) == 2  # both were built
 
@@ -75,7 +75,7 @@ def test_no_two_threads_declare_kernels_at_a_time():
 DECLARE = """
 import warp as wp
 import clsim.render
-from clsim.render import compiler
+from clsim.render.device import compiler
 
 inside, declare = [], wp.kernel
 
@@ -84,8 +84,8 @@ def noted(*args, **kwargs):
     return declare(*args, **kwargs)
 
 wp.kernel = noted
-from clsim.render.light_updates import build_updates
-from clsim.render.motion_field import build_pass_over
+from clsim.render.cache.light_updates import build_updates
+from clsim.render.subframe.motion_field import build_pass_over
 assert not inside, "importing declares kernels"
 build_updates(), build_pass_over()
 assert inside and all(inside), inside
@@ -101,7 +101,7 @@ def test_no_name_in_a_kernel_is_a_constant_of_warp() -> None:
     """Warp takes `e.rays` for its number e until the function is compiled, and then compiles its kernels anew."""
     constants = {name for name, value in vars(wp).items() if isinstance(value, float)}
     assert "e" in constants
-    for file in Path(render.__file__).parent.glob("*.py"):
+    for file in Path(render.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(file.read_text())):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                 assert node.value.id not in constants, f"{file.name}:{node.lineno}: {ast.unparse(node)}"

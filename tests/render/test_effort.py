@@ -12,8 +12,8 @@ from test_tracer import lit_world, moving_world
 from clsim.errors import Error
 from clsim.frames import InterestBoard, InterestMap
 from clsim.render import Effort, RenderCancelled
-from clsim.render.effort import SURE, Sight, looks_of
-from clsim.render.steered import GRADES
+from clsim.render.primary.effort import SURE, Sight, looks_of
+from clsim.render.primary.steered import GRADES
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ordinary")]  # kernels of their own are compiled
 

@@ -8,7 +8,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.render.emission_textures import mean_emission
+from clsim.render.emitters.emission_textures import mean_emission
 from clsim.scene import CheckerTexture, ImageTexture, Material
 
 

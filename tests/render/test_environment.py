@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render import SceneData, environment
-from clsim.render.devices import start_warp
-from clsim.render.environment_build import LUMINANCE, guide, steps, tabulate, upload_environment
+from clsim.render import SceneData
+from clsim.render.device.devices import start_warp
+from clsim.render.emitters import environment
+from clsim.render.emitters.environment_build import LUMINANCE, guide, steps, tabulate, upload_environment
 from clsim.scene import EnvironmentMap, Material, SphereLight, Static
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled

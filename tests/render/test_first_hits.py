@@ -8,8 +8,8 @@ import pytest
 from test_steered import Run, textured_world
 
 from clsim.bench.edge import edge_scene
-from clsim.bench.reference_cache import log_brightness
-from clsim.bench.tradeoff_measure import render_each
+from clsim.bench.tradeoff.measure import render_each
+from clsim.bench.tradeoff.reference_cache import log_brightness
 from clsim.render import RenderOptions
 
 pytestmark = pytest.mark.usefixtures("ordinary")

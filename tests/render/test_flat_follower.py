@@ -9,11 +9,11 @@ import pytest
 from test_steered import textured_world
 
 import clsim
-from clsim.detect.flat_pixels import FlatBrightness, FlatPixels
-from clsim.detect.knots import Knots
+from clsim.detect.subframe.flat_pixels import FlatBrightness, FlatPixels
+from clsim.detect.subframe.knots import Knots
 from clsim.frames import ALBEDO, Fineness
 from clsim.render import RenderOptions
-from clsim.render.flat_pixels import build_flat_pixels
+from clsim.render.subframe.flat_pixels import build_flat_pixels
 from clsim.scene import Lens, load_world
 from clsim.score.matching import Sampling, one_to_one
 

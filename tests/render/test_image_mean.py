@@ -9,8 +9,8 @@ import itertools
 import numpy as np
 import warp as wp
 
-from clsim.render.texture_data import CLAMP, MIRROR, REPEAT, Footprint, TextureRow, Textures, uv_in
-from clsim.render.textures import image, image_mean
+from clsim.render.textures.texture_data import CLAMP, MIRROR, REPEAT, Footprint, TextureRow, Textures, uv_in
+from clsim.render.textures.textures import image, image_mean
 
 PLACES = 45
 

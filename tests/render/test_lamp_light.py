@@ -11,9 +11,9 @@ import warp as wp
 from test_steered import LUMINANCE, Run
 from test_tracer import LAMP, lit_world
 
-from clsim.render.compiler import kernel_options
-from clsim.render.lamp_light import sphere_irradiance, triangle_irradiance
-from clsim.render.scene_features import light_is_found_apart
+from clsim.render.device.compiler import kernel_options
+from clsim.render.features.scene_features import light_is_found_apart
+from clsim.render.primary.lamp_light import sphere_irradiance, triangle_irradiance
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 
 pytestmark = pytest.mark.usefixtures("ordinary")

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render.large_pages import LARGE, spread
-from clsim.render.upload_arrays import array
+from clsim.render.device.arrays import array
+from clsim.render.device.large_pages import LARGE, spread
 
 
 @pytest.mark.parametrize("entries", [1, 5, LARGE // 12 + 1, LARGE])

@@ -11,16 +11,11 @@ from test_steered import LUMINANCE, Run, log_brightness, textured_world
 from test_tracer import LAMP, moving_world
 
 from clsim.errors import InputError
-from clsim.render import (
-    Effort,
-    RenderOptions,
-    effort,
-    light_is_found_apart,
-    light_keeper,
-    light_stands_still,
-)
+from clsim.render import Effort, RenderOptions, light_is_found_apart, light_stands_still
+from clsim.render.cache import light_keeper
+from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
-from clsim.scene.drift import drifting
+from clsim.scene.defaults.drift import drifting
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 

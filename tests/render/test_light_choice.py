@@ -6,7 +6,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.render.light_choice import LEAST_SHARE, arriving, fair
+from clsim.render.emitters.light_choice import LEAST_SHARE, arriving, fair
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled

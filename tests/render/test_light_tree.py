@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clsim.render import RenderOptions, SceneData
-from clsim.render.light_tree import LightTree, Receiver, make_light_tree
-from clsim.render.light_tree_build import TreeOfLights, around, of_triangles
-from clsim.render.scene_features import scene_features
-from clsim.render.scene_lamps import tree_follows
-from clsim.render.upload_lights import _shares
+from clsim.render.emitters.light_tree import LightTree, Receiver, make_light_tree
+from clsim.render.emitters.light_tree_build import TreeOfLights, around, of_triangles
+from clsim.render.emitters.upload_lights import _shares
+from clsim.render.features.scene_features import scene_features
+from clsim.render.features.scene_lamps import tree_follows
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
 

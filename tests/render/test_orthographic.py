@@ -13,7 +13,7 @@ from test_truth import PLANES, filled, moving
 from clsim.errors import InputError
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
-from clsim.render.retracer import Retracer
+from clsim.render.subframe.retracer import Retracer
 from clsim.scene import Camera, Instance, Lens, Material, Static, World
 from clsim.scene.motion import Keyframes
 from clsim.scene.validate import validate

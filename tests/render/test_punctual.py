@@ -8,7 +8,7 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.render.lights_punctual import falloff, power
+from clsim.render.emitters.punctual import falloff, power
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 
 pytestmark = pytest.mark.usefixtures("anything")

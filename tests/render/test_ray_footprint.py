@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from clsim.render.geometry import Surface
-from clsim.render.ray_footprint import patch_round
-from clsim.render.texture_data import Footprint
+from clsim.render.accel.geometry import Surface
+from clsim.render.textures.ray_footprint import patch_round
+from clsim.render.textures.texture_data import Footprint
 
 
 @wp.kernel(enable_backward=False)

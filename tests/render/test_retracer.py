@@ -14,7 +14,7 @@ from test_deform import swelling
 from clsim.errors import InputError
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
-from clsim.render.retracer import Retracer
+from clsim.render.subframe.retracer import Retracer
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static, load_world
 from clsim.scene.driven import CAMERA, Driven, place_of, with_driven
 

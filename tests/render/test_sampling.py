@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import warp as wp
 
-from clsim.render import sampling
-from clsim.render.devices import start_warp
-from clsim.render.sampling import stream_state
+from clsim.render.device.devices import start_warp
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sampling import stream_state
 
 SEEDS, PIXELS, SAMPLES, DIMENSIONS = 10, 64, 16, 8
 

@@ -8,7 +8,7 @@ import hand_worlds as hw
 import numpy as np
 
 from clsim.render import SceneData
-from clsim.render.placement import place
+from clsim.render.accel.placement import place
 from clsim.scene import CheckerTexture, Material
 
 

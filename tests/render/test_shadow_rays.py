@@ -9,7 +9,7 @@ import pytest
 
 from clsim.frames import Frame, frame_time_us, page_aligned
 from clsim.render import PathTracer, RenderOptions, SceneData
-from clsim.render.retracer import Retracer
+from clsim.render.subframe.retracer import Retracer
 from clsim.scene import load_world
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("ordinary")]

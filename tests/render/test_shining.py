@@ -9,8 +9,8 @@ import pytest
 
 import clsim
 from clsim.render import SceneData, light_stands_still
-from clsim.render.effort import GRADES, Effort, Sight, Steerer
-from clsim.render.light_list import small_lights
+from clsim.render.emitters.light_list import small_lights
+from clsim.render.primary.effort import GRADES, Effort, Sight, Steerer
 from clsim.scene import EnvironmentMap, ImageTexture, Material, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
 from clsim.scene.motion import euler_quaternion, rotation_matrix

@@ -5,7 +5,8 @@ from typing import Any
 import pytest
 import warp as wp
 
-from clsim.render import RenderOptions, shots
+from clsim.render import RenderOptions
+from clsim.render.paths import shots
 from clsim.render.scene_data import SceneData
 from clsim.scene import load_world
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from test_steered import Run, textured_world
 
-from clsim.render.camera import CameraData
-from clsim.render.features import view_features
-from clsim.render.pixel_width import widest_pixel
-from clsim.render.placement import place
-from clsim.render.scene_features import scene_features
-from clsim.render.smallest import smallest_of
+from clsim.render.accel.placement import place
+from clsim.render.accel.smallest import smallest_of
+from clsim.render.camera.camera import CameraData
+from clsim.render.camera.pixel_width import widest_pixel
+from clsim.render.features.features import view_features
+from clsim.render.features.scene_features import scene_features
 from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
 from clsim.scene.motion import Keyframes
 

@@ -11,9 +11,10 @@ import warp as wp
 from scipy.stats import qmc
 
 from clsim.errors import InputError
-from clsim.render import RenderOptions, sampling, sobol
-from clsim.render.devices import start_warp
-from clsim.render.sampling import stream_state
+from clsim.render import RenderOptions
+from clsim.render.device.devices import start_warp
+from clsim.render.sampling import sampling, sobol
+from clsim.render.sampling.sampling import stream_state
 from clsim.scene import Camera, Material, SphereLight, Static
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("any_lights")]  # kernels of their own are compiled

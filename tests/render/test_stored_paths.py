@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.trails import trail_crosses
+from clsim.render.cache.trails import trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
 from clsim.scene.modulation import Pwm

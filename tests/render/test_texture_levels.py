@@ -10,9 +10,9 @@ import pytest
 import warp as wp
 
 from clsim.render import SceneData
-from clsim.render.texture_data import Footprint, TextureRow, Textures
-from clsim.render.texture_levels import coarser
-from clsim.render.upload_materials import decoding
+from clsim.render.surfaces.texture_levels import coarser
+from clsim.render.surfaces.upload_materials import decoding
+from clsim.render.textures.texture_data import Footprint, TextureRow, Textures
 from clsim.scene import ImageTexture, Material
 from tests.render.test_image_mean import means
 

@@ -10,11 +10,11 @@ import pytest
 import warp as wp
 
 from clsim.render import RenderOptions
-from clsim.render.devices import start_warp
-from clsim.render.materials import Materials
-from clsim.render.plastic_tables import STACK_SIZE, coat, coats
-from clsim.render.textures import make_textures
-from clsim.render.upload_materials import decoding, upload_materials
+from clsim.render.device.devices import start_warp
+from clsim.render.surfaces.materials import Materials
+from clsim.render.surfaces.plastic_tables import STACK_SIZE, coat, coats
+from clsim.render.surfaces.upload_materials import decoding, upload_materials
+from clsim.render.textures.textures import make_textures
 from clsim.scene import CheckerTexture, ImageTexture, Material, SphereLight, Static
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled

@@ -23,9 +23,9 @@ from clsim.render import (
     list_render_devices,
     scene_data,
 )
-from clsim.render.bsdf_kinds import KINDS
-from clsim.render.features import Features
-from clsim.render.integrator import build_kernel
+from clsim.render.features.bsdf_kinds import KINDS
+from clsim.render.features.features import Features
+from clsim.render.paths.integrator import build_kernel
 from clsim.render.scene_data import scene_features
 from clsim.scene import (
     CheckerTexture,

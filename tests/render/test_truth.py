@@ -13,7 +13,7 @@ from scipy import ndimage
 from clsim.frames import Frame, page_aligned, rendered_planes
 from clsim.frames.planes import PlaneSet
 from clsim.render import RenderOptions, SceneData, View
-from clsim.render.truth import TruthPass
+from clsim.render.truth.truth_pass import TruthPass
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, SphereLight, World
 from clsim.scene.motion import Keyframes, Static, euler_quaternion
 from clsim.scene.world import Lens

@@ -8,9 +8,9 @@ import hand_worlds as hw
 import numpy as np
 import pytest
 
-from clsim.render.placement import place
+from clsim.render.accel.placement import place
 from clsim.scene import Material
-from clsim.scene.trimesh_scene import load_bare, load_triangles
+from clsim.scene.meshes.trimesh_scene import load_bare, load_triangles
 
 CORNERS = ((0.9, 0.1, 0.2), (0.1, 0.8, 0.3), (0.2, 0.3, 1.0), (1.0, 1.0, 0.0))
 

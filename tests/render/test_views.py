@@ -12,7 +12,8 @@ from test_tracer import moving_world
 
 from clsim.errors import InputError
 from clsim.frames import Frame, page_aligned
-from clsim.render import PathTracer, RenderOptions, SceneData, View, upload_geometry
+from clsim.render import PathTracer, RenderOptions, SceneData, View
+from clsim.render.accel import upload_geometry
 from clsim.scene import Static
 
 pytestmark = pytest.mark.usefixtures("any_lights")

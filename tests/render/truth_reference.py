@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clsim.render.deform import shaped
+from clsim.render.motion.deform import shaped
 from clsim.scene import Camera, World
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.mitsuba_scene import load_mitsuba
+from clsim.scene.mitsuba.scene import load_mitsuba
 
 SENSOR = '<sensor type="perspective"><float name="fov" value="60"/></sensor>'
 

@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.daylight import HEIGHTS, SUN_DEG, TURBIDITIES, Daylight, sky, sun_at, sun_light, sun_radiance
+from clsim.scene.light.daylight import HEIGHTS, SUN_DEG, TURBIDITIES, Daylight, sky, sun_at, sun_light, sun_radiance
 
 
 def angles(to_sun: tuple[float, float, float]) -> tuple[float, float]:

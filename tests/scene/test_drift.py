@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clsim.scene import load_world
-from clsim.scene.drift import drifting
+from clsim.scene.defaults.drift import drifting
 from clsim.scene.motion import Static, compose, look_at
 from clsim.scene.world import IDENTITY, Camera, Instance, Mesh, World
 

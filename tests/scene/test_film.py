@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.film import Files, Film, Video
-from clsim.scene.images import PixelBudget, decode_srgb
+from clsim.scene.pictures.film import Files, Film, Video
+from clsim.scene.pictures.images import PixelBudget, decode_srgb
 
 SCENE = """
 [camera]
@@ -133,7 +133,7 @@ def test_a_pattern_of_too_many_files_is_told_without_listing_them_all(tmp_path, 
             yield f"{k}.png"
 
     monkeypatch.setattr("glob.iglob", names)
-    monkeypatch.setattr("clsim.scene.film.MAX_PICTURES", 3)
+    monkeypatch.setattr("clsim.scene.pictures.film.MAX_PICTURES", 3)
     with pytest.raises(InputError, match=r"^more than 3 files are called '\*\.png' in .*, expected 1 to 3$"):
         Files("*.png", tmp_path, PixelBudget())
     assert listed == [0, 1, 2, 3]

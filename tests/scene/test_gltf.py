@@ -10,7 +10,7 @@ from gltf_files import CORNERS, glb, gltf, image_uri, write_gltf
 
 from clsim.errors import InputError
 from clsim.scene import describe, load_world
-from clsim.scene.gltf_scene import read_gltf
+from clsim.scene.gltf.scene import read_gltf
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets" / "gltf"
 
@@ -179,7 +179,7 @@ def test_what_is_no_gltf_json(tmp_path, text):
 
 
 def test_an_image_that_unpacks_to_far_more_than_its_size_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("clsim.scene.images.MAX_PIXELS", 100)
+    monkeypatch.setattr("clsim.scene.pictures.images.MAX_PIXELS", 100)
     tree = gltf(
         materials=[{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
         textures=[{"source": 0}],

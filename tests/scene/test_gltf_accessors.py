@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.gltf_accessors import GltfFile
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.accessors import GltfFile
+from clsim.scene.gltf.scene import load_gltf
 
 
 def test_accessors_follow_stride_offset_normalization_and_sparse_replacement(tmp_path):

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.gltf_scene import load_gltf, read_gltf
+from clsim.scene.gltf.scene import load_gltf, read_gltf
 
 TIMES = [0.5, 1.0, 2.5]
 MOMENTS = [0.0, 0.5, 0.7, 1.0, 1.6, 2.4999, 2.5, 9.0]

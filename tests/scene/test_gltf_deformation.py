@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.scene import load_gltf
 
 
 def test_morph_targets_move_by_their_weights(tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from gltf_files import gltf, write_gltf
 
 from clsim.errors import InputError
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.scene import load_gltf
 
 POINTS = np.array([(0, 0, 0), (2, 0, 0), (0, 1, 0), (2, 1, 0.5)], np.float32)
 FACES = np.array([(0, 1, 2), (1, 3, 2)], np.uint32)

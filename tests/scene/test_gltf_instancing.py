@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.scene import load_gltf
 from tests.scene.gltf_files import add, animate, gltf, with_camera, write_gltf
 
 

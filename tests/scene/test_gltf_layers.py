@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from gltf_files import gltf, write_gltf
 
-from clsim.scene.gltf_layers import reflected_by_film, roughness_between
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.layers import reflected_by_film, roughness_between
+from clsim.scene.gltf.scene import load_gltf
 
 
 def test_a_film_reflects_as_the_closed_forms_say() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.scene.gltf_scene import load_gltf, read_gltf
+from clsim.scene.gltf.scene import load_gltf, read_gltf
 from tests.scene.gltf_files import add, gltf, with_camera, write_gltf
 
 LAMP = "/extensions/KHR_lights_punctual/lights/0/"
@@ -98,7 +98,7 @@ def test_a_line_beside_steps_jumps_where_they_do(tmp_path):
 
 
 def test_a_curve_of_very_many_keys_has_hardly_more_points(tmp_path, monkeypatch):
-    monkeypatch.setattr("clsim.scene.gltf_light._MOST_POINTS", 100)
+    monkeypatch.setattr("clsim.scene.gltf.light._MOST_POINTS", 100)
     keys = np.arange(200.0)
     values = np.stack([0 * keys, keys, 0 * keys], axis=1).ravel().tolist()
     (lamp,) = load_gltf(

@@ -8,7 +8,7 @@ from gltf_files import ASSETS, add, gltf, image_uri, needs_assets, write_gltf
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.gltf_scene import load_gltf
+from clsim.scene.gltf.scene import load_gltf
 
 
 def test_materials_keep_their_factors_textures_and_extensions(tmp_path):

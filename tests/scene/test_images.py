@@ -6,7 +6,7 @@ import PIL.Image
 import pytest
 
 from clsim.errors import InputError
-from clsim.scene.images import (
+from clsim.scene.pictures.images import (
     PixelBudget,
     decode_radiance_hdr,
     decode_srgb,

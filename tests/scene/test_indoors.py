@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from clsim.scene import load_world
-from clsim.scene.framing import ORBIT_S
+from clsim.scene.defaults.framing import ORBIT_S
 from tests.scene.gltf_files import add, gltf, write_gltf
 
 FACES = ["021", "123", "456", "576", "014", "154", "263", "367", "042", "246", "135", "375"]

@@ -15,7 +15,7 @@ from gltf_files import CORNERS, glb, gltf
 from clsim.errors import InputError
 from clsim.scene import load_world
 from clsim.scene.files import asset_file, named_file
-from clsim.scene.trimesh_scene import load_parts
+from clsim.scene.meshes.trimesh_scene import load_parts
 
 ASSETS = Path(__file__).resolve().parents[3] / "shared" / "assets" / "gltf"
 OBJ = "v 0 0 0\nv 2 0 0\nv 0 1 0\n"

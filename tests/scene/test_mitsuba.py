@@ -8,7 +8,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.mitsuba_scene import load_mitsuba
+from clsim.scene.mitsuba.scene import load_mitsuba
 from tests.scene.mitsuba_files import SENSOR, TRIANGLE, load, scene, whole
 
 ROOM = Path(__file__).resolve().parents[3] / "shared" / "assets" / "mitsuba" / "living-room"

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.mitsuba_shapes import read_serialized
+from clsim.scene.mitsuba.shapes import read_serialized
 from tests.scene.mitsuba_files import SENSOR, complaint, scene, whole
 
 

@@ -6,8 +6,8 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.images import decode_srgb
-from clsim.scene.mitsuba_materials import mean_reflectance
+from clsim.scene.mitsuba.materials import mean_reflectance
+from clsim.scene.pictures.images import decode_srgb
 from tests.scene.mitsuba_files import SENSOR, load, material, scene
 
 

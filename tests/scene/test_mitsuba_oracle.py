@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from clsim.scene import load_world
-from clsim.scene.spectra import METALS
+from clsim.scene.light.spectra import METALS
 
 pytestmark = pytest.mark.oracle
 mi = pytest.importorskip("mitsuba", reason="needs the [oracle] extra")

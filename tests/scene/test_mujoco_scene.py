@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.scene import World, load_world, mujoco_course
-from clsim.scene.mujoco_scene import is_mjcf
+from clsim.scene import World, load_world
+from clsim.scene.mujoco import course as mujoco_course
+from clsim.scene.mujoco.scene import is_mjcf
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed")
 PENDULUM = """<mujoco><worldbody><light pos="0 0 3"/><geom type="plane" size="2 2 .1"/>

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from clsim.scene import obj_plain, trimesh_scene
-from clsim.scene.obj_plain import read_plain_obj
-from clsim.scene.trimesh_scene import load_triangles
+from clsim.scene.meshes import obj_plain, trimesh_scene
+from clsim.scene.meshes.obj_plain import read_plain_obj
+from clsim.scene.meshes.trimesh_scene import load_triangles
 
 POINTS = "v 0 0 0.1\nv 2 -1e-3 0\nv 0 1.25 0\nv 3 3 3\nv 7 7 7\n"
 UVS = "vt 0 0\nvt .5 0.25\nvt 0 1\n"

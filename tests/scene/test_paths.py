@@ -15,9 +15,9 @@ from clsim.errors import InputError
 from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.scene.motion import Nested, Orbit, compose, rotation_matrix
-from clsim.scene.paths import ENDINGS, read_path
 from clsim.scene.rigid import quaternion_of
-from clsim.scene.wandering import Shake, Wander
+from clsim.scene.trajectories.paths import ENDINGS, read_path
+from clsim.scene.trajectories.wandering import Shake, Wander
 from tests.scene.gltf_files import gltf, with_camera, write_gltf
 
 TIMES_S = np.array([0.5, 0.75, 1.5])
@@ -114,7 +114,7 @@ def test_hostile_files_get_one_sentence(tmp_path_factory: pytest.TempPathFactory
 
 
 def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clsim.scene.paths.MAX_BYTES", 1 << 20)
+    monkeypatch.setattr("clsim.scene.trajectories.paths.MAX_BYTES", 1 << 20)
     np.savez_compressed(tmp_path / "bomb.npz", time_s=np.zeros(200_000))
     assert (tmp_path / "bomb.npz").stat().st_size < 1 << 12
     with pytest.raises(InputError, match="unpacks to more than 1 MiB"):

@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.pbrt_scene import load_pbrt
-from clsim.scene.pbrt_shapes import latitude_longitude
-from clsim.scene.spectra import METALS
+from clsim.scene.light.spectra import METALS
+from clsim.scene.pbrt.scene import load_pbrt
+from clsim.scene.pbrt.shapes import latitude_longitude
 
 HEAD = (
     'LookAt 0 0 -5  0 0 0  0 1 0\nCamera "perspective" "float fov" 40\n'

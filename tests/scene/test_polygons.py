@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clsim.scene.polygons import triangulated
+from clsim.scene.meshes.polygons import triangulated
 
 
 def areas(points, indices, corners):

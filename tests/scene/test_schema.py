@@ -7,7 +7,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.schema import SceneTable, key_table
+from clsim.scene.toml.schema import SceneTable, key_table
 
 CAMERA = "[camera]\nposition = [0.0, 0.0, 3.0]\n"
 BOX = '[[objects]]\nshape = "box"\n'

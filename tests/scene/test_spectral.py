@@ -14,7 +14,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world
-from clsim.scene.spectral import WEIGHTS, spectral_weights
+from clsim.scene.light.spectral import WEIGHTS, spectral_weights
 from clsim.sensor import load_sensor
 
 WALL = """

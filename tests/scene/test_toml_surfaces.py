@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.spectra import METALS
+from clsim.scene.light.spectra import METALS
 
 BOX = '[[objects]]\nshape = "box"\nmaterial = "m"\n'
 

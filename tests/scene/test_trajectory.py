@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from clsim.scene.trajectory import read_tum
+from clsim.scene.trajectories.trajectory import read_tum
 
 TUM = """# time tx ty tz qx qy qz qw
 1305031102.5 1 2 3 0 0 0 1

@@ -331,7 +331,7 @@ def test_metres_may_be_float_for_double():
     """A file in which a number has another type than the schema's, as some exporters write it."""
     from pxr import Usd
 
-    from clsim.scene.usd_stage import Stage
+    from clsim.scene.usd.stage import Stage
 
     told = Usd.Stage.Open(str(CASE)).GetMetadata("metersPerUnit")
     assert Stage(CASE, print).metres == pytest.approx(told)
@@ -377,7 +377,7 @@ def test_copies_that_hold_themselves_end(tmp_path):
 def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
     path = usda(tmp_path, mesh() + MOVING_COPIES, TIMED)
     for most, count in ((512, 3), (511, 1)):
-        monkeypatch.setattr("clsim.scene.usd_stage.MAX_BYTES", most)
+        monkeypatch.setattr("clsim.scene.usd.stage.MAX_BYTES", most)
         world = load_world(path)
         assert len(world.instances) == count
     assert any("the copies of twice are left out: their places" in warning for warning in world.warnings)

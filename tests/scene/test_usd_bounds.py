@@ -12,7 +12,7 @@ from clsim.scene import load_world
 
 def test_what_unfolds_without_end_is_refused(tmp_path, monkeypatch):
     """Each of sixty prims refers twice to the next: 2⁶⁰ in all, out of a few kilobytes."""
-    monkeypatch.setattr("clsim.scene.usd_bounds.CPU_S", 1)
+    monkeypatch.setattr("clsim.scene.usd.bounds.CPU_S", 1)
     twice = [
         f'def "p{k}" {{\n'
         + "".join(f'def "{name}" (references = </p{k + 1}>\n) {{ }}\n' for name in ("one", "two"))
@@ -46,7 +46,7 @@ def test_an_embedded_python_opens_files_without_a_trial(tmp_path, monkeypatch):
 
 
 def test_what_refers_to_nothing_is_opened_once(tmp_path, monkeypatch):
-    monkeypatch.setattr("clsim.scene.usd_bounds.subprocess.run", None)
+    monkeypatch.setattr("clsim.scene.usd.bounds.subprocess.run", None)
     assert len(load_world(usda(tmp_path, mesh())).instances) == 1
     with pytest.raises(TypeError):
         load_world(usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }', name="other.usda"))
@@ -70,7 +70,7 @@ def test_a_pipe_is_not_waited_for(tmp_path, by, ending, far):
 
 
 def test_a_file_that_waits_for_something_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("clsim.scene.usd_bounds.WALL_S", 0.01)
+    monkeypatch.setattr("clsim.scene.usd.bounds.WALL_S", 0.01)
     path = usda(tmp_path, mesh() + 'def "b" (references = </square>\n) { }')
     with pytest.raises(InputError, match="usd-core has not opened it"):
         load_world(path)

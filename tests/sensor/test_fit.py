@@ -12,9 +12,9 @@ from clsim.cli import main
 from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import SensorSettings, load_sensor
-from clsim.sensor.fit_flicker import fit_flicker
-from clsim.sensor.fit_still import Counts, fit_still
-from clsim.sensor.fitted import fitted_rows, sensor_file
+from clsim.sensor.fit.fitted import fitted_rows, sensor_file
+from clsim.sensor.fit.flicker import fit_flicker
+from clsim.sensor.fit.still import Counts, fit_still
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
 

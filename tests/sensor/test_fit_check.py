@@ -8,8 +8,8 @@ import pytest
 
 import clsim
 from clsim.sensor import SensorSettings
-from clsim.sensor.fit_check import foretold
-from clsim.sensor.fit_still import Counts
+from clsim.sensor.fit.check import foretold
+from clsim.sensor.fit.still import Counts
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
 from tests.sensor.real import WALL, still_wall

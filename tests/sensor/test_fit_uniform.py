@@ -13,8 +13,8 @@ from clsim.cli import main
 from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import load_sensor
-from clsim.sensor.fit_still import Counts
-from clsim.sensor.fit_uniform import Rates, fit_uniform, look_probabilities, rates_of
+from clsim.sensor.fit.still import Counts
+from clsim.sensor.fit.uniform import Rates, fit_uniform, look_probabilities, rates_of
 
 TRUE = {"on": 0.2, "off": 0.25, "per_lux": 5.0, "dark": 2.0, "look_s": 0.005, "leak_hz": 0.5, "per_lux_hz": 0.01}
 LUX = (0.2, 1.0, 5.0, 20.0, 60.0, 200.0)

@@ -12,7 +12,7 @@ import pytest
 import recordings
 
 from clsim.events import SinkError
-from clsim.truth.event_utils import EventUtilsLayout
+from clsim.truth.formats.event_utils import EventUtilsLayout
 from clsim.truth.layouts import open_layout
 
 

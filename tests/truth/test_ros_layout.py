@@ -12,7 +12,7 @@ import recordings
 from clsim.events.files import open_source
 from clsim.scene.world import Lens
 from clsim.truth.layouts import open_layout
-from clsim.truth.poses import matrices
+from clsim.truth.writing.poses import matrices
 
 
 def topics_of(path: Path) -> dict[str, list[Any]]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.stopwatch import Stopwatch
+from clsim.bench.tradeoff.stopwatch import Stopwatch
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference.observation import feature_names, observe
 from clsim.detector import NumpyDetector
