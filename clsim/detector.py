@@ -42,7 +42,7 @@ def check_sensor(config: DetectorConfig, specimen: Specimen) -> None:
 class Detector:
     """Turns frames into events by the method, gate and rule of a `DetectorConfig`, in OpenCL.
 
-    `clsim.detect.reference` is the same in float64 numpy.
+    `clsim.detect.float64` is the same in float64 numpy.
     """
 
     estimator_type: ClassVar[type[BrightnessEstimator]] = BrightnessEstimator
@@ -205,24 +205,24 @@ class NumpyDetector:
         Raises:
             InputError: a plane is missing.
         """
-        from clsim.detect.reference import ReferenceDetector
+        from clsim.detect.float64 import Float64Detector
 
         method = method_of(config.method)
         method.check_planes(config, names)
         method.candidates(config, names)
-        self._reference = ReferenceDetector(config, width, height, names)
+        self._detector = Float64Detector(config, width, height, names)
 
     def step(self, frame: Frame) -> EventBatch:
         """Process one frame and return its events, sorted by t, then (y, x)."""
-        return self._reference.step(frame)
+        return self._detector.step(frame)
 
     def reset(self) -> None:
         """Forget all references: the next frame initialises again and fires nothing."""
-        self._reference.reset()
+        self._detector.reset()
 
     def level(self) -> FloatArray:
         """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``."""
-        return self._reference.level.astype(np.float32)
+        return self._detector.level.astype(np.float32)
 
     def close(self) -> None:
         """Release nothing; here so that all detectors end alike."""
@@ -230,7 +230,7 @@ class NumpyDetector:
     @property
     def stats(self) -> DetectorStats:
         """Counts since the start."""
-        return self._reference.stats
+        return self._detector.stats
 
 
 def recorded_detector(

@@ -135,7 +135,7 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     if kind in LABELLED and options.labels:
         own["labels"] = ("cause", "object") if options.objects else ("cause",)
     if is_address(name):
-        from clsim.events.sockets.sinks import open_socket_sink
+        from clsim.events.socket_sinks import open_socket_sink
 
         return open_socket_sink(name, width, height, **own)
     return open_sink(name, width, height, format=kind, **own)

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from reference_scenes import make_frame, random_frames, run
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.observation import observe
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.observation import observe
 from clsim.detector import NumpyDetector
 from clsim.errors import InputError
 

@@ -7,10 +7,10 @@ import pytest
 from reference_scenes import FEATURES, make_frame, random_frames, run
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.bandwidth import curvature, solve_optimised, solve_tsvd, subspace
+from clsim.detect.float64.fit import gather, solve_windows
+from clsim.detect.float64.observation import add_variances, feature_names, observe
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.bandwidth import curvature, solve_optimised, solve_tsvd, subspace
-from clsim.detect.reference.fit import gather, solve_windows
-from clsim.detect.reference.observation import add_variances, feature_names, observe
 from clsim.errors import InputError
 from clsim.frames import Frame
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from reference_scenes import FEATURES, make_frame, random_frames
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.fit import fit_pixels, gather, solve_windows, tap_offsets
-from clsim.detect.reference.observation import feature_names, log_brightness, observe, scaled_luminance
+from clsim.detect.float64.fit import fit_pixels, gather, solve_windows, tap_offsets
+from clsim.detect.float64.observation import feature_names, log_brightness, observe, scaled_luminance
 
 
 def naive_fit(frames, x, y, config):

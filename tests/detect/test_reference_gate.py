@@ -5,11 +5,11 @@ import pytest
 from reference_scenes import make_frame, random_frames, run
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.fit import fit_pixels
+from clsim.detect.float64.gate import Model, beyond, box_means, delta_r, leaves_range, radiance
+from clsim.detect.float64.observation import feature_names, observe
+from clsim.detect.float64.rule import Step, apply_rule
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.fit import fit_pixels
-from clsim.detect.reference.gate import Model, beyond, box_means, delta_r, leaves_range, radiance
-from clsim.detect.reference.observation import feature_names, observe
-from clsim.detect.reference.rule import Step, apply_rule
 
 CONFIG = DetectorConfig(window=5, box=3, threshold_on=0.1, threshold_off=0.15, gate_scale=0.8)
 

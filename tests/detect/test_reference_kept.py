@@ -5,11 +5,11 @@ import pytest
 from reference_scenes import random_frames, run
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.fit import fit_pixels, gather
+from clsim.detect.float64.gate import Model
+from clsim.detect.float64.kept import KeptWindows, published
+from clsim.detect.float64.observation import feature_names, observe
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.fit import fit_pixels, gather
-from clsim.detect.reference.gate import Model
-from clsim.detect.reference.kept import KeptWindows, published
-from clsim.detect.reference.observation import feature_names, observe
 
 OPTIONS = {"window": 5, "threshold_on": 0.1, "threshold_off": 0.13}
 

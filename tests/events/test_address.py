@@ -7,8 +7,8 @@ import socket
 import pytest
 
 from clsim.errors import InputError
+from clsim.events.socket_sinks import open_socket_sink
 from clsim.events.sockets.address import Address, parse_address, resolve
-from clsim.events.sockets.sinks import open_socket_sink
 from clsim.events.sockets.sources import open_socket_source
 
 

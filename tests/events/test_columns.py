@@ -13,8 +13,8 @@ from hypothesis.extra import numpy as hnp
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
-from clsim.events.columns import from_columns
 from clsim.events.files import open_source
+from clsim.events.formats.columns import from_columns
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
 COUNT = 500

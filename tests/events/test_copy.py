@@ -15,7 +15,7 @@ from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.formats.tables import text
 from clsim.events.open import sensor_size
-from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 from tests.live.view_events import random_events
 
 WIDTH, HEIGHT = 40, 30

@@ -13,7 +13,7 @@ from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_source
 from clsim.events.formats.dv_stream import AEDAT4_MAGIC, DvEncoder
-from clsim.events.order import WINDOW_US, Order
+from clsim.events.formats.order import WINDOW_US, Order
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
 

@@ -18,7 +18,7 @@ sys.path.insert(0, {str(Path(__file__).parent)!r})
 from socket_help import WIDTH, HEIGHT, make_events
 from clsim.errors import InputError
 from clsim.events import SinkError
-from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 
 try:
     sink = open_socket_sink(sys.argv[1], WIDTH, HEIGHT)

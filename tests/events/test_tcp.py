@@ -19,7 +19,7 @@ from socket_help import HEIGHT, WIDTH, make_events, receive_until_end, wait_unti
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, empty_batch
 from clsim.events.formats.dv_stream import AEDAT4_MAGIC, DvEncoder
-from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 from clsim.events.sockets.tcp import TcpSink
 
 

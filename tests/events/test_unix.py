@@ -11,7 +11,7 @@ from dv_reader import assert_same, read_with_dv
 from socket_help import HEIGHT, WIDTH, make_events
 
 from clsim.errors import InputError
-from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 from clsim.events.sockets.unix import UnixSink
 
 

@@ -18,7 +18,7 @@ from clsim.events import SinkError
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.outputs import FileOptions, open_outputs
-from clsim.events.sockets.sinks import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 
 OLD = b"of great value"
 EVENTS = events(300_000)

@@ -10,8 +10,8 @@ from typing import BinaryIO
 
 from clsim.errors import InputError
 from clsim.events.batch import CAUSES, EventBatch, Labels, gather
-from clsim.events.columns import ColumnError
-from clsim.events.order import Order
+from clsim.events.formats.columns import ColumnError
+from clsim.events.formats.order import Order
 
 CHUNK_EVENTS = 1 << 18
 """Readers yield about this many events at a time, at most."""
@@ -24,7 +24,7 @@ class EventSource:
 
     Damage found on the way raises InputError. The last record of a file whose writer was killed may be torn: it is
     left out, and everything before it is delivered. Events out of order are put in their place or left out, and
-    counted (`clsim.events.order`); after `be_strict` they are damage.
+    counted (`clsim.events.formats.order`); after `be_strict` they are damage.
 
     Attributes:
         format: name of the format that the file turned out to have; None where its ending tells all.

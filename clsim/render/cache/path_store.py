@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
+from clsim.render.accel.upload_geometry import Places
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import PLACES
 from clsim.render.device.launch import Tiles, record
-from clsim.render.scene_data import SceneData
 
 _TILE = 2048
 """Paths of a launch."""
 _MOST_BOXES = 16
 """Pairs of boxes that trails are compared with; of more things several share one."""
+
+
+class MovingScene(Protocol):
+    """What is asked of a scene on a device."""
+
+    device: Any
+    scene: Any
+
+    @property
+    def instance_count(self) -> int:
+        """How many instances rays meet."""
+
+    def places(self) -> Places:
+        """Return where all that moves is now."""
+
+    def lamp_poses(self) -> npt.NDArray[np.float64]:
+        """Return where what moves and shines is now ``[n, 4, 4]``."""
 
 
 class PathStore:
@@ -29,7 +47,9 @@ class PathStore:
         followed: whether anything was ever traced again.
     """
 
-    def __init__(self, kernel: Any, data: SceneData, settings: Any, most: int, every: int, threads: int | None) -> None:
+    def __init__(
+        self, kernel: Any, data: MovingScene, settings: Any, most: int, every: int, threads: int | None
+    ) -> None:
         """Make room for none.
 
         Args:

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
-from clsim.events.columns import find_columns, from_columns
+from clsim.events.formats.columns import find_columns, from_columns
 from clsim.events.formats.filesink import FileSink, FlushPolicy, Limits
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 from clsim.events.formats.tables.hdf5_growing import GrowingHdf5

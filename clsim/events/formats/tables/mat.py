@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EventBatch
-from clsim.events.columns import NAMES, find_columns, from_columns
+from clsim.events.formats.columns import NAMES, find_columns, from_columns
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 
 _HDF5_AT, _HDF5_MAGIC = 512, b"\x89HDF\r\n\x1a\n"

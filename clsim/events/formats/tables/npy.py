@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EventBatch
-from clsim.events.columns import check_unnamed, from_columns, named
+from clsim.events.formats.columns import check_unnamed, from_columns, named
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 
 

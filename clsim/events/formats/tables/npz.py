@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events.batch import EVENT_DTYPE, EventBatch
-from clsim.events.columns import find_columns, from_columns
+from clsim.events.formats.columns import find_columns, from_columns
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 

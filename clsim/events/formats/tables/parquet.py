@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clsim.events.batch import CAUSES, LABEL_TYPES, EventBatch, Labels
-from clsim.events.columns import find_columns, from_columns
+from clsim.events.formats.columns import find_columns, from_columns
 from clsim.events.formats.filesink import FileSink, FlushPolicy, Limits, PartFile
 from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
 

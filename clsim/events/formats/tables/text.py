@@ -19,7 +19,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, empty_batch
-from clsim.events.columns import NAMES, check_unnamed, find_columns, from_columns
+from clsim.events.formats.columns import NAMES, check_unnamed, find_columns, from_columns
 from clsim.events.formats.filesink import ByteFile, FileSink, FlushPolicy, Limits
 from clsim.events.formats.filesource import EventSource, damaged, open_binary
 

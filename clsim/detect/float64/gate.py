@@ -1,4 +1,4 @@
-"""The float64 reference, third stage: which pixels need a new regression.
+"""In float64, third stage: which pixels need a new regression.
 
 A pixel keeps the plane of the frame of its last event. The gates predict from it how far brightness has moved, and
 ask for a new fit only where that reaches the contrast threshold. All need O(1) memory per pixel.
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.fit import Fit, Pixels, empty_fit, put_fit
-from clsim.detect.reference.observation import F64, Mask, Observation, log_brightness
+from clsim.detect.float64.fit import Fit, Pixels, empty_fit, put_fit
+from clsim.detect.float64.observation import F64, Mask, Observation, log_brightness
 
 RANGE_MARGIN = 1e-3
 """How far a feature may leave its old window's range, as a share of its size, before the radiance gate solves."""

@@ -1,4 +1,4 @@
-"""The float64 reference, first stage: a frame becomes log brightness and features of the regression."""
+"""In float64, first stage: a frame becomes log brightness and features of the regression."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The float64 reference, second stage: weighted local regression (WLR).
+"""In float64, second stage: weighted local regression (WLR).
 
 Moon, Carr, Yoon, "Adaptive Rendering Based on Weighted Local Regression", ToG 2014, as used by Tsuji et al.,
 ICIP 2023, section 2.1, equations 2…5. Everything is two-pass (means first, then moments of the differences), because
@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.observation import F64, Mask, Observation
+from clsim.detect.float64.observation import F64, Mask, Observation
 
 Pixels = npt.NDArray[np.int64]
 """Indices into the flattened image, row by row."""

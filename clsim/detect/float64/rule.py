@@ -1,4 +1,4 @@
-"""The float64 reference, last stage: levels become events."""
+"""In float64, last stage: levels become events."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.fit import Pixels
-from clsim.detect.reference.observation import F64, Mask
+from clsim.detect.float64.fit import Pixels
+from clsim.detect.float64.observation import F64, Mask
 from clsim.events import EVENT_DTYPE, EventBatch
 
 MAX_EVENTS_PER_STEP = 1000

@@ -1,4 +1,4 @@
-"""The float64 reference, third stage continued: gates that need the old windows themselves.
+"""In float64, third stage continued: gates that need the old windows themselves.
 
 `delta-r-exact` takes the residual of proposition 1 (Tsuji et al., ICIP 2023, equation 6) by brute force, to check the
 closed form. `published` does what the authors' program does, which is not what the paper says: it weighs the old
@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.fit import (
+from clsim.detect.float64.fit import (
     Pixels,
     Windows,
     chunks,
@@ -22,8 +22,8 @@ from clsim.detect.reference.fit import (
     kernel_weights,
     tap_offsets,
 )
-from clsim.detect.reference.gate import Model, Verdict
-from clsim.detect.reference.observation import F64, Mask, Observation
+from clsim.detect.float64.gate import Model, Verdict
+from clsim.detect.float64.observation import F64, Mask, Observation
 
 
 class KeptWindows:

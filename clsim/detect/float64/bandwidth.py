@@ -1,4 +1,4 @@
-"""The float64 reference: regressions that choose their bandwidth, as Moon, Carr, Yoon, ToG 2014, do.
+"""In float64: regressions that choose their bandwidth, as Moon, Carr, Yoon, ToG 2014, do.
 
 Tsuji et al., ICIP 2023, section 3, found that this gives no better events at about 8 times the cost; these variants
 let that be checked. Their steps:
@@ -19,8 +19,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from clsim.detect.config import Bandwidth, DetectorConfig
-from clsim.detect.reference.fit import TINY_RIDGE, Fit, Windows, feature_scale, kernel_weights, solve_windows
-from clsim.detect.reference.observation import F64
+from clsim.detect.float64.fit import TINY_RIDGE, Fit, Windows, feature_scale, kernel_weights, solve_windows
+from clsim.detect.float64.observation import F64
 
 CANDIDATES_H = (0.2, 0.4, 0.6, 0.8, 1.0)
 """Values of h to choose from, times the configured bandwidth."""
