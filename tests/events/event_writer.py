@@ -8,11 +8,11 @@ import os
 import sys
 
 import numpy as np
-from event_data import end_of
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
 from clsim.events.formats.filesink import FlushPolicy
+from tests.events.event_data import end_of
 
 
 def numbered(start: int, stop: int) -> EventBatch:

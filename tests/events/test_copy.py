@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import end_of
 
 import clsim
 from clsim.errors import InputError
@@ -16,7 +15,8 @@ from clsim.events.files import open_sink
 from clsim.events.formats.tables import text
 from clsim.events.open import sensor_size
 from clsim.events.socket_sinks import open_socket_sink
-from tests.live.view_events import random_events
+from tests.events.event_data import end_of
+from tests.live.view.view_events import random_events
 
 WIDTH, HEIGHT = 40, 30
 EVENTS = random_events(20_000, WIDTH, HEIGHT)

@@ -10,13 +10,13 @@ import textwrap
 
 import numpy as np
 import pytest
-from event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, WIDTH, end_of, events, read
-from event_writer import numbered
 
 from clsim.errors import InputError
 from clsim.events.batch import SinkError
 from clsim.events.files import open_sink
 from clsim.events.formats.filesink import FlushPolicy
+from tests.events.event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, WIDTH, end_of, events, read
+from tests.events.event_writer import numbered
 
 # In a process of its own, because the limit on the size of files stays. HDF5 alone would crash here.
 WRITER = textwrap.dedent(

@@ -10,15 +10,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import dv_processing as dv
-import event_writer
 import h5py
 import numpy as np
 import pytest
-from event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
-from event_writer import numbered
 
 from clsim.events.files import FORMATS, open_sink
 from clsim.events.formats.filesink import FlushPolicy
+from tests.events import event_writer
+from tests.events.event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
+from tests.events.event_writer import numbered
 
 
 def kill_a_writer(folder: Path, ending: str, batch: int, interval_us: float, delay_s: float) -> tuple[Path, int]:

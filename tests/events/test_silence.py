@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import ENDINGS, HEIGHT, WIDTH, read
 
 import clsim
 from clsim.errors import InputError
@@ -13,6 +12,7 @@ from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
 from clsim.events.formats.filesink import FileSink, FlushPolicy, Limits
 from clsim.live.outputs.queue_sink import QueueSink
+from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, read
 
 NOTHING = np.empty(0, EVENT_DTYPE)
 

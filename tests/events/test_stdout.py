@@ -10,7 +10,8 @@ from pathlib import Path
 
 import dv_processing as dv
 import numpy as np
-from socket_help import make_events
+
+from tests.events.sockets.socket_help import make_events
 
 WRITER = f"""
 import sys

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 from clsim.errors import InputError
 from clsim.events import SinkError
@@ -19,6 +18,7 @@ from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.socket_sinks import open_socket_sink
+from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 OLD = b"of great value"
 EVENTS = events(300_000)

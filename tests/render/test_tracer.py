@@ -7,7 +7,6 @@ import sys
 import threading
 from dataclasses import dataclass, fields, replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 import warp as wp
@@ -40,6 +39,7 @@ from clsim.scene import (
     Static,
     load_world,
 )
+from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("any_lights")
 

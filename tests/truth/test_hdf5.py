@@ -11,12 +11,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import recordings
 
 import clsim
 from clsim.events.formats.tables import hdf5_growing
 from clsim.truth.formats.hdf5 import Hdf5Layout
 from clsim.truth.recording import convert_recording, read_recording
+from tests.truth import recordings
 
 
 def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:

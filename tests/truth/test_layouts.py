@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-import recordings
 import yaml
 from typer.testing import CliRunner
 
@@ -25,6 +24,7 @@ from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
 from clsim.truth.record import Shot
 from clsim.truth.recording import convert_recording, read_recording
 from clsim.truth.writing.png import write_png
+from tests.truth import recordings
 
 FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
 
