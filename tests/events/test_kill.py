@@ -16,7 +16,6 @@ import pytest
 
 from clsim.events.files import FORMATS, open_sink
 from clsim.events.formats.filesink import FlushPolicy
-from tests.events import event_writer
 from tests.events.event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
 from tests.events.event_writer import numbered
 
@@ -25,8 +24,9 @@ def kill_a_writer(folder: Path, ending: str, batch: int, interval_us: float, del
     """Return the file a killed process left and how many events it had written, counted without the last write."""
     path, counter = folder / f"a{ending}", folder / f"counter{ending}"
     counter.write_bytes(bytes(8))
-    arguments = [sys.executable, event_writer.__file__, path, counter, str(batch), str(interval_us)]
-    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
+    arguments = [sys.executable, "-m", "tests.events.event_writer", path, counter, str(batch), str(interval_us)]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(arguments, cwd=root, stderr=subprocess.PIPE, text=True) as process:
         while not int.from_bytes(counter.read_bytes(), "little"):
             assert process.poll() is None, process.stderr and process.stderr.read()
             time.sleep(0.002)

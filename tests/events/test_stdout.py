@@ -15,8 +15,8 @@ from tests.events.sockets.socket_help import make_events
 
 WRITER = f"""
 import sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from socket_help import WIDTH, HEIGHT, make_events
+sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+from tests.events.sockets.socket_help import WIDTH, HEIGHT, make_events
 from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.events.socket_sinks import open_socket_sink

@@ -93,9 +93,9 @@ def test_round_trip_with_our_server(tmp_path: Path, kind: str) -> None:
 
 DV_SERVER = f"""
 import sys, time
-sys.path.insert(0, {str(Path(__file__).parent)!r})
+sys.path.insert(0, {str(Path(__file__).parents[3])!r})
 import dv_processing as dv
-from socket_help import WIDTH, HEIGHT, make_events
+from tests.events.sockets.socket_help import WIDTH, HEIGHT, make_events
 
 stream = dv.io.Stream.EventStream(0, "events", "camera", (WIDTH, HEIGHT))
 stream.setCompression(getattr(dv.CompressionType, sys.argv[2]))
