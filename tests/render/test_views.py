@@ -71,6 +71,7 @@ def test_views_take_turns_at_different_times():
     np.testing.assert_array_equal(shoot(left, 2), first)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shutter_s", [0.0, 0.25])
 def test_an_exposure_may_be_shorter_than_the_interval(shutter_s):
     """A strip glides at 1 m/s: its edges are smeared by the exposure, whatever interval the data covers."""
@@ -82,6 +83,7 @@ def test_an_exposure_may_be_shorter_than_the_interval(shutter_s):
     assert abs(ours[10].mean() - 0.25) < 0.01
 
 
+@pytest.mark.slow
 def test_a_camera_alone_that_moves_is_blurred_over_a_still_world():
     scene = strip(Static(hw.translation(0.25, 0, 0)), view(Glide((1, 0, 0), (-1.0, 0, 0))))
     data = SceneData(scene)

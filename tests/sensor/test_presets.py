@@ -75,6 +75,7 @@ def stream_of(name):
     return np.concatenate(parts)
 
 
+@pytest.mark.slow
 def test_no_two_cameras_fire_the_same_stream():
     streams = {name: stream_of(name) for name in CAMERAS if name != "imx636"}
     assert min(map(len, streams.values())) > 3000

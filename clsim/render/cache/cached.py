@@ -63,7 +63,8 @@ def make_cached(
     ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame; it is kept too,
     where ``steering.event`` tells at what they do.
 
-    ``learnt_twice``, float ``[2, H·W / n]``, is ``learnt`` of two looks at every n-th pixel, beside that.
+    ``learnt_twice``, float ``[3, H·W / n]``, is ``learnt`` of the second look at every n-th pixel last, and what either
+    has learnt more where the light might be off.
 
     ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
     for only where the light is shown as it was ``earlier``.
@@ -71,8 +72,8 @@ def make_cached(
     ``out_shadows`` ``[H·W]`` tells of pixels in soft shadows which rays reach the lamps, where that is asked for.
 
     Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
-    It writes to ``learnt_twice`` and ``out_twice`` alone, both float ``[2, H·W / n]``: the second has the luminance of
-    what the frame shows, and of what they see, one somewhat brighter and one darker, by how far the light might be off.
+    It writes to ``learnt_twice`` and ``out_twice`` ``[2, H·W / n]`` alone: the second has the luminance of what the
+    frame shows, and of what they see, one somewhat brighter and one darker, by how far the light might be off.
     """
 
     @wp.func
@@ -171,9 +172,12 @@ def make_cached(
                 out_shadows[pixel] = seen.shadow
             if again > 0:
                 lit = finished(lit, own[pixel], own_before[pixel], spectral)
-                learnt_then = learnt[pixel]
-                if steering.earlier:
-                    learnt_then = learnt_before[pixel]
+                # Its rays end elsewhere in the cells, which learn something else there.
+                learnt_then = learnt_twice[2, number]
+                if settings.samples > 0:
+                    learnt_twice[2, number] = learnt_then + gain(lit, spectral)
+                if not steering.earlier:
+                    learnt_then = learnt_twice[2, number]
                 shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
                 sees = shown_in(lit, steering.earlier, learnt_then)
                 for one in range(2):

@@ -131,7 +131,7 @@ class LightKeeper:
         pixels = width * height
         again = -(-pixels // look_again) if look_again else 1
         self._seen_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
-        self._learnt_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
+        self._learnt_twice: Any = wp.zeros((3, again), dtype=wp.float32, device=device)
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0

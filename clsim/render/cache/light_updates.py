@@ -26,6 +26,8 @@ _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
 _LEAST_SPREAD = wp.constant(1.0e-4)
 """Variance of the places of paths along u or v, in sides of a cell, of which there is always that much."""
+_FEW = wp.constant(12.0)
+"""Paths of which no plane is made: one bright path among so few looks like a slope, and is far off at the edge."""
 _BY_CHANCE = wp.constant(2.0)
 """What a plane explains by chance alone is some twice the variance of one path over their number."""
 _LARGEST = wp.constant(65536.0)
@@ -151,7 +153,7 @@ def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: flo
     explained = wp.clamp(steep[0] * ub + steep[1] * vb, 0.0, variance)
     left = wp.max(variance - explained, 0.0)
     share = float(0.0)
-    if count > 4.0 and explained > 0.0:
+    if count > _FEW and explained > 0.0:
         share = wp.max(1.0 - _BY_CHANCE * left / (explained * (count - 3.0)), 0.0)
     steep = steep * (share / bright)
     return wp.vec4(1.0 - steep[0] * u - steep[1] * v, steep[0], steep[1], variance - share * (2.0 - share) * explained)

@@ -45,10 +45,7 @@ def test_patches_are_those_of_the_complement_of_the_seed():
 
 @pytest.mark.slow
 def test_where_things_move_two_looks_differ_as_two_seeds_do():
-    """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is.
-
-    What is told may be up to twice as much: as things move, planes in cells err less than their errors say.
-    """
+    """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
     world = load_world("cornell", resolution=(48, 36))
     given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
     looks, seeds, dark = [], [], 1e-3
@@ -66,8 +63,7 @@ def test_where_things_move_two_looks_differ_as_two_seeds_do():
             seeds.append(np.log((seen + dark) / (differs + dark)))
     grown = (np.diff(np.reshape(each, (3, 4, -1)), axis=1) for each in (looks, seeds))
     spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in grown]
-    told, true = spread
-    assert np.all(told > true / 1.25) and np.all(told < 2.0 * true)
+    np.testing.assert_allclose(*spread, rtol=0.35)
 
 
 def test_first_hit_rays_without_kept_light_are_not_looked_at_again():

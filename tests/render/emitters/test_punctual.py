@@ -103,6 +103,7 @@ def test_bodies_cast_sharp_shadows():
         np.testing.assert_allclose(irradiance(hw.with_camera(floor_under(light, meshes=(body,)), view)), lit)
 
 
+@pytest.mark.slow
 def test_many_lights_of_all_kinds_add_up():
     """Drawn by power: a picture with several is noisy, and its mean is the sum of the pictures with one each."""
     lamp = hw.quad((-0.9, 1.6, 0.2), (0.4, 0, 0), (0, 0, 0.4), material=1)
@@ -149,6 +150,7 @@ def test_a_moving_light_is_where_its_motion_says(kind):
         np.testing.assert_allclose(irradiance(scene, index), np.array(INTENSITY) / (1 + index / 2) ** 2, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_scattering_finds_no_light_without_size():
     light = PunctualLight("point", INTENSITY, Static(hw.translation(0, 2, 0)))
     assert np.all(hw.radiance(hw.render(floor_under(light), spp=16, strategy="scatter")) == 0)

@@ -169,6 +169,7 @@ def test_first_hit_rays_end_where_all_look_alike():
     assert run.spent == (covered, int(rays.sum()) - covered)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["sobol", "pcg"])
 def test_first_hits_are_the_same_whether_paths_go_on_or_not(sampler):
     few, many = (Run(textured_world(), spp=spp, first_hit_rays=8, sampler=sampler) for spp in (1, 12))
