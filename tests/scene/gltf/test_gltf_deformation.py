@@ -87,7 +87,7 @@ def test_fox_walks_as_scipy_says(time_s):
         matrix = np.eye(4)
         matrix[:3, :3], matrix[:3, 3] = local[index][1].as_matrix(), local[index][0]
         parents = [i for i, node in enumerate(source.nodes) if index in (node.children or [])]
-        return world_of(parents[1]) @ matrix if parents else matrix
+        return world_of(parents[0]) @ matrix if parents else matrix
 
     skin, attributes = source.skins[0], source.meshes[0].primitives[0].attributes
     binds = decoded(source, skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
