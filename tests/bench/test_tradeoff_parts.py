@@ -69,6 +69,24 @@ def test_a_reference_has_another_key_when_anything_that_went_in_changes(monkeypa
     assert reference_key(again, options) == reference_key(world, options)
 
 
+@pytest.mark.parametrize("name", ["view.py", "cache/light_cache.py", "native/search/tree_any.h"])
+def test_the_key_of_code_is_of_all_sources_however_deep(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from clsim.bench.tradeoff.content_key import code_key
+
+    monkeypatch.setattr("clsim.bench.tradeoff.content_key.files", lambda package: tmp_path / package)
+    source = tmp_path / "clsim.render" / name
+    source.parent.mkdir(parents=True)
+    keys = set()
+    for text in ("1", "2", "1"):
+        source.write_text(text)
+        _forget_code()
+        keys.add(code_key(("render",)))
+    _forget_code()
+    assert len(keys) == 2
+
+
 _OTHER_OPTIONS = {"spp": 5, "frames": 5, "fps": 60.0, "seed": 1, "noise": "independent", "max_depth": 3}
 
 

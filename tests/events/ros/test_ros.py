@@ -280,3 +280,11 @@ def test_a_path_that_sqlite_does_not_take_is_told(tmp_path):
     with pytest.raises(InputError, match=r"a\?\.db3: SQLite cannot write there; expected a path without \?"):
         clsim.write(tmp_path / "a?.db3", WIDTH, HEIGHT)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_the_old_name_of_messages_warns_and_is_understood() -> None:
+    from clsim.events import ros_messages
+    from clsim.events.ros.messages import mono_words
+
+    with pytest.warns(DeprecationWarning, match=r"is now clsim\.events\.ros\.messages"):
+        assert ros_messages.mono_words is mono_words
