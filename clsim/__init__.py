@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from clsim.scene import World, WorldBuilder
     from clsim.scene import load_world as load_scene
     from clsim.simulator import RigSimulator, Simulator
-    from clsim.simulator_batch import Batch as batch  # noqa: N813 - called like a function
+    from clsim.simulator.batch import Batch as batch  # noqa: N813 - called like a function
 
 __version__ = VERSION
 
@@ -52,7 +52,7 @@ _WHERE = {
     "SinkError": ("clsim.events", "SinkError"),
     "World": ("clsim.scene", "World"),
     "WorldBuilder": ("clsim.scene", "WorldBuilder"),
-    "batch": ("clsim.simulator_batch", "Batch"),
+    "batch": ("clsim.simulator.batch", "Batch"),
     "events_from": ("clsim.live.footage", "events_from"),
     "load_scene": ("clsim.scene", "load_world"),
     "open": ("clsim.events.open", "open_events"),

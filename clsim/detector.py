@@ -6,13 +6,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from clsim.detect.between import Between
 from clsim.detect.config import DetectorConfig
 from clsim.detect.estimator import BrightnessEstimator
 from clsim.detect.methods import method_of
-from clsim.detect.refine import Refiner
 from clsim.detect.stats import DetectorStats
-from clsim.detect.whole_pictures import WholePictures
+from clsim.detect.subframe.between import Between
+from clsim.detect.subframe.refine import Refiner
+from clsim.detect.subframe.whole_pictures import WholePictures
 from clsim.errors import InputError
 from clsim.events import Causes, EventBatch
 from clsim.frames import Frame, InterestMap, PixelTracer
@@ -42,7 +42,7 @@ def check_sensor(config: DetectorConfig, specimen: Specimen) -> None:
 class Detector:
     """Turns frames into events by the method, gate and rule of a `DetectorConfig`, in OpenCL.
 
-    `clsim.detect.reference` is the same in float64 numpy.
+    `clsim.detect.float64` is the same in float64 numpy.
     """
 
     estimator_type: ClassVar[type[BrightnessEstimator]] = BrightnessEstimator
@@ -205,24 +205,24 @@ class NumpyDetector:
         Raises:
             InputError: a plane is missing.
         """
-        from clsim.detect.reference import ReferenceDetector
+        from clsim.detect.float64 import Float64Detector
 
         method = method_of(config.method)
         method.check_planes(config, names)
         method.candidates(config, names)
-        self._reference = ReferenceDetector(config, width, height, names)
+        self._detector = Float64Detector(config, width, height, names)
 
     def step(self, frame: Frame) -> EventBatch:
         """Process one frame and return its events, sorted by t, then (y, x)."""
-        return self._reference.step(frame)
+        return self._detector.step(frame)
 
     def reset(self) -> None:
         """Forget all references: the next frame initialises again and fires nothing."""
-        self._reference.reset()
+        self._detector.reset()
 
     def level(self) -> FloatArray:
         """Return the brightness [natural-log units] of each pixel at the last frame, ``[H, W]``."""
-        return self._reference.level.astype(np.float32)
+        return self._detector.level.astype(np.float32)
 
     def close(self) -> None:
         """Release nothing; here so that all detectors end alike."""
@@ -230,7 +230,7 @@ class NumpyDetector:
     @property
     def stats(self) -> DetectorStats:
         """Counts since the start."""
-        return self._reference.stats
+        return self._detector.stats
 
 
 def recorded_detector(

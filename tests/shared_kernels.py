@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from clsim.render.bsdf_kinds import KINDS
-from clsim.render.features import SceneFeatures
+from clsim.render.features.bsdf_kinds import KINDS
+from clsim.render.features.features import SceneFeatures
 
 ORDINARY: dict[str, Any] = {
     "smooth_normals": True,
@@ -65,7 +65,7 @@ def widen(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, known
     """Build kernels that know all this, whatever the world has, until the test ends."""
     # Programs that tests start import this file while they import these.
     from clsim.render import scene_data
-    from clsim.render.scene_features import scene_features
+    from clsim.render.features.scene_features import scene_features
 
     if not request.config.getoption("own_kernels"):
         monkeypatch.setattr(scene_data, "scene_features", widened(scene_features, known))

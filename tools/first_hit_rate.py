@@ -96,9 +96,9 @@ def search(world: Any) -> Callable[[], None]:
     """Return a search of one ray a pixel."""
     import warp as wp
 
-    from clsim.bench.rays import aim, build_searches
+    from clsim.bench.throughput.rays import aim, build_searches
     from clsim.render import RenderOptions, SceneData
-    from clsim.render.camera import CameraData
+    from clsim.render.camera.camera import CameraData
 
     features = RenderOptions().features_of(world)
     data = SceneData(world, tree="bvh16")

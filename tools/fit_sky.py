@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 
-from clsim.scene.daylight import ALBEDOS, HEIGHTS, TURBIDITIES, dome
+from clsim.scene.light.daylight import ALBEDOS, HEIGHTS, TURBIDITIES, dome
 
 F64 = npt.NDArray[np.float64]
 START = np.array([-1.0, -0.3, 0.5, 1.0, -3.0, 0.3, 0.05, 0.6, 0.5])

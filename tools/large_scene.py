@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 import clsim
-from clsim.bench.throughput_render import MAX_DEPTH
+from clsim.bench.throughput.render import MAX_DEPTH
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world

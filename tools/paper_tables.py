@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.cli.parse import resolution as parse_resolution
+from clsim.cli.options.parse import resolution as parse_resolution
 from clsim.detect.config import DetectorConfig
 from clsim.detector import recorded_detector
 from clsim.events import EventBatch

@@ -11,11 +11,11 @@ import warp as wp
 
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.alpha import make_alpha
-from clsim.render.features import Features
-from clsim.render.geometry import Geometry, Hit, Tree
-from clsim.render.integrator import build_kernel
-from clsim.render.intersection import make_intersection
+from clsim.render.accel.geometry import Geometry, Hit, Tree
+from clsim.render.accel.intersection import make_intersection
+from clsim.render.features.features import Features
+from clsim.render.paths.integrator import build_kernel
+from clsim.render.surfaces.alpha import make_alpha
 from clsim.scene import World
 
 _SPP = 4
@@ -86,8 +86,8 @@ def _counting(counts: ctypes.Array[ctypes.c_ulonglong]) -> Iterator[None]:
     build_kernel.cache_clear()
     try:
         with (
-            patch("clsim.render.integrator.make_intersection", counted_intersection),
-            patch("clsim.render.integrator.make_alpha", counted_alpha),
+            patch("clsim.render.paths.integrator.make_intersection", counted_intersection),
+            patch("clsim.render.paths.integrator.make_alpha", counted_alpha),
         ):
             yield
     finally:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from clsim.scene.schema import key_table
+from clsim.scene.toml.schema import key_table
 from tools.scene_formats import section
 
 INTRODUCTION = """# Scenes

@@ -16,11 +16,11 @@ import numpy as np
 
 from clsim.detect.config import DetectorConfig, Precision
 from clsim.detect.estimator import BrightnessEstimator
+from clsim.detect.float64.fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
+from clsim.detect.float64.observation import Observation, feature_names, observe
 from clsim.detect.layout import BORDER
 from clsim.detect.methods.base import Stages
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.fit import TINY_RIDGE, Windows, feature_scale, gather, kernel_weights
-from clsim.detect.reference.observation import Observation, feature_names, observe
 from clsim.detector import Detector
 from clsim.frames import Frame, frame_time_us
 from clsim.opencl.device import Device, choose_device

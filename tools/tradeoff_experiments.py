@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from clsim.cli.parse import resolution as parse_resolution
+from clsim.cli.options.parse import resolution as parse_resolution
 from clsim.events import EventBatch
 from clsim.scene import load_world
 from clsim.score import Score, score

@@ -12,9 +12,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.cli.tradeoff_plot import plot_tradeoff
-from clsim.cli.tradeoff_tables import table
+from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
+from clsim.cli.output.tradeoff_tables import table
+from clsim.cli.plots.tradeoff_plot import plot_tradeoff
 
 SEEDS = (0, 1, 2)
 _HEAD = (

@@ -17,9 +17,9 @@ import numpy.typing as npt
 from scipy.ndimage import map_coordinates, uniform_filter
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.fit import Fit, empty_fit, fit_pixels, put_fit
-from clsim.detect.reference.observation import feature_names, observe
-from clsim.detect.reference.rule import Step, apply_rule
+from clsim.detect.float64.fit import Fit, empty_fit, fit_pixels, put_fit
+from clsim.detect.float64.observation import feature_names, observe
+from clsim.detect.float64.rule import Step, apply_rule
 from clsim.detector import Detector
 from clsim.events import EventBatch
 from clsim.frames import Frame, page_aligned

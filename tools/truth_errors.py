@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "render"))
+sys.path.insert(0, str(Path(__file__).parent.parent))
 
-import test_truth
-import truth_reference as reference
+from tests.render.truth import test_truth
+from tests.render.truth import truth_reference as reference
 
 _SIZE = 346, 260
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.throughput_render import MAX_DEPTH
-from clsim.bench.throughput_scene import ROULETTE, WIDTH, narrow
+from clsim.bench.throughput.render import MAX_DEPTH
+from clsim.bench.throughput.scene import ROULETTE, WIDTH, narrow
 from clsim.frames import Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import load_world

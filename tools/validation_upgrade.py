@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from clsim.scene import load_world
-from clsim.scene.daylight import SUN_DEG
-from clsim.scene.images import decode_srgb
+from clsim.scene.light.daylight import SUN_DEG
+from clsim.scene.pictures.images import decode_srgb
 from tools.peers.mitsuba_files import renew
 from tools.peers.mitsuba_scene import load_mitsuba
 

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from clsim.bench.tradeoff_measure import run_point
-from clsim.bench.tradeoff_settings import named_points
+from clsim.bench.tradeoff.measure import run_point
+from clsim.bench.tradeoff.settings import named_points
 from clsim.events import EventBatch
 from clsim.live.options import LiveOptions
+from clsim.live.pacing.time_steps import check_time
 from clsim.live.quality import Quality
 from clsim.live.stages import plan_stages
-from clsim.live.time_steps import check_time
 from clsim.opencl.device import choose_device
 from clsim.scene import Camera, ImageTexture, Instance, Material, Mesh, World, load_world
 from clsim.scene.motion import Keyframes, Motion

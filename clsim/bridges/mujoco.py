@@ -16,7 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from clsim.scene import Sensor, World
-from clsim.scene.mujoco_model import ShownModel
+from clsim.scene.mujoco.model import ShownModel
 
 if TYPE_CHECKING:
     from clsim.simulator import Simulator

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import typer
 
-from clsim.cli.bench import bench
-from clsim.cli.convert import convert
-from clsim.cli.dataset import dataset
-from clsim.cli.detect import detect
-from clsim.cli.devices import devices
-from clsim.cli.info import info
-from clsim.cli.live import live
-from clsim.cli.render import render
-from clsim.cli.scenes import scenes
-from clsim.cli.score import score
-from clsim.cli.sensor import sensor
-from clsim.cli.view import view
-from clsim.cli.watch import BareViewCommand
+from clsim.cli.commands.bench import bench
+from clsim.cli.commands.convert import convert
+from clsim.cli.commands.dataset import dataset
+from clsim.cli.commands.detect import detect
+from clsim.cli.commands.devices import devices
+from clsim.cli.commands.info import info
+from clsim.cli.commands.live import live
+from clsim.cli.commands.render import render
+from clsim.cli.commands.scenes import scenes
+from clsim.cli.commands.score import score
+from clsim.cli.commands.sensor import sensor
+from clsim.cli.commands.view import view
+from clsim.cli.output.watch import BareViewCommand
 
 app = typer.Typer(
     help="Live event-camera simulation from path-traced 3-D scenes.",

@@ -21,7 +21,7 @@ from clsim.datasets.measure import Figures, measure, reasons
 from clsim.datasets.scene_file import scene_text
 from clsim.datasets.spec import Sample, Spec
 from clsim.errors import InputError
-from clsim.events.filesink import process_runs
+from clsim.events.formats.filesink import process_runs
 from clsim.live.options import LiveOptions
 from clsim.version import VERSION
 

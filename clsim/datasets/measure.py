@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.datasets.spec import Limits
 from clsim.live.options import LiveOptions
-from clsim.live.summary import Summary
+from clsim.live.outputs.summary import Summary
 
 _MOVING_PX = 0.1
 

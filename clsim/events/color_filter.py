@@ -10,7 +10,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events.batch import Causes, EventBatch, with_causes
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesource import EventSource
 from clsim.events.sidecar import read_sidecar
 
 FILTERS = ("red", "green", "blue")

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events.batch import EVENT_DTYPE, EventBatch
-from clsim.events.columns import named
+from clsim.events.formats.columns import named
 
 if TYPE_CHECKING:
     import dv_processing

@@ -12,15 +12,15 @@ from typing import Any, NamedTuple
 
 from clsim.errors import InputError
 from clsim.events import SinkError
-from clsim.events.address import is_address
 from clsim.events.batch import EventBatch, Labelling, Labels, Sink
-from clsim.events.closing import close_at_once
 from clsim.events.files import LABELLED, read_format_of, split_topic
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesource import EventSource
 from clsim.events.open import open_events, sensor_size
 from clsim.events.outputs import FileOptions, check_output, open_output
 from clsim.events.sidecar import sidecar_path, write_sidecar
-from clsim.events.stream_source import SocketSource
+from clsim.events.sockets.address import is_address
+from clsim.events.sockets.closing import close_at_once
+from clsim.events.sockets.stream_source import SocketSource
 from clsim.events.whole import WholeFile, open_whole
 from clsim.version import VERSION
 

@@ -11,8 +11,8 @@ from typing import Any
 
 from clsim.errors import InputError
 from clsim.events.batch import Labels, Sink
-from clsim.events.filesink import STDOUT, FlushPolicy
-from clsim.events.filesource import EventSource, naming_damage
+from clsim.events.formats.filesink import STDOUT, FlushPolicy
+from clsim.events.formats.filesource import EventSource, naming_damage
 
 _ONLY_READ = ""
 _KEEPS = "a kill loses at most the last flush (10 ms of events or 65536 of them)"
@@ -51,25 +51,25 @@ class FileFormat:
 
 
 FORMATS = (
-    FileFormat("aedat4", (".aedat4",), "aedat4", _KEEPS),
-    FileFormat("text", (".txt", ".csv"), "text", _KEEPS),
-    FileFormat("evt3", (".evt3.raw",), "evt3", _KEEPS),
-    FileFormat("evt2", (".raw",), "evt2", _KEEPS),
-    FileFormat("dat", (".dat",), "dat", _KEEPS),
-    FileFormat("es", (".es",), "es", _KEEPS),
-    FileFormat("hdf5", (".h5", ".hdf5"), "hdf5", _KEEPS),
-    FileFormat("parquet", (".parquet",), "parquet", _ALL_OR_NOTHING, library="pyarrow"),
-    FileFormat("npz", (".npz",), "npz", _ALL_OR_NOTHING),
-    FileFormat("mcap", (".mcap",), "mcap", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
-    FileFormat("db3", (".db3",), "db3", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
-    FileFormat("bag", (".bag",), "bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
+    FileFormat("aedat4", (".aedat4",), "formats.aedat4", _KEEPS),
+    FileFormat("text", (".txt", ".csv"), "formats.tables.text", _KEEPS),
+    FileFormat("evt3", (".evt3.raw",), "formats.prophesee.evt3", _KEEPS),
+    FileFormat("evt2", (".raw",), "formats.prophesee.evt2", _KEEPS),
+    FileFormat("dat", (".dat",), "formats.prophesee.dat", _KEEPS),
+    FileFormat("es", (".es",), "formats.es", _KEEPS),
+    FileFormat("hdf5", (".h5", ".hdf5"), "formats.tables.hdf5", _KEEPS),
+    FileFormat("parquet", (".parquet",), "formats.tables.parquet", _ALL_OR_NOTHING, library="pyarrow"),
+    FileFormat("npz", (".npz",), "formats.tables.npz", _ALL_OR_NOTHING),
+    FileFormat("mcap", (".mcap",), "ros.mcap", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
+    FileFormat("db3", (".db3",), "ros.db3", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
+    FileFormat("bag", (".bag",), "ros.bag", _ALL_OR_NOTHING, library="rosbags", extra="ros"),
 )
 """Every format that is written and read, in the order help texts list them."""
 ONLY_READ = (
-    FileFormat("aedat", (".aedat", ".aedat2", ".aedat3"), "aedat", _ONLY_READ),
-    FileFormat("npy", (".npy",), "npy", _ONLY_READ),
-    FileFormat("mat", (".mat",), "mat", _ONLY_READ),
-    FileFormat("nmnist", (".bin", ".bs2"), "nmnist", _ONLY_READ),
+    FileFormat("aedat", (".aedat", ".aedat2", ".aedat3"), "formats.aedat", _ONLY_READ),
+    FileFormat("npy", (".npy",), "formats.tables.npy", _ONLY_READ),
+    FileFormat("mat", (".mat",), "formats.tables.mat", _ONLY_READ),
+    FileFormat("nmnist", (".bin", ".bs2"), "formats.nmnist", _ONLY_READ),
 )
 """Formats of recordings that others made."""
 ENDINGS = tuple(ending for each in FORMATS for ending in each.endings)

@@ -6,11 +6,11 @@ from os import PathLike
 from pathlib import Path
 
 from clsim.errors import InputError
-from clsim.events.address import is_address
 from clsim.events.batch import Labels
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesource import EventSource
 from clsim.events.sidecar import read_sidecar, sidecar_size
-from clsim.events.stream_source import SocketSource
+from clsim.events.sockets.address import is_address
+from clsim.events.sockets.stream_source import SocketSource
 from clsim.values import read_value
 
 
@@ -38,7 +38,7 @@ def open_events(
     """
     name = read_value("path_or_url", path_or_url, str)
     if is_address(name):
-        from clsim.events.socket_sources import open_socket_source
+        from clsim.events.sockets.sources import open_socket_source
 
         if labels:
             raise InputError(f"{name}: events of a stream have no {', '.join(labels)}; expected a file")

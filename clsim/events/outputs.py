@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.events import Sink
-from clsim.events.address import is_address, is_standard_output, parse_address
 from clsim.events.files import BAGS, FORMATS, LABELLED, format_named, format_of, open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.sockets.address import is_address, is_standard_output, parse_address
 from clsim.values import read_fields
 
 TextTime = Literal["us", "s"]
@@ -123,8 +123,8 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-`` for events; raises InputError if it cannot be."""
     kind = options.format_of(name)
     if kind == "aedat4" and options.frames and not is_address(name):
-        from clsim.events.aedat4 import Aedat4Sink
-        from clsim.events.frame_recorder import FrameRecorder
+        from clsim.events.formats.aedat4 import Aedat4Sink
+        from clsim.events.formats.frame_recorder import FrameRecorder
 
         return FrameRecorder(Aedat4Sink(Path(name), width, height, FlushPolicy(), frames=True))
     own: dict[str, Any] = {}
@@ -135,7 +135,7 @@ def open_output(name: str, width: int, height: int, options: FileOptions) -> Sin
     if kind in LABELLED and options.labels:
         own["labels"] = ("cause", "object") if options.objects else ("cause",)
     if is_address(name):
-        from clsim.events.sockets import open_socket_sink
+        from clsim.events.socket_sinks import open_socket_sink
 
         return open_socket_sink(name, width, height, **own)
     return open_sink(name, width, height, format=kind, **own)

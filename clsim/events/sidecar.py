@@ -7,8 +7,8 @@ import os
 from pathlib import Path
 from typing import Any
 
-from clsim.events.address import is_address
-from clsim.events.filesink import unwritable
+from clsim.events.formats.filesink import unwritable
+from clsim.events.sockets.address import is_address
 
 
 def sidecar_path(name: str | os.PathLike[str]) -> Path | None:

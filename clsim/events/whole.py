@@ -9,11 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from clsim.errors import InputError
-from clsim.events.address import is_address
 from clsim.events.batch import Causes, EventBatch, Labelling, Labels, Objects, Sink, SinkError
 from clsim.events.files import format_named
-from clsim.events.filesink import FileSink, PartFile
+from clsim.events.formats.filesink import FileSink, PartFile
 from clsim.events.outputs import FileOptions, open_output
+from clsim.events.sockets.address import is_address
 
 
 class WholeFile:

@@ -13,6 +13,8 @@ from clsim.errors import InputError
 from clsim.events.files import LABELLED
 from clsim.events.outputs import FileOptions
 from clsim.frames import Policy
+from clsim.live.pacing.schedule import LARGEST_FPS, LONGEST_S
+from clsim.live.pacing.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
     ANEW,
@@ -28,10 +30,8 @@ from clsim.live.quality import (
     setting_names,
     with_given,
 )
-from clsim.live.schedule import LARGEST_FPS, LONGEST_S
 from clsim.live.sensors import read_sensor
-from clsim.live.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
-from clsim.scene.trajectory import Axes, Interpolation
+from clsim.scene.trajectories.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 from clsim.truth.layouts import check_layouts, layout_of
 from clsim.truth.names import truth_names

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events import Causes, EventBatch
-from clsim.events.closing import HURRY_S
+from clsim.events.sockets.closing import HURRY_S
 from clsim.frames import (
     Cancellable,
     CountsRays,
@@ -32,13 +32,13 @@ from clsim.frames import (
     SourceEnded,
 )
 from clsim.frames.frame import FloatArray
-from clsim.live.clock import FrameClock
-from clsim.live.delivery import Delivery, Output
-from clsim.live.governed import WARM_UP_FRAMES, Governed, Steerable
-from clsim.live.load import BusyMeter
-from clsim.live.schedule import Continuity, Schedule
-from clsim.live.second_look import Looks
-from clsim.live.significance import Significance, TellsError
+from clsim.live.noise.second_look import Looks
+from clsim.live.noise.significance import Significance, TellsError
+from clsim.live.outputs.delivery import Delivery, Output
+from clsim.live.pacing.clock import FrameClock
+from clsim.live.pacing.governed import WARM_UP_FRAMES, Governed, Steerable
+from clsim.live.pacing.load import BusyMeter
+from clsim.live.pacing.schedule import Continuity, Schedule
 
 Pace = Literal["max", "real"]
 _CLOSING_S = HURRY_S + 0.1

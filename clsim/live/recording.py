@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from clsim.live.options import LiveOptions
-from clsim.live.schedule import Schedule
-from clsim.live.sidecars import about_camera
+from clsim.live.outputs.sidecars import about_camera
+from clsim.live.pacing.schedule import Schedule
 from clsim.scene import World
 from clsim.truth.imu_file import read_imu_noise
 from clsim.truth.layouts import check_place, layout_of, open_layout

@@ -8,12 +8,12 @@ from typing import Any, cast
 
 from clsim.errors import InputError
 from clsim.frames import TRUTH_PLANES, Frame, page_aligned
-from clsim.live.noting import NO_REQUESTS, NotingTracer, Requests
 from clsim.live.options import LiveOptions
+from clsim.live.outputs.noting import NO_REQUESTS, NotingTracer, Requests
+from clsim.live.outputs.sidecars import about_camera, about_run, camera_pose
+from clsim.live.pacing.schedule import plan
 from clsim.live.pipeline import InterestedDetector
-from clsim.live.schedule import plan
 from clsim.live.sensors import RecordedSensor
-from clsim.live.sidecars import about_camera, about_run, camera_pose
 from clsim.live.stages import plan_stages
 from clsim.truth.names import plane_names
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.events.address import is_address
+from clsim.events.sockets.address import is_address
 from clsim.live.options import LiveOptions
 from clsim.live.session import Seat, Session, open_live
 from clsim.live.stages import Stages, load_options_world

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clsim.errors import InputError
-from clsim.scene.spectral import spectral_weights
+from clsim.scene.light.spectral import spectral_weights
 from clsim.sensor.presets import load_sensor
 from clsim.sensor.settings import SensorSettings
 from clsim.sensor.specimen import Specimen

@@ -16,20 +16,20 @@ from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.footage.source import Footage
 from clsim.frames import VARIANCE_PLANES, InterestBoard
-from clsim.live.delivery import Output
-from clsim.live.governed import Governed
-from clsim.live.ladder import Level, ladder
+from clsim.live.noise.patch_looks import PatchLooks, patches_for
+from clsim.live.noise.second_look import SEEN_TWICE, Looks, SecondLook
+from clsim.live.noise.significance import Significance
 from clsim.live.options import LiveOptions
-from clsim.live.patch_looks import PatchLooks, patches_for
+from clsim.live.outputs.delivery import Output
+from clsim.live.outputs.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
+from clsim.live.outputs.summary import Summary
+from clsim.live.pacing.governed import Governed
+from clsim.live.pacing.ladder import Level, ladder
+from clsim.live.pacing.schedule import Schedule, plan
 from clsim.live.pipeline import Pipeline
 from clsim.live.recording_options import RecordingOptions
-from clsim.live.schedule import Schedule, plan
-from clsim.live.second_look import SEEN_TWICE, Looks, SecondLook
 from clsim.live.sensors import cost_of
-from clsim.live.sidecars import PoseFile, about_camera, about_run, poses_path, scene_from_here
-from clsim.live.significance import Significance
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
-from clsim.live.summary import Summary
 from clsim.opencl.device import choose_device
 from clsim.scene import World
 

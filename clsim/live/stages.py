@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.frames import InterestBoard, PixelTracer, rendered_planes
-from clsim.live.base_rate import BASE_FPS, base_fps, camera_px_s, fastest_px_s
 from clsim.live.options import LiveOptions
+from clsim.live.pacing.base_rate import BASE_FPS, base_fps, camera_px_s, fastest_px_s
+from clsim.live.pacing.schedule import Schedule, truth_every
+from clsim.live.pacing.time_steps import FINE_TOLERANCE_US, TOLERANCE_US, Retracing, way_px
 from clsim.live.pipeline import Detector
-from clsim.live.schedule import Schedule, truth_every
 from clsim.live.sensors import cost_of, specimen_of
-from clsim.live.time_steps import FINE_TOLERANCE_US, TOLERANCE_US, Retracing, way_px
 from clsim.scene import World, load_world
 from clsim.scene.driven import CAMERA
+from clsim.scene.light.spectral import spectral_weights
 from clsim.scene.modulation import missed
-from clsim.scene.spectral import spectral_weights
 from clsim.truth.names import plane_names
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ class Stages:
     @property
     def chosen(self) -> tuple[str, ...]:
         """What was chosen and why, a sentence each: settings, how light is known, and when brightness is found."""
-        from clsim.render.scene_features import light_stands_still
+        from clsim.render.features.scene_features import light_stands_still
 
         point, name = self.options.point, self.world.name
         if not self.render.light_cache:

@@ -14,19 +14,19 @@ import numpy.typing as npt
 from clsim.detect.config import EventRule, Gate, Method
 from clsim.events import EventBatch
 from clsim.events.outputs import FileOptions
-from clsim.events.queue_sink import QueueSink
 from clsim.forks import check_process, is_orphan
 from clsim.frames import Policy
 from clsim.live.made_worlds import check_world
 from clsim.live.options import LiveOptions
+from clsim.live.outputs.queue_sink import QueueSink
+from clsim.live.outputs.sidecars import camera_pose
+from clsim.live.outputs.summary import Summary
 from clsim.live.pipeline import Pace
 from clsim.live.quality import Noise, Quality, Sampler, Sampling
 from clsim.live.session import Session, open_live
-from clsim.live.sidecars import camera_pose
 from clsim.live.stages import alone, in_colours_of
-from clsim.live.summary import Summary
 from clsim.scene import World
-from clsim.scene.trajectory import Axes, Interpolation
+from clsim.scene.trajectories.trajectory import Axes, Interpolation
 from clsim.sensor.settings import SensorSettings
 
 

@@ -1,11 +1,11 @@
 """The path tracer: a World in, Frames out, in Warp on a CPU or GPU."""
 
-from clsim.render.devices import check_device, fastest_tree, list_render_devices
-from clsim.render.effort import Effort
+from clsim.render.device.devices import check_device, fastest_tree, list_render_devices
+from clsim.render.features.scene_features import camera_watches, light_is_found_apart, light_stands_still
+from clsim.render.features.scene_lamps import lamps_move
 from clsim.render.options import RenderOptions
+from clsim.render.primary.effort import Effort
 from clsim.render.scene_data import SceneData
-from clsim.render.scene_features import camera_watches, light_is_found_apart, light_stands_still
-from clsim.render.scene_lamps import lamps_move
 from clsim.render.tracer import PathTracer, describe_build
 from clsim.render.view import RenderCancelled, View
 

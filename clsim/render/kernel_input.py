@@ -2,9 +2,9 @@
 
 import warp as wp
 
-from clsim.render.geometry import Geometry
-from clsim.render.lights import Lights
-from clsim.render.materials import Materials
+from clsim.render.accel.geometry import Geometry
+from clsim.render.emitters.lights import Lights
+from clsim.render.surfaces.materials import Materials
 
 Mosaic = wp.types.matrix(shape=(4, 3), dtype=float)
 """What the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square see of R, G and B, a row each."""

@@ -8,10 +8,10 @@ from typing import Literal
 from clsim.errors import InputError, require_choice
 from clsim.frames import TRUTH_PLANES
 from clsim.frames.patches import Patches
-from clsim.render.features import Features, SceneFeatures, Strategy, view_features
-from clsim.render.geometry import Tree
-from clsim.render.sampling import MAX_BOUNCES
-from clsim.render.scene_features import scene_features
+from clsim.render.accel.geometry import Tree
+from clsim.render.features.features import Features, SceneFeatures, Strategy, view_features
+from clsim.render.features.scene_features import scene_features
+from clsim.render.sampling.sampling import MAX_BOUNCES
 from clsim.scene import Camera, World
 
 LARGEST_SPP, LARGEST_FIRST_HIT_RAYS = 1 << 20, 4096

@@ -11,24 +11,24 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.errors import InputError
-from clsim.render.bvh16_build import grow
-from clsim.render.compiler import compile_together
-from clsim.render.devices import check_device, fastest_tree
-from clsim.render.geometry import Tree
-from clsim.render.integrator import build_kernel
+from clsim.render.accel.bvh16_build import grow
+from clsim.render.accel.geometry import Tree
+from clsim.render.accel.placement import place
+from clsim.render.accel.smallest import smallest_of
+from clsim.render.accel.upload_geometry import GeometryData, Places
+from clsim.render.device.compiler import compile_together
+from clsim.render.device.devices import check_device, fastest_tree
+from clsim.render.emitters.shining import Shining
+from clsim.render.emitters.upload_lights import LightData
+from clsim.render.features.scene_features import light_stands_still, scene_features
+from clsim.render.features.scene_lamps import lamp_motions
 from clsim.render.kernel_input import Scene
+from clsim.render.motion.pose_cache import PoseCache
+from clsim.render.motion.shutter import key_times
 from clsim.render.options import RenderOptions
-from clsim.render.placement import place
-from clsim.render.pose_cache import PoseCache
-from clsim.render.scene_features import light_stands_still, scene_features
-from clsim.render.scene_lamps import lamp_motions
-from clsim.render.shining import Shining
-from clsim.render.shutter import key_times
-from clsim.render.smallest import smallest_of
-from clsim.render.texture_levels import add_levels
-from clsim.render.upload_geometry import GeometryData, Places
-from clsim.render.upload_lights import LightData
-from clsim.render.upload_materials import upload_materials
+from clsim.render.paths.integrator import build_kernel
+from clsim.render.surfaces.texture_levels import add_levels
+from clsim.render.surfaces.upload_materials import upload_materials
 from clsim.scene import Motion, World
 from clsim.scene.validate import validate
 from clsim.scene.world import Vec3
@@ -216,8 +216,8 @@ class SceneData:
         if self.tree == "bvh16":
             kernels.append(grow)
         if options.light_cache:
-            from clsim.render.light_updates import build_updates
-            from clsim.render.stored_paths import build_storing
+            from clsim.render.cache.light_updates import build_updates
+            from clsim.render.cache.stored_paths import build_storing
 
             kernels.append(build_updates().open_cells)
             if options.lights_set or not light_stands_still(self.world):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from clsim.frames import InterestBoard
-from clsim.render.devices import fastest_tree
+from clsim.render.device.devices import fastest_tree
 from clsim.render.options import RenderOptions
 from clsim.render.scene_data import SceneData
 from clsim.render.view import View

@@ -12,24 +12,24 @@ import warp as wp
 
 from clsim.errors import Error, InputError
 from clsim.frames import Frame, InterestBoard, frame_time_us, rendered_planes
-from clsim.render.camera import CameraData
-from clsim.render.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
-from clsim.render.film import Sample
-from clsim.render.integrator import build_kernel
+from clsim.render.camera.camera import CameraData
+from clsim.render.camera.film import Sample
+from clsim.render.camera.pixel_width import pixel_of
+from clsim.render.device.launch import Tiles, record, tile_size
 from clsim.render.kernel_input import Mosaic, Settings
-from clsim.render.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
-from clsim.render.pixel_width import pixel_of
-from clsim.render.sampling import stream_state
+from clsim.render.paths.integrator import build_kernel
+from clsim.render.primary.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
+from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
-from clsim.scene.spectral import seen_by_pixels, spectral_weights
+from clsim.scene.light.spectral import seen_by_pixels, spectral_weights
 from clsim.scene.world import Sensor
 
 if TYPE_CHECKING:
-    from clsim.render.light_keeper import LightKeeper
-    from clsim.render.path_store import PathStore
-    from clsim.render.truth import TruthPass
+    from clsim.render.cache.light_keeper import LightKeeper
+    from clsim.render.cache.path_store import PathStore
+    from clsim.render.truth.truth_pass import TruthPass
 
 _MAX_TARGETS = 16
 """Frames whose memory is remembered: more than a ring has slots."""
@@ -132,7 +132,7 @@ class View:
             self._sharp = features.sharp
             sight = Sight(self._pixel, features.sharp, features.lamp_light)
             if options.light_cache:
-                from clsim.render.light_keeper import LightKeeper, next_event
+                from clsim.render.cache.light_keeper import LightKeeper, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
                 self._store = store = self._path_store(options, camera) if features.anchored else None
@@ -150,7 +150,7 @@ class View:
         self._all: Any = wp.zeros(0, dtype=int, device=self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
-            from clsim.render.truth import TruthPass
+            from clsim.render.truth.truth_pass import TruthPass
 
             self._truth = TruthPass(data, camera, planes)
         self._paths = 0
@@ -318,7 +318,7 @@ class View:
 
     def _path_store(self, options: RenderOptions, camera: Camera) -> PathStore:
         """Return what stores paths that follow the light."""
-        from clsim.render.path_store import PathStore
+        from clsim.render.cache.path_store import PathStore
 
         kernel = build_kernel(options.features(self._data.features, camera, replay=True), self._data.tree)
         return PathStore(

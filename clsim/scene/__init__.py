@@ -4,7 +4,7 @@ from clsim.scene.builder import WorldBuilder
 from clsim.scene.describe import describe
 from clsim.scene.load import bundled_names, bundled_scenes, load_world
 from clsim.scene.motion import Motion, Static, look_at
-from clsim.scene.paths import read_path
+from clsim.scene.trajectories.paths import read_path
 from clsim.scene.validate import validate
 from clsim.scene.world import (
     Camera,

@@ -10,9 +10,9 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene.driven import CAMERA, matrix_of, read_place
-from clsim.scene.geometry import placed_rigidly
-from clsim.scene.images import PixelBudget, decode_srgb, unpack_rgba
+from clsim.scene.meshes.geometry import placed_rigidly
 from clsim.scene.motion import Attached, Matrix, Motion, Static
+from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
 from clsim.scene.validate import validate
 from clsim.scene.world import (
     Camera,
@@ -156,7 +156,7 @@ class WorldBuilder:
         return len(self._meshes) - 1
 
     def _from_trimesh(self, name: str, geometry: Any, material: Material | None) -> int:
-        from clsim.scene.trimesh_scene import mesh_of
+        from clsim.scene.meshes.trimesh_scene import mesh_of
 
         mesh = mesh_of(name, geometry)
         if material is not None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.geometry import is_similarity
+from clsim.scene.meshes.geometry import is_similarity
 from clsim.scene.motion import Attached, Matrix, Motion, Nested, Quaternion, Vec3, compose, rotation_matrix, slerp
 from clsim.scene.rigid import quaternion_of
 from clsim.scene.world import World

@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.drift import drifting
+from clsim.scene.defaults.drift import drifting
 from clsim.scene.files import USD_ENDINGS, need_file, need_usd
 from clsim.scene.motion import Motion
-from clsim.scene.paths import on_path, read_path
-from clsim.scene.trajectory import Axes, Interpolation
+from clsim.scene.trajectories.paths import on_path, read_path
+from clsim.scene.trajectories.trajectory import Axes, Interpolation
 from clsim.scene.validate import validate
 from clsim.scene.world import Material, World
 from clsim.values import read_value
@@ -99,7 +99,7 @@ def _is_glass(material: Material) -> bool:
 
 def bundled_scenes() -> dict[str, str]:
     """Return the names of the bundled scenes and their descriptions."""
-    from clsim.scene.toml_scene import read_toml
+    from clsim.scene.toml.scene import read_toml
 
     found = {}
     for name in bundled_names():
@@ -131,7 +131,7 @@ def _load(scene: str | Path, motion: Motion | None) -> World:
     if animation is not None and suffix not in (".gltf", ".glb", ".xml"):
         raise InputError(f"{scene}: only glTF files have animations to choose from, and Mitsuba's parameters to set")
     if suffix == ".toml":
-        from clsim.scene.toml_scene import load_toml
+        from clsim.scene.toml.scene import load_toml
 
         return follow(load_toml(path))
     return drifting(follow(_load_file(path, suffix, animation)))
@@ -139,29 +139,29 @@ def _load(scene: str | Path, motion: Motion | None) -> World:
 
 def _load_file(path: Path, suffix: str, animation: str | None) -> World:
     if suffix in (".gltf", ".glb"):
-        from clsim.scene.gltf_scene import load_gltf
+        from clsim.scene.gltf.scene import load_gltf
 
         return load_gltf(path, animation)
     if suffix == ".xml":
-        from clsim.scene.mujoco_scene import is_mjcf, load_mujoco
+        from clsim.scene.mujoco.scene import is_mjcf, load_mujoco
 
         if is_mjcf(path):
             if animation is not None:
                 raise InputError(f"{path}#{animation}: models of MuJoCo's have no parameters to set")
             return load_mujoco(path)
-        from clsim.scene.mitsuba_scene import load_mitsuba
+        from clsim.scene.mitsuba.scene import load_mitsuba
 
         return load_mitsuba(path, _parameters(path, animation))
     if suffix == ".pbrt":
-        from clsim.scene.pbrt_scene import load_pbrt
+        from clsim.scene.pbrt.scene import load_pbrt
 
         return load_pbrt(path)
     if suffix in USD_ENDINGS:
         need_usd(path)
-        from clsim.scene.usd_scene import load_usd
+        from clsim.scene.usd.scene import load_usd
 
         return load_usd(path)
-    from clsim.scene.trimesh_scene import load_bare
+    from clsim.scene.meshes.trimesh_scene import load_bare
 
     return load_bare(path)
 
@@ -175,7 +175,7 @@ def _parameters(path: Path, text: str | None) -> dict[str, str]:
 
 
 def _load_bundled(name: str) -> World:
-    from clsim.scene.toml_scene import load_toml
+    from clsim.scene.toml.scene import load_toml
 
     names = bundled_names()
     if name not in names and os.path.isfile(name):

@@ -9,10 +9,10 @@ from typing import get_args
 import numpy as np
 
 from clsim.errors import InputError
-from clsim.scene.geometry import is_similarity
+from clsim.scene.light.spectral import are_weights
+from clsim.scene.meshes.geometry import is_similarity
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Motion
-from clsim.scene.spectral import are_weights
 from clsim.scene.world import (
     TEXTURES,
     AlphaMode,

@@ -12,9 +12,9 @@ from typing import Literal, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from clsim.scene.film import Film
 from clsim.scene.modulation import Modulation
 from clsim.scene.motion import Attached, Matrix, Motion, Static
+from clsim.scene.pictures.film import Film
 
 Vec3 = tuple[float, float, float]
 F32 = npt.NDArray[np.float32]
@@ -330,7 +330,7 @@ class Mount:
 class Sensor:
     """What the pixel sees: L = ln max(scale·Y, floor), Y the luminance; thresholds in natural-log units.
 
-    ``spectral`` may say that Y is another sum of R, G and B (`clsim.scene.spectral`).
+    ``spectral`` may say that Y is another sum of R, G and B (`clsim.scene.light.spectral`).
     """
 
     threshold_on: float = 0.2

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from clsim.errors import InputError
 from clsim.events.color_filter import Pattern
-from clsim.scene.spectral import are_weights, mosaic_of
+from clsim.scene.light.spectral import are_weights, mosaic_of
 from clsim.scene.world import Mosaic, Spectral, Vec3
 from clsim.sensor.pixel_stages import Defects, Delay, FrontEnd, Leak, Noise, Refractory, Threshold
 from clsim.sensor.stage import Stage, check_not_negative, check_positive
@@ -82,7 +82,7 @@ class Optics:
         width, height: of the chip [pixels].
         pitch_um: from pixel to pixel [µm]; told, not simulated.
         fov_deg: horizontal field of view [degrees].
-        spectral: how much of R, G and B its pixels see; see `clsim.scene.spectral`.
+        spectral: how much of R, G and B its pixels see; see `clsim.scene.light.spectral`.
         color_filter: colours of the filters before the pixels (0, 0), (1, 0), (0, 1), (1, 1), and so on.
         filter_red, filter_green, filter_blue: what these filters let through of R, G and B; each counts by its sum.
     """

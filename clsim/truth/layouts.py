@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clsim.errors import InputError
-from clsim.events.address import is_address
+from clsim.events.sockets.address import is_address
 
 if TYPE_CHECKING:
     from clsim.truth.record import About, Layout
@@ -23,7 +23,7 @@ class LayoutKind:
     Attributes:
         name: what it is called.
         endings: of the names of its files or folders.
-        module: within clsim.truth; has ``open_layout(path, about)``.
+        module: within clsim.truth.formats; has ``open_layout(path, about)``.
         holds: names of `TRUTH_NAMES`.
         folder: whether it is a folder.
         calibrated: whether it always tells intrinsics, which not every lens has.
@@ -38,7 +38,7 @@ class LayoutKind:
 
     def load(self) -> Any:
         """Import the module."""
-        return importlib.import_module(f"clsim.truth.{self.module}")
+        return importlib.import_module(f"clsim.truth.formats.{self.module}")
 
 
 _ALL = (

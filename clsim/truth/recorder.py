@@ -12,10 +12,10 @@ import numpy.typing as npt
 from clsim.events import Causes, EventBatch
 from clsim.frames import RADIANCE, Frame
 from clsim.truth.cut import channels_of, cut
-from clsim.truth.images import Pictures
 from clsim.truth.labels import Labeller
 from clsim.truth.motions import Motions
 from clsim.truth.record import About, Layout, Shot
+from clsim.truth.writing.images import Pictures
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.events.filesink import PartFile
-from clsim.events.filesource import naming_damage
+from clsim.events.formats.filesink import PartFile
+from clsim.events.formats.filesource import naming_damage
 from clsim.truth.layouts import LAYOUTS, LayoutKind, check_place, layout_of
 from clsim.truth.record import About, ImuChunk, Shot, TrackChunk
 

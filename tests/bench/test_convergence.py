@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from clsim.bench.convergence import converge
+from clsim.bench.tradeoff.convergence import converge
 from clsim.render import RenderOptions
 
 BASE = RenderOptions(spp=8, fps=20.0, frames=5, seed=1)

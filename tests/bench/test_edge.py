@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from clsim.bench.edge import KINDS, edge_scene, measure_edge
-from clsim.bench.reference_cache import log_brightness
-from clsim.bench.tradeoff_measure import render_each
+from clsim.bench.tradeoff.measure import render_each
+from clsim.bench.tradeoff.reference_cache import log_brightness
 from clsim.render import RenderOptions
 
 SIZE = (32, 24)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clsim.bench import mismatch
-from clsim.bench.mismatch import Levels, MismatchScale, fire, mismatch_scale
-from clsim.bench.reference_cache import log_brightness
-from clsim.bench.tradeoff_settings import ESIM
+from clsim.bench.tradeoff import mismatch
+from clsim.bench.tradeoff.mismatch import Levels, MismatchScale, fire, mismatch_scale
+from clsim.bench.tradeoff.reference_cache import log_brightness
+from clsim.bench.tradeoff.settings import ESIM
 from clsim.detect.reference import ReferenceDetector
 from clsim.frames import RADIANCE, Frame
 from clsim.scene import Sensor

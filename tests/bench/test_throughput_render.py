@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clsim.bench.render_worlds import bumpy_room, cornell
-from clsim.bench.throughput_render import measure_world, render_throughput
+from clsim.bench.throughput.render import measure_world, render_throughput
+from clsim.bench.throughput.render_worlds import bumpy_room, cornell
 
 
 def test_worlds_are_still_and_as_large_as_asked():

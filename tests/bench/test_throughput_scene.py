@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from clsim.bench.throughput_scene import WIDTH, scene_throughput
+from clsim.bench.throughput.scene import WIDTH, scene_throughput
 from clsim.scene import load_world
 
 

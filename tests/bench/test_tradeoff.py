@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from clsim.bench import tradeoff, tradeoff_measure
-from clsim.bench.mismatch import fire
-from clsim.bench.reference_cache import load_or_render
-from clsim.bench.tradeoff import TradeoffOptions, run_tradeoff
-from clsim.bench.tradeoff_settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
-from clsim.cli.tradeoff_tables import markdown_text
+from clsim.bench.tradeoff import measure as tradeoff_measure
+from clsim.bench.tradeoff import sweep as tradeoff
+from clsim.bench.tradeoff.mismatch import fire
+from clsim.bench.tradeoff.reference_cache import load_or_render
+from clsim.bench.tradeoff.settings import BASE, ESIM, ICIP_2023, IRRADIANCE, Point, Rendering, named_points
+from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
+from clsim.cli.output.tradeoff_tables import markdown_text
 from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from clsim.render import RenderOptions
@@ -149,7 +150,7 @@ def test_a_second_run_measures_what_is_missing_alone(tmp_path: Path, monkeypatch
         measured.append((options.spp, config.gate))
         return run(world, options, config, *given)
 
-    monkeypatch.setattr("clsim.bench.reference_cache.render_each", count_references)
+    monkeypatch.setattr("clsim.bench.tradeoff.reference_cache.render_each", count_references)
     monkeypatch.setattr(tradeoff, "run_point", count_runs)
     with pytest.raises(KeyboardInterrupt):
         run_tradeoff(options(tmp_path), ignore)

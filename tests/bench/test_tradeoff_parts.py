@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from clsim.bench.content_key import content_key, world_key
-from clsim.bench.pareto import pareto_front
-from clsim.bench.point_store import PointStore
-from clsim.bench.reference_cache import reference_key
-from clsim.bench.tradeoff_settings import (
+from clsim.bench.tradeoff.content_key import content_key, world_key
+from clsim.bench.tradeoff.pareto import pareto_front
+from clsim.bench.tradeoff.point_store import PointStore
+from clsim.bench.tradeoff.reference_cache import reference_key
+from clsim.bench.tradeoff.settings import (
     BASE,
     QUICK_POINTS,
     Point,
@@ -25,7 +25,7 @@ from clsim.bench.tradeoff_settings import (
     named_points,
     quick_points,
 )
-from clsim.bench.tradeoff_summary import summarise, turned_knobs
+from clsim.bench.tradeoff.summary import summarise, turned_knobs
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 
@@ -73,7 +73,7 @@ _OTHER_OPTIONS = {"spp": 5, "frames": 5, "fps": 60.0, "seed": 1, "noise": "indep
 
 
 def _forget_code() -> None:
-    from clsim.bench.content_key import code_key
+    from clsim.bench.tradeoff.content_key import code_key
 
     code_key.cache_clear()
 

@@ -9,7 +9,7 @@ import clsim
 from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.scene.driven import placed
-from clsim.scene.images import decode_srgb
+from clsim.scene.pictures.images import decode_srgb
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed")
 

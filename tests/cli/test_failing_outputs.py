@@ -65,7 +65,7 @@ def test_conversion_whose_reader_leaves_ends_quietly(tmp_path: Path) -> None:
 
 def test_the_last_events_may_be_those_that_nobody_reads(tmp_path: Path) -> None:
     """Here only the close of the output meets the closed pipe, at the end of the run."""
-    from clsim.cli.status import run_session
+    from clsim.cli.output.status import run_session
     from clsim.events import SinkError
     from clsim.live.options import LiveOptions
     from clsim.live.session import open_live

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from clsim import scenes
-from clsim.cli.config import live_options
-from clsim.cli.detect import detector_config
+from clsim.cli.commands.detect import detector_config
+from clsim.cli.options.config import live_options
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.frames import Frame

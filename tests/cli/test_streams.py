@@ -83,7 +83,7 @@ def test_a_recording_that_begins_late_is_no_faster_for_it(clsim: Callable[..., o
 
 def test_a_byte_order_mark_does_no_harm(tmp_path: Path) -> None:
     from clsim.footage.times import read_times_us
-    from clsim.scene.trajectory import read_tum
+    from clsim.scene.trajectories.trajectory import read_tum
     from clsim.values import read_text
 
     pose = "0 0 0 0 0 0 0 1\n1 0 0 1 0 0 0 1\n"

@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.observation import feature_names, observe
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.observation import feature_names, observe
 from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from tests.detect.reference_scenes import random_frames

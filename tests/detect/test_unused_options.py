@@ -5,12 +5,12 @@ from itertools import product
 
 import numpy as np
 import pytest
-from reference_scenes import random_frames, run
 
 from clsim.detect.config import DetectorConfig
 from clsim.detect.reference import ReferenceDetector
 from clsim.errors import InputError
 from clsim.frames import Frame
+from tests.detect.reference_scenes import random_frames, run
 
 BASES = {
     "esim": {},

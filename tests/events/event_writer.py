@@ -1,4 +1,4 @@
-"""A process that writes numbered events until it is killed: ``event_writer.py FILE COUNTER BATCH INTERVAL_US``.
+"""Writes numbered events until it is killed: ``python -m tests.events.event_writer FILE COUNTER BATCH INTERVAL_US``.
 
 Event i has t = 2·i + i mod 2, and pixel and polarity that follow from i, so that a reader knows what event i must be.
 After every write the number of events written so far is stored in the file COUNTER.
@@ -8,11 +8,11 @@ import os
 import sys
 
 import numpy as np
-from event_data import end_of
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
+from tests.events.event_data import end_of
 
 
 def numbered(start: int, stop: int) -> EventBatch:

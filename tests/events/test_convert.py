@@ -5,7 +5,6 @@ import sys
 import dv_processing as dv
 import numpy as np
 import pytest
-from event_data import events
 
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE
@@ -19,6 +18,7 @@ from clsim.events.convert import (
     to_tonic,
     to_torch,
 )
+from tests.events.event_data import events
 
 EVENTS = events(3000)
 

@@ -5,17 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import end_of
 
 import clsim
 from clsim.errors import InputError
-from clsim.events import EventBatch, SinkError, text, whole
+from clsim.events import EventBatch, SinkError, whole
 from clsim.events.batch import Labelling
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
+from clsim.events.formats.tables import text
 from clsim.events.open import sensor_size
-from clsim.events.sockets import open_socket_sink
-from tests.live.view_events import random_events
+from clsim.events.socket_sinks import open_socket_sink
+from tests.events.event_data import end_of
+from tests.live.view.view_events import random_events
 
 WIDTH, HEIGHT = 40, 30
 EVENTS = random_events(20_000, WIDTH, HEIGHT)
@@ -172,7 +173,7 @@ def test_a_stream_is_recorded_to_its_end_or_to_ctrl_c(tmp_path: Path, interrupte
 
 
 def test_events_left_out_after_the_last_that_fit_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("clsim.events.evt3_words._BLOCK_WORDS", 5)
+    monkeypatch.setattr("clsim.events.formats.prophesee.evt3_words._BLOCK_WORDS", 5)
     words = [0x8001, 0x6007, 3, 0x2001, 0x2002] + [0x2000 | WIDTH] * 12
     head = f"% evt 3.0\n% geometry {WIDTH}x{HEIGHT}\n% end\n".encode()
     (tmp_path / "a.raw").write_bytes(head + np.array(words, "<u2").tobytes())

@@ -7,25 +7,27 @@ import subprocess
 import sys
 import tempfile
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, WIDTH, end_of, events, read
-from event_writer import numbered
 
 from clsim.errors import InputError
 from clsim.events.batch import SinkError
 from clsim.events.files import open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
+from tests.events.event_data import ALL_OR_NOTHING, ENDINGS, HEIGHT, WIDTH, end_of, events, read
+from tests.events.event_writer import numbered
 
+ROOT = str(Path(__file__).parents[2])
 # In a process of its own, because the limit on the size of files stays. HDF5 alone would crash here.
 WRITER = textwrap.dedent(
     """
     import resource, sys
-    from event_writer import numbered
+    from tests.events.event_writer import numbered
     from clsim.events.batch import SinkError
     from clsim.events.files import open_sink
-    from clsim.events.filesink import FlushPolicy
+    from clsim.events.formats.filesink import FlushPolicy
 
     first, second = (open_sink(path, 346, 260, flush=FlushPolicy(interval_us=0)) for path in sys.argv[1:3])
     resource.setrlimit(resource.RLIMIT_FSIZE, (1_500_000, 1_500_000))
@@ -54,7 +56,7 @@ def test_a_full_disk_is_one_error_and_other_sinks_go_on(tmp_path, ending):
         [sys.executable, "-c", WRITER, path, other],
         capture_output=True,
         text=True,
-        env={**os.environ, "PYTHONPATH": os.path.dirname(__file__)},
+        env={**os.environ, "PYTHONPATH": ROOT},
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert re.fullmatch(re.escape(f"{path}: writing failed (") + ".*(File too large|disk I/O error)\\)\n", done.stdout)
@@ -119,12 +121,11 @@ def test_a_folder_that_vanishes_is_a_sink_error(tmp_path, ending):
 
 def test_standard_output_may_be_a_file_without_a_name():
     code = (
-        "from clsim.events.files import open_sink; from event_writer import numbered\n"
+        "from clsim.events.files import open_sink; from tests.events.event_writer import numbered\n"
         "sink = open_sink('-', 346, 260); sink.write(numbered(0, 2), 10); sink.close()"
     )
     with tempfile.TemporaryFile() as file:
-        folder = os.path.dirname(__file__)
-        subprocess.run([sys.executable, "-c", code], stdout=file, check=True, env={**os.environ, "PYTHONPATH": folder})
+        subprocess.run([sys.executable, "-c", code], stdout=file, check=True, env={**os.environ, "PYTHONPATH": ROOT})
         file.seek(0)
         assert file.read() == b"0 0 0 1\n3 1 1 0\n"
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from clsim.events import EVENT_DTYPE, SinkError
-from clsim.events.aedat4 import Aedat4Sink
 from clsim.events.files import open_source
-from clsim.events.filesink import FlushPolicy
-from clsim.events.frame_recorder import FrameRecorder
+from clsim.events.formats.aedat4 import Aedat4Sink
+from clsim.events.formats.filesink import FlushPolicy
+from clsim.events.formats.frame_recorder import FrameRecorder
 from clsim.frames import Frame
 
 dv = pytest.importorskip("dv_processing", reason="frames beside events need the dv extra")
@@ -90,8 +90,8 @@ WRITER = textwrap.dedent(
     import numpy as np
     from pathlib import Path
     from clsim.events import EVENT_DTYPE
-    from clsim.events.aedat4 import Aedat4Sink
-    from clsim.events.filesink import FlushPolicy
+    from clsim.events.formats.aedat4 import Aedat4Sink
+    from clsim.events.formats.filesink import FlushPolicy
 
     if sys.argv[2:]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))

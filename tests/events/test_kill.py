@@ -10,23 +10,23 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import dv_processing as dv
-import event_writer
 import h5py
 import numpy as np
 import pytest
-from event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
-from event_writer import numbered
 
 from clsim.events.files import FORMATS, open_sink
-from clsim.events.filesink import FlushPolicy
+from clsim.events.formats.filesink import FlushPolicy
+from tests.events.event_data import ALL_OR_NOTHING, ENDINGS, KILL_SAFE, end_of, read
+from tests.events.event_writer import numbered
 
 
 def kill_a_writer(folder: Path, ending: str, batch: int, interval_us: float, delay_s: float) -> tuple[Path, int]:
     """Return the file a killed process left and how many events it had written, counted without the last write."""
     path, counter = folder / f"a{ending}", folder / f"counter{ending}"
     counter.write_bytes(bytes(8))
-    arguments = [sys.executable, event_writer.__file__, path, counter, str(batch), str(interval_us)]
-    with subprocess.Popen(arguments, stderr=subprocess.PIPE, text=True) as process:
+    arguments = [sys.executable, "-m", "tests.events.event_writer", path, counter, str(batch), str(interval_us)]
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(arguments, cwd=root, stderr=subprocess.PIPE, text=True) as process:
         while not int.from_bytes(counter.read_bytes(), "little"):
             assert process.poll() is None, process.stderr and process.stderr.read()
             time.sleep(0.002)

@@ -13,8 +13,8 @@ import clsim
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, SinkError
 from clsim.events.outputs import FileOptions, open_outputs
-from clsim.events.tcp import TcpSink
-from clsim.events.udp import UdpSink
+from clsim.events.sockets.tcp import TcpSink
+from clsim.events.sockets.udp import UdpSink
 
 OLD = b"of great value"
 

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import ENDINGS, HEIGHT, WIDTH, read
 
 import clsim
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.events.files import open_sink
-from clsim.events.filesink import FileSink, FlushPolicy, Limits
-from clsim.events.queue_sink import QueueSink
+from clsim.events.formats.filesink import FileSink, FlushPolicy, Limits
+from clsim.live.outputs.queue_sink import QueueSink
+from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, read
 
 NOTHING = np.empty(0, EVENT_DTYPE)
 

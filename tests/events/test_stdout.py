@@ -10,15 +10,16 @@ from pathlib import Path
 
 import dv_processing as dv
 import numpy as np
-from socket_help import make_events
+
+from tests.events.sockets.socket_help import make_events
 
 WRITER = f"""
 import sys
-sys.path.insert(0, {str(Path(__file__).parent)!r})
-from socket_help import WIDTH, HEIGHT, make_events
+sys.path.insert(0, {str(Path(__file__).parents[2])!r})
+from tests.events.sockets.socket_help import WIDTH, HEIGHT, make_events
 from clsim.errors import InputError
 from clsim.events import SinkError
-from clsim.events.sockets import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
 
 try:
     sink = open_socket_sink(sys.argv[1], WIDTH, HEIGHT)

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 from clsim.errors import InputError
 from clsim.events import SinkError
 from clsim.events.copy import Copied, convert_events
 from clsim.events.files import open_sink
 from clsim.events.outputs import FileOptions, open_outputs
-from clsim.events.sockets import open_socket_sink
+from clsim.events.socket_sinks import open_socket_sink
+from tests.events.event_data import ENDINGS, HEIGHT, WIDTH, end_of, events, read
 
 OLD = b"of great value"
 EVENTS = events(300_000)

@@ -10,8 +10,8 @@ import pytest
 import clsim
 from clsim.bench.edge import edge_scene
 from clsim.errors import InputError
-from clsim.live.base_rate import camera_px_s
 from clsim.live.options import LiveOptions
+from clsim.live.pacing.base_rate import camera_px_s
 from clsim.live.rendering import Rendering
 from clsim.live.stages import FAST_PX, plan_stages
 from clsim.scene import load_world

@@ -8,9 +8,9 @@ import pytest
 from clsim.errors import InputError
 from clsim.events import EVENT_DTYPE, Causes, EventBatch, SinkError
 from clsim.frames import Frame
-from clsim.live.delivery import Output
+from clsim.live.outputs.delivery import Output
+from clsim.live.pacing.schedule import Continuity, Schedule, plan
 from clsim.live.pipeline import Pipeline
-from clsim.live.schedule import Continuity, Schedule, plan
 
 NAMES = ("R", "G", "B")
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from clsim.events.files import open_source
-from tests.events.socket_help import AESTREAM, free_port, is_bound, wait_until
+from tests.events.sockets.socket_help import AESTREAM, free_port, is_bound, wait_until
 
 WIDTH, HEIGHT = 64, 48
 RUN = ("live", "cornell", "--resolution", f"{WIDTH}x{HEIGHT}", "--frame-count", "8", "--fps", "10")

@@ -5,7 +5,7 @@ import pytest
 from clsim.live.options import LiveOptions
 from clsim.live.rendering import Rendering
 from clsim.render import scene_data, view
-from clsim.render.integrator import build_kernel
+from clsim.render.paths.integrator import build_kernel
 
 
 @pytest.mark.parametrize("method", ["esim", None])

@@ -9,12 +9,12 @@ import pytest
 
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.frames import Frame, InterestBoard, InterestMap
-from clsim.live.clock import FrameClock
-from clsim.live.governed import WARM_UP_FRAMES, Governed
-from clsim.live.ladder import Level, ladder
-from clsim.live.load import BusyMeter
+from clsim.live.pacing.clock import FrameClock
+from clsim.live.pacing.governed import WARM_UP_FRAMES, Governed
+from clsim.live.pacing.ladder import Level, ladder
+from clsim.live.pacing.load import BusyMeter
+from clsim.live.pacing.schedule import Schedule, plan
 from clsim.live.pipeline import Pipeline
-from clsim.live.schedule import Schedule, plan
 
 NAMES = ("R", "G", "B")
 BEST = Level(probe_spp=1, spp=8, first_hit_rays=16)

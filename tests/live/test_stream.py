@@ -18,8 +18,8 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
+from clsim.live.outputs.summary import Summary
 from clsim.live.session import open_live
-from clsim.live.summary import Summary
 
 SMALL = {"resolution": (32, 24), "spp": 1, "fps": 60.0}
 

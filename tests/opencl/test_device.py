@@ -73,7 +73,7 @@ def test_where_there_is_none_a_sentence_says_what_to_do(monkeypatch: pytest.Monk
 
 
 def test_the_command_says_what_works_and_what_does_not(broken: Any, capsys: pytest.CaptureFixture[str]) -> None:
-    from clsim.cli.devices import devices as command
+    from clsim.cli.commands.devices import devices as command
 
     broken(GPU)
     command()

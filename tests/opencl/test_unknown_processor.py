@@ -12,7 +12,7 @@ from clsim.opencl.trial import POCL
 
 ROOT = Path(__file__).parents[2]
 FOLDER = Path(__file__).with_name("unknown_processor")
-ORACLES = ("tests/sensor/test_math.py", "tests/sensor/test_ideal.py", "tests/detect/test_reference_gate.py")
+ORACLES = ("tests/sensor/test_math.py", "tests/sensor/test_ideal.py", "tests/detect/float64/test_reference_gate.py")
 
 pytestmark = pytest.mark.skipif(
     not any(POCL in platform.name and "x86_64" in platform.get_devices()[0].version for platform in cl.get_platforms()),

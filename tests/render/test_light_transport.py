@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 
 from clsim.scene import Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Keyframes
+from tests.render import hand_worlds as hw
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("anything")]  # kernels of their own are compiled
 

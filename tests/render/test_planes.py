@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 
 from clsim.frames import ALL_PLANES, BASE_PLANES, VARIANCE_PLANES
 from clsim.scene import Camera, CheckerTexture, Material, SphereLight, Static
+from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("anything")
 

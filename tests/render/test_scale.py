@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 
 from clsim.scene import Instance, Material, PunctualLight, SphereLight, Static
 from clsim.scene.motion import Nested
+from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("anything")
 

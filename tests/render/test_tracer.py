@@ -7,7 +7,6 @@ import sys
 import threading
 from dataclasses import dataclass, fields, replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 import warp as wp
@@ -23,9 +22,9 @@ from clsim.render import (
     list_render_devices,
     scene_data,
 )
-from clsim.render.bsdf_kinds import KINDS
-from clsim.render.features import Features
-from clsim.render.integrator import build_kernel
+from clsim.render.features.bsdf_kinds import KINDS
+from clsim.render.features.features import Features
+from clsim.render.paths.integrator import build_kernel
 from clsim.render.scene_data import scene_features
 from clsim.scene import (
     CheckerTexture,
@@ -40,6 +39,7 @@ from clsim.scene import (
     Static,
     load_world,
 )
+from tests.render import hand_worlds as hw
 
 pytestmark = pytest.mark.usefixtures("any_lights")
 

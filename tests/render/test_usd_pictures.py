@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 
 from clsim.scene import load_world
+from tests.render import hand_worlds as hw
 
 pytest.importorskip("pxr")
 

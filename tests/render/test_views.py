@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hand_worlds as hw
 import numpy as np
 import pytest
-from test_blur import Glide, Spin, strip, view
-from test_tracer import moving_world
 
 from clsim.errors import InputError
 from clsim.frames import Frame, page_aligned
-from clsim.render import PathTracer, RenderOptions, SceneData, View, upload_geometry
+from clsim.render import PathTracer, RenderOptions, SceneData, View
+from clsim.render.accel import upload_geometry
 from clsim.scene import Static
+from tests.render import hand_worlds as hw
+from tests.render.motion.test_blur import Glide, Spin, strip, view
+from tests.render.test_tracer import moving_world
 
 pytestmark = pytest.mark.usefixtures("any_lights")
 

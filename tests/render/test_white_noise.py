@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from itertools import combinations
 
-import hand_worlds as hw
 import numpy as np
 import pytest
 
 from clsim.scene import Material, SphereLight, Static
+from tests.render import hand_worlds as hw
 
 pytestmark = [pytest.mark.usefixtures("any_lights"), pytest.mark.slow]
 

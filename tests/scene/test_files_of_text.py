@@ -9,9 +9,9 @@ import pytest
 
 from clsim import values
 from clsim.errors import InputError
-from clsim.scene.pbrt_tokens import Tokens
-from clsim.scene.toml_scene import read_toml
-from clsim.scene.trajectory import read_tum
+from clsim.scene.pbrt.tokens import Tokens
+from clsim.scene.toml.scene import read_toml
+from clsim.scene.trajectories.trajectory import read_tum
 from clsim.truth.imu_file import read_imu_noise
 
 READERS: dict[str, Callable[[Path], object]] = {

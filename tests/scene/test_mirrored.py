@@ -4,15 +4,15 @@ from itertools import count, product
 
 import numpy as np
 import pytest
-from gltf_files import gltf, write_gltf
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from mitsuba_files import load, scene
-from usd_files import METRES, mesh, usda
 
 from clsim.scene import load_world
 from clsim.scene.rigid import facing
+from tests.scene.gltf.gltf_files import gltf, write_gltf
+from tests.scene.mitsuba.mitsuba_files import load, scene
+from tests.scene.usd.usd_files import METRES, mesh, usda
 
 SIGNS = list(product((1, -1), repeat=3))
 NUMBERS = count()
@@ -123,7 +123,7 @@ def test_any_steps_of_a_transform_lead_a_mitsuba_camera_and_a_spot(tmp_path, lin
 
 def test_gltf_cameras_that_pan_under_a_mirror(tmp_path):
     """A turn of 90° in 30 steps: none is larger than its share."""
-    from gltf_files import add
+    from tests.scene.gltf.gltf_files import add
 
     tree = gltf(nodes=[{"mesh": 0}, {"scale": [-1, 1, 1], "children": [2]}, {"camera": 0}], scenes=[{"nodes": [0, 1]}])
     tree["cameras"] = [{"type": "perspective", "perspective": {"yfov": 0.7, "znear": 0.1}}]

@@ -4,12 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from gltf_files import gltf, write_gltf
-from mitsuba_files import scene
-from usd_files import METRES, mesh, usda
 
 from clsim.errors import InputError
 from clsim.scene import load_world
+from tests.scene.gltf.gltf_files import gltf, write_gltf
+from tests.scene.mitsuba.mitsuba_files import scene
+from tests.scene.usd.usd_files import METRES, mesh, usda
 
 
 def seen_m(world):

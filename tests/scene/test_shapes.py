@@ -9,8 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from clsim.errors import InputError
-from clsim.scene import geometry, shapes
-from clsim.scene.geometry import is_similarity, placed_rigidly, smooth_normals, transformed
+from clsim.scene import shapes
+from clsim.scene.meshes import geometry
+from clsim.scene.meshes.geometry import is_similarity, placed_rigidly, smooth_normals, transformed
 from clsim.scene.motion import compose, euler_quaternion, rotation_matrix
 from clsim.scene.world import Mesh
 

@@ -89,7 +89,7 @@ def test_readouts_let_as_much_through_as_their_numbers_say():
 @pytest.mark.slow
 def test_a_plot_is_a_picture(tmp_path):
     matplotlib = pytest.importorskip("matplotlib.image")
-    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    sensor_plot = pytest.importorskip("clsim.cli.plots.sensor_plot")
     sensor_plot.plot_sensors([SensorSettings()], tmp_path / "a.png")
     sensor_plot.plot_sensors([SensorSettings(), load_sensor("gen3.1")], tmp_path / "b.png")
     one, two = (matplotlib.imread(tmp_path / name) for name in ("a.png", "b.png"))
@@ -97,7 +97,7 @@ def test_a_plot_is_a_picture(tmp_path):
 
 
 def test_numbers_without_a_measurement_are_marked():
-    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    sensor_plot = pytest.importorskip("clsim.cli.plots.sensor_plot")
     lines, marked = sensor_plot._numbers(load_sensor("dvs128"))
     stars = {line.split("*")[0].strip() for line in lines if "*" in line}
     assert marked and {"front_end.dark_lux", "noise.off_hz", "refractory.us"} <= stars
@@ -108,7 +108,7 @@ def test_numbers_without_a_measurement_are_marked():
 
 
 def test_a_picture_that_cannot_be_written_is_told_so(tmp_path):
-    sensor_plot = pytest.importorskip("clsim.cli.sensor_plot")
+    sensor_plot = pytest.importorskip("clsim.cli.plots.sensor_plot")
     with pytest.raises(InputError, match=r"cannot write .*a\.png: there is no folder"):
         sensor_plot.plot_sensors([SensorSettings()], tmp_path / "no" / "a.png")
     with pytest.raises(InputError, match="more than 8 sensors apart in one picture, got 9"):

@@ -8,7 +8,7 @@ from scipy import stats
 
 from clsim.sensor.lab import Lab
 from tests.sensor.benchtop import intervals_us, rates, with_stages
-from tests.sensor.test_fit import events
+from tests.sensor.fit.test_fit import events
 
 THRESHOLD, SPREAD, PIXELS = 0.2, 0.03, 1000
 

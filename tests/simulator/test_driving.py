@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import clsim
-from clsim.driving import Driving
 from clsim.errors import Error, InputError
 from clsim.render import SceneData
-from clsim.render.placement import place
+from clsim.render.accel.placement import place
 from clsim.scene import Camera, Material, load_world
 from clsim.scene.driven import Driven, place_of, placed
 from clsim.scene.motion import Static, compose, look_at, rotation_matrix
 from clsim.scene.shapes import box
+from clsim.simulator.driving import Driving
 from tests.simulator.stage import KEYS, keyframed, scene, simulator
 
 POSES = {round(t * 1e6): (position, quaternion) for t, position, quaternion in KEYS}

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import clsim
-from clsim.live.base_rate import base_fps
-from clsim.scene.images import decode_srgb
-from tests.scene.test_film import write_pictures, write_video
+from clsim.live.pacing.base_rate import base_fps
+from clsim.scene.pictures.images import decode_srgb
+from tests.scene.pictures.test_film import write_pictures, write_video
 
 SCENE = """
 [camera]

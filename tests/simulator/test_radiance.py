@@ -8,9 +8,9 @@ import warp as wp
 
 import clsim
 from clsim.errors import Error, InputError
-from clsim.radiance import on_host
 from clsim.sensor import load_sensor
 from clsim.sensor.settings import Optics
+from clsim.simulator.radiance import on_host
 
 WIDTH, HEIGHT = 12, 8
 
@@ -21,7 +21,7 @@ def ramp(gain: float) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(grey, (3, HEIGHT, WIDTH)), np.float32)
 
 
-def camera(**options: object) -> clsim.radiance.RadianceCamera:
+def camera(**options: object) -> clsim.simulator.radiance.RadianceCamera:
     return clsim.Simulator.from_radiance(WIDTH, HEIGHT, **options)
 
 

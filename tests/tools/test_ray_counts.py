@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clsim.bench.render_worlds import bumpy_room
+from clsim.bench.throughput.render_worlds import bumpy_room
 from clsim.frames import Frame
 from clsim.render import PathTracer, RenderOptions
 from clsim.scene import Material, World, load_world

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from clsim.events import EVENT_DTYPE
-from clsim.live.sidecars import about_camera
+from clsim.live.outputs.sidecars import about_camera
 from clsim.scene import Camera, Static
 from clsim.scene.motion import Orbit
 from clsim.scene.world import Lens

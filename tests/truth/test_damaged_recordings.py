@@ -10,12 +10,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import recordings
 from PIL import Image
 
 from clsim.errors import InputError
 from clsim.truth.layouts import open_layout
 from clsim.truth.recording import convert_recording, read_recording
+from tests.truth import recordings
 
 
 def recorded(path: Path) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import recordings
 
 from clsim.events import SinkError
-from clsim.truth.event_utils import EventUtilsLayout
+from clsim.truth.formats.event_utils import EventUtilsLayout
 from clsim.truth.layouts import open_layout
+from tests.truth import recordings
 
 
 def test_it_holds_what_its_readers_ask_for(tmp_path: Path) -> None:

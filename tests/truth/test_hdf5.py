@@ -11,12 +11,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-import recordings
 
 import clsim
-from clsim.events import hdf5_growing
-from clsim.truth.hdf5 import Hdf5Layout
+from clsim.events.formats.tables import hdf5_growing
+from clsim.truth.formats.hdf5 import Hdf5Layout
 from clsim.truth.recording import convert_recording, read_recording
+from tests.truth import recordings
 
 
 def test_everything_is_there_to_the_bit(tmp_path: Path) -> None:
@@ -92,7 +92,7 @@ def test_a_kill_leaves_what_was_flushed(tmp_path: Path) -> None:
     path = tmp_path / "run.h5"
     folder = Path(__file__).parent
     code = (
-        "import os, sys, pathlib, recordings; from clsim.truth.hdf5 import Hdf5Layout\n"
+        "import os, sys, pathlib, recordings; from clsim.truth.formats.hdf5 import Hdf5Layout\n"
         f"recordings.feed(Hdf5Layout(pathlib.Path({str(path)!r}), recordings.about()), close=False)\n"
         "os._exit(9)"
     )

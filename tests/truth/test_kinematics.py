@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from clsim.errors import InputError
 from clsim.scene.motion import Keyframes, Orbit, Static, compose, euler_quaternion, rotation_matrix
-from clsim.scene.trajectory import CubicKeyframes
+from clsim.scene.trajectories.trajectory import CubicKeyframes
 from clsim.truth.imu_file import read_imu_noise
 from clsim.truth.kinematics import Imu, derivatives, track
 from clsim.truth.record import ImuNoise

@@ -13,7 +13,6 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
-import recordings
 import yaml
 from typer.testing import CliRunner
 
@@ -22,9 +21,10 @@ from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.scene.world import Lens
 from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
-from clsim.truth.png import write_png
 from clsim.truth.record import Shot
 from clsim.truth.recording import convert_recording, read_recording
+from clsim.truth.writing.png import write_png
+from tests.truth import recordings
 
 FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
 
@@ -398,7 +398,7 @@ def test_convert_from_the_command_line(tmp_path: Path) -> None:
 
 def test_every_layout_writes_and_tells_what_it_holds() -> None:
     for kind in LAYOUTS:
-        assert hasattr(importlib.import_module(f"clsim.truth.{kind.module}"), "open_layout")
+        assert hasattr(importlib.import_module(f"clsim.truth.formats.{kind.module}"), "open_layout")
 
 
 @pytest.mark.parametrize("ending", [".dsec", ".mvsec"])

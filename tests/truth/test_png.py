@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from clsim.errors import InputError
-from clsim.truth.png import read_png, write_png
+from clsim.truth.writing.png import read_png, write_png
 
 
 @given(

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-import recordings
 
 from clsim.events.files import open_source
 from clsim.scene.world import Lens
 from clsim.truth.layouts import open_layout
-from clsim.truth.poses import matrices
+from clsim.truth.writing.poses import matrices
+from tests.truth import recordings
 
 
 def topics_of(path: Path) -> dict[str, list[Any]]:

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.stopwatch import Stopwatch
+from clsim.bench.tradeoff.stopwatch import Stopwatch
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.observation import feature_names, observe
+from clsim.detect.float64.observation import feature_names, observe
 from clsim.detector import NumpyDetector
 from clsim.events import EventBatch
 from clsim.frames import Frame, page_aligned

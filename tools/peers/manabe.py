@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from clsim.bench.stopwatch import Stopwatch
-from clsim.bench.tradeoff_measure import warm_renderer
+from clsim.bench.tradeoff.measure import warm_renderer
+from clsim.bench.tradeoff.stopwatch import Stopwatch
 from clsim.detect.features import LUMINANCE_WEIGHTS
 from clsim.events import EVENT_DTYPE, EventBatch
 from clsim.frames import RADIANCE, SAMPLES, Frame, page_aligned

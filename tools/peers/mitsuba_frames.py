@@ -10,7 +10,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.frames import ALBEDO, DEPTH, NORMAL, RADIANCE, Frame, frame_time_us
 from clsim.render import RenderOptions
-from clsim.render.sampling import stream_state
+from clsim.render.sampling.sampling import stream_state
 from clsim.scene import Lens, World
 from tools.peers.mitsuba_files import load_mitsuba_file
 from tools.peers.mitsuba_scene import camera_pose, check_plain, load_mitsuba, mitsuba_scene, move_scene

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from clsim.detect.reference.fit import Kernel, feature_scale, kernel_weights
-from clsim.detect.reference.observation import F64
+from clsim.detect.float64.fit import Kernel, feature_scale, kernel_weights
+from clsim.detect.float64.observation import F64
 
 _CUT_OFF = 1e-8
 """Singular values below this share of the largest count as 0, as in the published program."""

@@ -15,13 +15,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from clsim.bench.content_key import content_key
-from clsim.bench.tradeoff import Report, Sweep, TradeoffOptions, figures
-from clsim.bench.tradeoff_settings import Rendering
-from clsim.bench.tradeoff_summary import VALUES, averages
-from clsim.cli.bench_tradeoff import default_cache
-from clsim.cli.parse import resolution as parse_resolution
-from clsim.cli.tradeoff_tables import front_row, front_table, table
+from clsim.bench.tradeoff.content_key import content_key
+from clsim.bench.tradeoff.settings import Rendering
+from clsim.bench.tradeoff.summary import VALUES, averages
+from clsim.bench.tradeoff.sweep import Report, Sweep, TradeoffOptions, figures
+from clsim.cli.commands.bench_tradeoff import default_cache
+from clsim.cli.options.parse import resolution as parse_resolution
+from clsim.cli.output.tradeoff_tables import front_row, front_table, table
 from clsim.errors import require_choice
 from clsim.events import EventBatch
 from clsim.render import RenderOptions

@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from clsim.bench.render_worlds import bumpy_room, cornell
-from clsim.bench.throughput_detect import detect_throughput, noise_frame
-from clsim.bench.throughput_render import MAX_DEPTH, measure_world
-from clsim.bench.throughput_scene import scene_throughput
+from clsim.bench.throughput.detect import detect_throughput, noise_frame
+from clsim.bench.throughput.render import MAX_DEPTH, measure_world
+from clsim.bench.throughput.render_worlds import bumpy_room, cornell
+from clsim.bench.throughput.scene import scene_throughput
 from clsim.errors import InputError
 from clsim.frames import Frame
-from clsim.render.devices import start_warp
+from clsim.render.device.devices import start_warp
 from clsim.scene import World, load_world
 from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window

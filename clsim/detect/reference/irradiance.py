@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from clsim.detect.config import DetectorConfig
-from clsim.detect.reference.observation import (
+from clsim.detect.float64.observation import (
     F64,
     LARGEST_LUMINANCE,
     Mask,

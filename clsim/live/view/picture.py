@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, Labels
-from clsim.events.filesink import PartFile, unwritable
+from clsim.events.formats.filesink import PartFile, unwritable
 from clsim.live.view.accumulate import EventWindow, IndexImage, cause_indices, colour_indices, signed_image
 from clsim.live.view.colormaps import DEFAULT, KINDS, ZERO, Lut, Theme, lut
 

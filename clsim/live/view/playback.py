@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from clsim.errors import InputError
 from clsim.events import EventBatch, empty_batch
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesource import EventSource
 from clsim.live.view.commands import Control, Seek, Speed, Switch
 from clsim.live.view.hub import Hub
 from clsim.live.view.packets import NOISY, image_packet

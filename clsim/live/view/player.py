@@ -12,7 +12,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.events import EventBatch
-from clsim.events.filesource import EventSource
+from clsim.events.formats.filesource import EventSource
 from clsim.live.view.hub import Hub
 from clsim.live.view.playback import Playback, TimedImages
 from clsim.live.view.server import PageServer

@@ -76,8 +76,8 @@ def from_hue(hue: npt.NDArray[Any], strength: npt.NDArray[Any]) -> npt.NDArray[n
 
 def recorded_pictures(name: str, shown: Shown) -> Iterator[tuple[int, RGB]]:
     """Yield times [µs] and pictures ``[H, W, 3]`` of a recording with truth; none where it has none of that sort."""
-    from clsim.truth.images import Pictures
     from clsim.truth.recording import read_recording
+    from clsim.truth.writing.images import Pictures
 
     depth_picture, flow_picture, pictures = DepthPicture(), FlowPicture(), Pictures()
     for shot in read_recording(name).shots():

@@ -1,7 +1,7 @@
 """C++ for Warp functions: the bodies of what Warp's own Python cannot say, a header file each.
 
-A body may ``#include "…"`` other headers of this folder. Warp's hash of a kernel is of the whole text, so that compiled
-kernels are kept as long as none of it changes.
+A body may ``#include "…"`` other headers, by their paths from this folder. Warp's hash of a kernel is of the whole
+text, so that compiled kernels are kept as long as none of it changes.
 """
 
 from __future__ import annotations

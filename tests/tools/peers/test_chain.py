@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from clsim.bench.throughput_detect import noise_frame
+from clsim.bench.throughput.detect import noise_frame
 from clsim.render import RenderOptions
 from clsim.scene import load_world
 from tools.peers.chain import SPP, chain_config, run_chain, time_plain

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from clsim.detect.config import DetectorConfig
+from clsim.detect.float64.fit import make_windows, solve_windows
 from clsim.detect.reference import ReferenceDetector
-from clsim.detect.reference.fit import make_windows, solve_windows
 from clsim.frames import DEPTH, RADIANCE, Frame
 from tools.peers.plain_wlr import Window, cut_window, fit_plane, gate_plane
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from clsim.bench.tradeoff import TradeoffOptions
-from clsim.bench.tradeoff_settings import ESIM, Point, Rendering
+from clsim.bench.tradeoff.settings import ESIM, Point, Rendering
+from clsim.bench.tradeoff.sweep import TradeoffOptions
 from clsim.errors import InputError
 from clsim.scene import Lens, load_world
 from tools.peers import manabe
@@ -86,10 +86,10 @@ def test_what_a_peer_cannot_render_is_told_before_anything_is_measured(
     glass = replace(world, materials=tuple(replace(each, kind="dielectric") for each in world.materials))
     wide = replace(world, camera=replace(world.camera, lens=Lens(model="fisheye")))
     monkeypatch.setattr("tools.peers.mitsuba_frames.load_mitsuba", lambda: "mitsuba")
-    monkeypatch.setattr("clsim.bench.tradeoff.load_world", lambda *given, **more: glass)
+    monkeypatch.setattr("clsim.bench.tradeoff.sweep.load_world", lambda *given, **more: glass)
     with pytest.raises(InputError, match="materials other than diffuse ones cannot be handed to Mitsuba"):
         run(tmp_path, "chain")
-    monkeypatch.setattr("clsim.bench.tradeoff.load_world", lambda *given, **more: wide)
+    monkeypatch.setattr("clsim.bench.tradeoff.sweep.load_world", lambda *given, **more: wide)
     with pytest.raises(InputError, match="a lens or an exposure time is not handed to Mitsuba"):
         run(tmp_path, "chain")
     assert not any(tmp_path.iterdir())

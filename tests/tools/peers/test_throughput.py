@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from clsim.bench.render_worlds import bumpy_room, cornell
+from clsim.bench.throughput.render_worlds import bumpy_room, cornell
 from tools.peers.mitsuba_scene import load_mitsuba
 from tools.peers.throughput import beside_mitsuba, numpy_fits_per_cpu_second
 

@@ -1,0 +1,1 @@
+"""How fast rendering and detection are."""

@@ -1,0 +1,1 @@
+"""Speed against accuracy: sweeps, references and what each setting costs."""

@@ -1,0 +1,1 @@
+"""Brightness between two frames: of chosen pixels, or of whole pictures."""

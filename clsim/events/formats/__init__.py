@@ -1,0 +1,1 @@
+"""Event files: what writers and readers share, and the formats of cameras."""

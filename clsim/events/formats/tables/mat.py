@@ -1,0 +1,75 @@
+"""Files of MATLAB with events: variables or the fields of a struct called t, x, y and p, or so. Only read.
+
+Files of version 7.3 are HDF5. MATLAB counts pixels from 1 where its user did: nothing in a file tells, so that x and y
+are taken as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.events.batch import EventBatch
+from clsim.events.formats.columns import NAMES, find_columns, from_columns
+from clsim.events.formats.filesource import CHUNK_EVENTS, EventSource, damaged, open_binary
+
+_HDF5_AT, _HDF5_MAGIC = 512, b"\x89HDF\r\n\x1a\n"
+
+
+def open_source(path: Path) -> EventSource:
+    """Open a ``.mat`` file; it is held in memory."""
+    with open_binary(path) as file:
+        file.seek(_HDF5_AT)
+        is_hdf5 = file.read(len(_HDF5_MAGIC)) == _HDF5_MAGIC
+    variables = _hdf5(path) if is_hdf5 else _matlab(path)
+    columns = _find(variables)
+    if columns is None:
+        told = ", ".join(sorted(variables)[:12]) or "none"
+        raise damaged(path, f"its variables are {told}; expected t, x, y and p, or one struct of these")
+    return EventSource(path, None, None, _read(columns))
+
+
+def _read(columns: Mapping[str, npt.NDArray[Any]]) -> Iterator[EventBatch]:
+    if len({column.size for column in columns.values()}) > 1:
+        raise ValueError(f"its columns have {', '.join(f'{n} {c.size}' for n, c in columns.items())} rows")
+    for start in range(0, columns["t"].size, CHUNK_EVENTS):
+        yield from_columns(*(columns[name][start : start + CHUNK_EVENTS] for name in NAMES), first_row=start)
+
+
+def _find(variables: Mapping[str, Any]) -> dict[str, npt.NDArray[Any]] | None:
+    """Return the columns among variables, or within the first struct that has them, whatever it is called."""
+    found = find_columns(variables)
+    if found is not None:
+        columns = {name: np.asarray(variables[found[name]]) for name in NAMES}
+        if all(column.dtype.kind in "iubf" for column in columns.values()):
+            return {name: column.reshape(-1) for name, column in columns.items()}
+    for value in variables.values():
+        inner = _find(value) if isinstance(value, Mapping) else None
+        if inner is not None:
+            return inner
+    return None
+
+
+def _matlab(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+
+    found = loadmat(str(path), simplify_cells=True)
+    return {name: value for name, value in found.items() if not name.startswith("__")}
+
+
+def _hdf5(path: Path) -> dict[str, Any]:
+    import h5py
+
+    def read(group: Any) -> dict[str, Any]:
+        return {
+            name: read(item) if isinstance(item, h5py.Group) else item[()]
+            for name, item in group.items()
+            if name != "#refs#" and (isinstance(item, h5py.Group) or item.dtype.kind in "iubf")
+        }
+
+    with h5py.File(path, "r") as file:
+        return read(file)

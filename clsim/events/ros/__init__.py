@@ -1,0 +1,1 @@
+"""Events in messages and bags of ROS."""

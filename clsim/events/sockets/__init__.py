@@ -1,0 +1,1 @@
+"""Events over sockets: addresses, senders and receivers."""

@@ -1,0 +1,1 @@
+"""How much of a run's events is noise of rendering."""

@@ -1,0 +1,58 @@
+"""How much of a run is noise where windows mix pixels: patches of the picture are rendered and detected twice.
+
+Events in the margins of patches do not count, as their windows see other pixels than the picture's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from clsim.detect.config import DetectorConfig
+from clsim.detector import Detector
+from clsim.frames import Frame, page_aligned
+from clsim.frames.patches import Patches
+from clsim.live.noise.second_look import F32, Fired, Looks, gathered
+from clsim.opencl.device import Device
+
+LOOKED_AT_AGAIN = 0.125
+"""Share of the pixels that is in patches, about."""
+
+
+def patches_for(config: DetectorConfig, width: int, height: int) -> Patches | None:
+    """Return patches whose margins are as wide as ``config`` looks about; None where the picture is too small."""
+    reach = config.side // 2 * config.stride + config.box // 2
+    return Patches.over(width, height, reach, LOOKED_AT_AGAIN)
+
+
+class PatchLooks(Looks):
+    """Looks at patches, of which all planes ``[2, C, rows, columns]`` are seen."""
+
+    def __init__(self, config: DetectorConfig, patches: Patches, names: tuple[str, ...], device: Device) -> None:
+        """Prepare to find brightness as ``config`` does; ``device`` computes it."""
+        super().__init__()
+        rows, columns = patches.shape
+        self._inside = patches.inside()
+        self._detectors = [Detector(config, columns, rows, names, device=device) for _ in range(2)]
+        self._frames = [Frame(page_aligned((len(names), rows, columns)), names) for _ in range(2)]
+        self._fired: list[list[Fired]] = [[], []]
+
+    def _step(self, seen: F32, time_us: int) -> None:
+        for detector, frame, planes, fired in zip(self._detectors, self._frames, seen, self._fired, strict=True):
+            frame.planes[...] = planes
+            frame.time_us = time_us
+            events = detector.step(frame)
+            events = events[self._inside[events["y"], events["x"]]]
+            pixels = events["y"].astype(np.int64) * frame.width + events["x"]
+            fired.append((np.where(events["on"], pixels, ~pixels), events["t"].astype(np.int64)))
+
+    def _kept(self) -> int:
+        return sum(len(stamps) for look in self._fired for _, stamps in look)
+
+    def _taken(self) -> tuple[Fired, Fired]:
+        first, second = map(gathered, self._fired)
+        self._fired = [[], []]
+        return first, second
+
+    def _forget(self) -> None:
+        for detector in self._detectors:
+            detector.reset()

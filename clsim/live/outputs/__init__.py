@@ -1,0 +1,1 @@
+"""Where the events of a run go, and what is written with them."""

@@ -1,0 +1,1 @@
+"""Where rays meet surfaces: trees, meshes and instances, intersection."""

@@ -1,0 +1,1 @@
+"""Scattering models, one file each."""

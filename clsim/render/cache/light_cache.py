@@ -1,0 +1,377 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018, RUF046
+"""Light kept on surfaces: what paths found, remembered in the cells of a hashed grid in the world.
+
+Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever ended a first
+hit there may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face
+one of six ways; each path counts in such a cube and in larger ones, `LEVELS` in all. Seen from a first hit, the
+cells round it are interpolated, and where a level knows few paths the next coarser one takes part (after Binder,
+Fricke and Keller, "Massively Parallel Path Space Filtering", 2021, without its jitter).
+
+The average becomes better with every frame, and so it changes; that must fire no events. Hence a cell also keeps what
+it knew before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
+
+How well a cell knows its light follows from how different the paths are that it averages.
+
+Where something else than the camera moves, or light changes, cells lie on what moves, and some paths are stored in
+them and traced again (`stored_paths.py`). What these find now, beside what they found at first, tells how the light has
+changed since: `Followed` has that, and what is averaged is the light as it was then.
+"""
+
+import warp as wp
+
+from clsim.render.cache.light_grid import (
+    BLOCK,
+    PROBES,
+    along_face,
+    face_of,
+    first_row,
+    grid_of,
+    in_cells,
+    key_of,
+    size_of,
+)
+from clsim.render.device.compiler import kernel_options
+from clsim.render.sampling import sampling
+
+wp.set_module_options(kernel_options())
+
+LEVELS = 4
+_LEVELS = wp.constant(LEVELS)
+_BLOCK = wp.constant(BLOCK)
+_ALIGNED = wp.constant(0.9999)
+"""Where a surface faces along an axis so nearly, it lies within one layer of cells."""
+_SURE = wp.constant(1.0)
+"""Square of the standard errors by which cells of two sizes differ before the finer ones are trusted."""
+_WANTED_STORED = wp.constant(64.0)
+"""Stored paths with which a level counts as much as all coarser ones, where they tell how light has changed."""
+_LEAST_TILTED = wp.constant(0.25)
+"""Part of a cell's light that is left at its edge, at least: beyond, a plane through few paths tells nothing."""
+_LEAST_FACTOR = wp.constant(0.05)
+"""Where light has become less than this part of what it was, it tells nothing of that."""
+
+
+@wp.struct
+class Cell:
+    """What those who look read of a cell.
+
+    Attributes:
+        key: what tells it from others; 0 where the row is free.
+        light: mean irradiance over π.
+        tilt: what it is times that across the cell is 1, u and v times these, of the place in it from 0 to 1.
+        count: number of paths.
+        update: number of the last update that added to it.
+        before: the light before that.
+        tilt_before: its tilt.
+        count_before: number of paths before that.
+        error: standard error of the brightness of the light.
+        error_before: that of the light before.
+    """
+
+    key: wp.int64
+    light: wp.vec3
+    tilt: wp.vec3
+    count: float
+    update: int
+    before: wp.vec3
+    tilt_before: wp.vec3
+    count_before: float
+    error: float
+    error_before: float
+
+
+@wp.struct
+class Followed:
+    """How the light of a cell has changed: it is ``factor`` times what was averaged, and ``more``; stored paths tell.
+
+    Attributes:
+        factor: by which the light has changed.
+        more: light that came where next to none was.
+        count: number of stored paths; 0 tells of no change.
+        step: by how much the factor has changed in the step to the frame ``stepped``, from what it was ``last``.
+        stepped: number of a frame.
+    """
+
+    factor: wp.vec3
+    more: wp.vec3
+    count: float
+    step: wp.vec3
+    last: wp.vec3
+    stepped: int
+
+
+@wp.struct
+class Kept:
+    """What the cells know of the light at a point.
+
+    Attributes:
+        light: irradiance over π, as the cells know it.
+        known: number of paths that were near, in cells of all sizes.
+        before: the same, as they knew it before the last update.
+        known_before: whether any path was near before the last update.
+        finely: the same in the finest cells alone.
+        off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
+            chance, which is always the same. Where nobody asked, 0.
+        off_before: the same of the light before.
+        factor, more: of `Followed`, 1 and 0 where no path is stored.
+    """
+
+    light: wp.vec3
+    known: float
+    before: wp.vec3
+    known_before: bool
+    finely: float
+    off: float
+    off_before: float
+    factor: wp.vec3
+    more: wp.vec3
+
+
+@wp.struct
+class Asked:
+    """Which cells are asked for the light, and what counts as before.
+
+    Attributes:
+        finest: the first level that is asked; 0 has the finest cells.
+        finest_before: the same, for the light as it was known before.
+        finest_if_smooth: no level below is asked where light is smooth, as none that is kept comes straight from lamps.
+        last_update: what was known before is what cells knew before that update.
+        tells_error: whether it is told how far the light might be off.
+        follows: whether stored paths tell how the light has changed.
+        frame: number of the last frame, …
+        to_go: … and the share of the step to it that is left: in it, light changes along a line.
+    """
+
+    finest: int
+    finest_before: int
+    finest_if_smooth: int
+    last_update: int
+    tells_error: bool
+    follows: bool
+    frame: int
+    to_go: float
+
+
+@wp.func
+def _tilted(light: wp.vec3, tilt: wp.vec3, place: wp.vec2) -> wp.vec3:
+    """Return the light of a cell at a place in it, or beyond its edge."""
+    return light * wp.clamp(tilt[0] + tilt[1] * place[0] + tilt[2] * place[1], _LEAST_TILTED, 1.0 / _LEAST_TILTED)
+
+
+@wp.func
+def _error_at(error: float, tilt: wp.vec3, place: wp.vec2) -> float:
+    """Return the standard error of a cell's light at a place: of a plane it grows with the distance from the middle."""
+    after = error
+    if tilt[1] != 0.0 or tilt[2] != 0.0:
+        away = place - wp.vec2(0.5, 0.5)
+        # Places in a cell have a variance of a twelfth along each side.
+        after = error * wp.sqrt(1.0 + 12.0 * wp.dot(away, away))
+    return after
+
+
+@wp.func
+def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
+    """Return the row of a cell, -1 where there is none."""
+    mask = cells.shape[0] - 1
+    row = first_row(key, mask)
+    found = int(-1)
+    for _ in range(PROBES):
+        there = cells[row].key
+        if there == key:
+            found = row
+        if there == key or there == wp.int64(0):
+            break
+        row = (row + _BLOCK) & mask
+    return found
+
+
+@wp.func
+def _bright(light: wp.vec3) -> float:
+    """Return the mean over R, G and B."""
+    return (light[0] + light[1] + light[2]) / 3.0
+
+
+@wp.func
+def _off(key: wp.int64, error: float) -> float:
+    """Return by how much the brightness of a cell with that key might be off."""
+    odd = sampling.mix64(wp.uint64(key)) & wp.uint64(1)
+    return wp.where(odd == wp.uint64(1), error, -error)
+
+
+@wp.struct
+class Level:
+    """What the cells of one size know of the light at a point, or those of several sizes.
+
+    Attributes:
+        light: irradiance over π.
+        off: by how much its brightness might be off, in each cell up or down by chance.
+        variance: of what one path finds, in brightness.
+        paths: number of paths near the point.
+    """
+
+    light: wp.vec3
+    off: float
+    variance: float
+    paths: float
+
+
+@wp.func
+def _add_cell(level: Level, weight: float, light: wp.vec3, count: float, error: float, key: wp.int64) -> Level:
+    """Return a level with one of the cells around a point; sums are weighted by the number of paths."""
+    after = level
+    paths = weight * count
+    after.light += light * paths
+    after.paths += paths
+    after.variance += error * error * count * paths
+    after.off += _off(key, error) * paths
+    return after
+
+
+@wp.func
+def _finer(coarse: Level, sums: Level) -> Level:
+    """Return what coarser cells know, and those of the next finer size, of which there are ``sums``.
+
+    The finer ones blur less and know fewer paths. They are trusted by as much as they differ from the coarser ones
+    beyond what chance explains: with b² what is left, and v the variance of their mean, they have the weight
+    b² / (b² + v), as Wiener's filter has it.
+    """
+    after = coarse
+    if sums.paths > 0.0:
+        each = 1.0 / sums.paths
+        known = coarse.paths + sums.paths
+        # Of few paths the variance is badly known: what is told by the more paths of coarser cells has more weight.
+        variance = (coarse.variance * coarse.paths + sums.variance) / known
+        light = sums.light * each
+        differs = _bright(light) - _bright(coarse.light)
+        chance = variance * each
+        beyond = wp.max(differs * differs - _SURE * chance, 0.0)
+        share = float(1.0)
+        if coarse.paths > 0.0:
+            share = beyond / wp.max(beyond + chance, 1.0e-30)
+        after.light = coarse.light + (light - coarse.light) * share
+        after.off = coarse.off + (sums.off * each - coarse.off) * share
+        after.variance = variance
+        after.paths = known
+    return after
+
+
+@wp.func
+def look_up(
+    cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
+    asked: Asked,
+    position: wp.vec3,
+    normal: wp.vec3,
+    layer: int,
+    smooth: bool,
+    width_m: float,
+) -> Kept:
+    """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
+
+    The ``layer`` is one of `layer_of`. ``smooth`` is as in `Asked`.
+    """
+    kept = Kept()
+    least = wp.where(smooth, asked.finest_if_smooth, 0)
+    finest = wp.max(asked.finest, least)
+    finest_before = wp.max(asked.finest_before, least)
+    size = size_of(width_m)
+    side_m = wp.pow(2.0, float(size + _LEVELS - 1))
+    face = face_of(normal)
+    axis = face // 2
+    whole = Level()
+    whole_before = Level()
+    factor = wp.vec3(1.0, 1.0, 1.0)
+    more = wp.vec3()
+    told = float(0.0)
+    # As a variable, so that the loop is compiled once and not eight times.
+    corners = int(8)
+    level = int(_LEVELS - 1)
+    while level >= wp.min(finest, finest_before):
+        at = in_cells(position, side_m) - wp.vec3(0.5, 0.5, 0.5)
+        corner = wp.vec3(wp.floor(at[0]), wp.floor(at[1]), wp.floor(at[2]))
+        part = at - corner
+        if wp.abs(normal[axis]) > _ALIGNED:
+            corner[axis] = wp.floor(at[axis] + 0.5)
+            part[axis] = 0.0
+        grid = grid_of(size + level, face, layer)
+        sums = Level()
+        sums_before = Level()
+        factors = wp.vec3()
+        extra = wp.vec3()
+        paths = float(0.0)
+        for i in range(corners):
+            dx = float(i & 1)
+            dy = float((i >> 1) & 1)
+            dz = float(i >> 2)
+            weight = (1.0 - wp.abs(dx - part[0])) * (1.0 - wp.abs(dy - part[1])) * (1.0 - wp.abs(dz - part[2]))
+            if weight > 1.0e-4:
+                row = _find(cells, key_of(grid, axis, corner[0] + dx, corner[1] + dy, corner[2] + dz))
+                if row >= 0:
+                    cell = cells[row]
+                    place = along_face(axis, part - wp.vec3(dx, dy, dz)) + wp.vec2(0.5, 0.5)
+                    light = _tilted(cell.light, cell.tilt, place)
+                    error = _error_at(cell.error, cell.tilt, place)
+                    sums = _add_cell(sums, weight, light, cell.count, error, cell.key)
+                    if cell.update != asked.last_update:
+                        cell.before = cell.light
+                        cell.tilt_before = cell.tilt
+                        cell.count_before = cell.count
+                        cell.error_before = cell.error
+                    light = _tilted(cell.before, cell.tilt_before, place)
+                    error = _error_at(cell.error_before, cell.tilt_before, place)
+                    sums_before = _add_cell(sums_before, weight, light, cell.count_before, error, cell.key)
+                    if asked.follows:
+                        by = followed[row]
+                        if by.stepped == asked.frame:
+                            by.factor -= by.step * asked.to_go
+                        factors += by.factor * (weight * by.count)
+                        extra += by.more * (weight * by.count)
+                        paths += weight * by.count
+        # By the same rule in both, so that what was known before is what the last frame showed.
+        if level >= finest:
+            whole = _finer(whole, sums)
+            kept.finely = sums.paths
+        if level >= finest_before:
+            whole_before = _finer(whole_before, sums_before)
+        if paths > 0.0:
+            share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
+            factor += (factors / paths - factor) * share
+            more += (extra / paths - more) * share
+            told += paths
+        side_m = side_m * 0.5
+        level = level - 1
+    kept.known = whole.paths
+    kept.factor = factor
+    kept.more = more
+    kept.light = wp.cw_mul(whole.light, factor) + more
+    kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
+    kept.known_before = whole_before.paths > 0.0
+    kept.before = wp.cw_mul(whole_before.light, factor) + more
+    kept.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
+    return kept
+
+
+@wp.func
+def look_up_at(
+    cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
+) -> Kept:
+    """Return what is known where a path began: its position and normal are as `light_updates.open_cells` takes them."""
+    place = wp.vec3(position[0], position[1], position[2])
+    facing = wp.vec3(normal[0], normal[1], normal[2])
+    kind = int(normal[3])
+    return look_up(cells, followed, asked, place, facing, kind // 2, kind % 2 == 1, position[3])
+
+
+@wp.func
+def tells_before(kept: Kept) -> bool:
+    """Whether light there tells what it was before it changed: what is dark now tells nothing."""
+    return kept.factor[0] + kept.factor[1] + kept.factor[2] > _LEAST_FACTOR
+
+
+@wp.func
+def before_change(kept: Kept, light: wp.vec3) -> wp.vec3:
+    """Return what that light was before it changed."""
+    before = wp.vec3()
+    for c in range(3):
+        before[c] = wp.max(light[c] - kept.more[c], 0.0) / wp.max(kept.factor[c], _LEAST_FACTOR)
+    return before

@@ -1,0 +1,433 @@
+"""Host side of cached.py and light_cache.py: the cells, and how many paths pixels get."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.render.cache.kept_light import Gathering
+from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
+from clsim.render.cache.light_grid import BLOCK
+from clsim.render.cache.light_updates import SUMS, build_updates
+from clsim.render.cache.path_store import PathStore
+from clsim.render.cache.stored_paths import Met
+from clsim.render.device.launch import record
+from clsim.render.primary.closer_look import NextEvent
+from clsim.render.primary.effort import Effort, Sight, looks_of
+from clsim.render.primary.first_hits import Looks
+from clsim.render.primary.shadow_rays import Shadow
+from clsim.scene import Sensor
+
+KNOWN = 43.0
+"""Where fewer paths than these tell of the light, a pixel traces all its paths …"""
+_FINELY = 16.0
+"""… and where fewer tell of it in the finest cells, if light straight from lamps is kept: what comes into view is soon
+known too."""
+_CELL_PX = 2.0
+"""Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
+_FINEST_IF_SMOOTH = 2
+"""See `Asked`: few paths will do there."""
+_ENOUGH_FOR_FINE = 4
+"""Paths of a pixel whose light is unknown, from which on the finest cells are asked and added to."""
+_CELLS_PER_PIXEL = 1
+"""Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
+_LARGEST_TABLE = 1 << 22
+"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
+_REMEMBERED = 256
+_NEVER = math.inf
+"""More than can be known."""
+_PASSES_OF_FIRST = 2
+"""Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
+_KNOWN_AT_FIRST = 0.28
+"""… and until the paths of a pixel alone know the light to this part: what is learnt first helps all frames. …"""
+_FEW = 2
+"""Paths of a pixel that tell how much they differ, at least."""
+_MOST_AT_FIRST = 160
+"""… Paths of a pixel, at most, until then."""
+
+
+def nothing_shown(device: Any) -> dict[str, Any]:
+    """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
+    empty: dict[str, Any] = {"steering": Gathering()}
+    shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
+    for name, kind in (
+        ("cells", Cell),
+        ("followed", Followed),
+        ("own", wp.vec3),
+        ("own_before", wp.vec3),
+        ("learnt", wp.float32),
+        *shadows,
+    ):
+        empty[name] = wp.zeros(1, dtype=kind, device=device)
+    empty["light_passed"] = empty["passed"]
+    return empty
+
+
+def next_event(fires_at: tuple[float, float] | None, sensor: Sensor) -> Any:
+    """Return a `NextEvent` of pixels with these contrast thresholds, None where nobody knows them."""
+    event: Any = NextEvent()
+    event.on, event.off = fires_at or (0.0, 0.0)
+    event.scale, event.floor = sensor.scale, sensor.floor
+    return event
+
+
+def _finest_of(effort: Effort) -> int:
+    """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
+    return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
+
+
+def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:
+    """Return how noisy light is: the mean over pixels of the variance of what their paths found, over its mean squared.
+
+    Args:
+        lights: what they found ``[paths, pixels, 3]``.
+        begin: whether they hit anything ``[paths, pixels]``.
+    """
+    lit = begin.all(axis=0) & lights.any(axis=(0, 2))
+    found = lights[:, lit].mean(axis=2)
+    return float((found / found.mean(axis=0)).var(axis=0, ddof=1).mean()) if lit.any() else 0.0
+
+
+class LightKeeper:
+    """Keeps what paths find, and tells pixels how many to trace: few where the light is known.
+
+    Attributes:
+        effort: what holds from the next frame on; may be set from any thread.
+        first_hit_rays: first-hit rays traced so far.
+        paths: paths traced so far.
+        light_s: time that keeping light and finding it again have taken so far, beside the frames.
+    """
+
+    def __init__(
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        sight: Sight,
+        pace_hz: float | None,
+        event: Any,
+        look_again: int,
+        store: PathStore | None,
+        device: Any,
+    ) -> None:
+        """Allocate a table without cells.
+
+        Args:
+            width: of the frames [pixels].
+            height: of the frames [pixels].
+            effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
+            sight: what first-hit rays see.
+            pace_hz: see `RenderOptions.light_hz`.
+            event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
+            look_again: see there too.
+            store: paths that follow the light, None where nothing but the camera moves.
+            device: Warp's device.
+        """
+        pixels = width * height
+        again = -(-pixels // look_again) if look_again else 1
+        self._seen_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
+        self._learnt_twice: Any = wp.zeros((3, again), dtype=wp.float32, device=device)
+        self.effort = effort
+        self.first_hit_rays = self.paths = 0
+        self.light_s = 0.0
+        self._device = device
+        self._store = store
+        self._sight = sight
+        self._pace_hz = pace_hz
+        self._tick = 0
+        self._learns = True
+        self._frames = 0
+        self._update = 0
+        self._found_more = False
+        self._finest = _finest_of(effort)
+        self._passes = _PASSES_OF_FIRST
+        self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
+        self._keys, self._sums, self._cells, self._told = self._table(
+            1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
+        )
+        self._own: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
+        self._traced: Any = wp.zeros(pixels, dtype=wp.int32, device=device)
+        self._event, self._rays = event, effort.first_hit_rays
+        self._fired: Any = wp.full(pixels if event.on > 0 else 1, math.nan, dtype=wp.float32, device=device)
+        self._learnt: Any = wp.zeros(pixels, dtype=wp.float32, device=device)
+        self._own_before, self._learnt_before = self._own, self._learnt
+        if pace_hz is not None:
+            self._own_before, self._learnt_before = wp.zeros_like(self._own), wp.zeros_like(self._learnt)
+        # Of the last two frames, the newer one last, and when these are.
+        room = pixels if pace_hz is not None else 1
+        self._shadows: list[Any] = [wp.zeros(room, dtype=Shadow, device=device) for _ in range(2)]
+        self._times_us: list[int] = []
+        self._spent: Any = wp.zeros((2, pixels), dtype=wp.int32, device=device)
+        self._make_room(effort.spp)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What the kernel takes beside the scene and the frame; what `prepare` returns changes with each frame."""
+        return {
+            "steering": Gathering(),
+            "cells": self._cells,
+            "followed": self._told[1],
+            "own": self._own,
+            "traced": self._traced,
+            "learnt": self._learnt,
+            "fired": self._fired,
+            "own_before": self._own_before,
+            "learnt_before": self._learnt_before,
+            "learnt_twice": self._learnt_twice,
+            "again": 0,
+            "out_twice": self._seen_twice,
+            **self._found,
+            "out_spent": self._spent,
+            "out_shadows": self._shadows[1],
+        }
+
+    def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
+        """Return the arguments of the kernel that change with a frame, and the full number of paths.
+
+        What the paths of the last frame found is kept from now on. At a pace, a frame that comes too soon traces none.
+        """
+        effort = self.effort  # asked once: another thread may set it meanwhile
+        self._learns = self._is_time(time_us)
+        if self._store is not None:
+            begun_s = time.perf_counter()
+            self._store.follow(self._told)
+            self.light_s += time.perf_counter() - begun_s
+        # Where paths follow the light, what is learnt of it is known at the end of a frame, and shown from the next
+        # frame on that learns.
+        follows = self._store is not None and self._frames > 0
+        asked = self._asked()
+        asked.finest_before = self._finest
+        if self._store is not None:
+            asked.frame = self._store.frame
+        if self._learns:
+            self._learn()
+            asked.finest = self._finest = _finest_of(effort)
+            if effort.spp != self._found["out_lights"].shape[0]:
+                self._make_room(effort.spp)
+        if self._learns or follows:
+            # The first frame is rendered more than once, and what it learns is no gain over a frame before.
+            asked.last_update = self._update if self._frames >= self._passes else -1
+            if self._pace_hz is not None:
+                wp.copy(self._own_before, self._own)
+                wp.copy(self._learnt_before, self._learnt)
+        if effort.first_hit_rays != self._rays:
+            # Pixels are seen otherwise, and detectors take such a frame for a first one.
+            self._rays = effort.first_hit_rays
+            self._fired.fill_(math.nan)
+        self._gathering: Any = Gathering()
+        last = self._frames + 1 >= self._passes
+        # Nobody sees the first frame before it is rendered for the last time: it is not looked at, but for paths.
+        rays, moves = effort.first_hit_rays, self._store is not None
+        self._gathering.looks = looks_of(rays, self._sight, kept=True, moves=moves) if last else Looks()
+        self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
+        self._gathering.turn = self._frames
+        if last:
+            self._gathering.event = self._event
+        self._gathering.known = KNOWN
+        self._gathering.finely = _FINELY if self._finest == 0 else 0.0
+        self._gathering.lamps = self._sight.lamps
+        if self._frames < self._passes and self._finds_all:
+            self._gathering.finely = _NEVER
+        self._gathering.anchored = self._store is not None
+        self._gathering.cell = wp.vec2(*(_CELL_PX * width for width in self._sight.pixel))
+        self._gathering.asked = asked
+        self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None
+        if self._times_us[-1:] != [time_us]:
+            self._times_us = [*self._times_us[-1:], time_us]
+            self._shadows.reverse()
+        self._gathering.tells_shadows = self._pace_hz is not None
+        changed = {
+            "steering": self._gathering,
+            "cells": self._cells,
+            "followed": self._told[1],
+            "again": 0,
+            **self._found,
+        }
+        changed["out_shadows"] = self._shadows[1]
+        return changed, effort.spp if self._learns else 0
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """The arguments of a kernel that sees chosen pixels in the light that the last frame shows (retraced.py)."""
+        own, learnt = self._own, self._learnt
+        if self._gathering.earlier:
+            own, learnt = self._own_before, self._learnt_before
+        light = {"cells": self._cells, "followed": self._told[1], "own": self._own, "own_before": own, "learnt": learnt}
+        shadows = {"shadows_before": self._shadows[0], "shadows_after": self._shadows[1]}
+        return {"steering": self._gathering} | light | shadows
+
+    @property
+    def seen_twice(self) -> npt.NDArray[np.float32]:
+        """Luminance of every n-th pixel in raster order, as two looks saw the last frame; see `View.seen_twice`."""
+        return np.asarray(self._seen_twice.numpy(), np.float32)
+
+    @property
+    def step_us(self) -> tuple[int, int] | None:
+        """Times of the last two frames; None where there are none, or a motion has begun anew between them."""
+        start_us, end_us = self._times_us if len(self._times_us) == 2 else (0, 0)
+        return (start_us, end_us) if start_us < end_us else None
+
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels show one triangle that the same rays found lit in the last two frames, ``[H·W]``."""
+        before, after = (shadows.numpy() for shadows in self._shadows)
+        alike = [before[name] == after[name] for name in ("triangle", "rays", "lit_rays")]
+        return np.asarray(np.all(alike, axis=0) & (after["triangle"] > 0), np.bool_)
+
+    def forget(self) -> None:
+        """Empty all cells: the light is another one; or, where paths follow the light, trace these again."""
+        if self._store is not None:
+            self._store.forget()
+            return
+        self._found_more = False
+        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._learnt_twice):
+            each.zero_()
+        self._frames = 0
+        self._times_us.clear()
+
+    def cancel(self) -> None:
+        """Do nothing: nobody is waited for."""
+
+    def finish(self) -> bool:
+        """Count what the frame took; return whether it is to be rendered again.
+
+        That is so for the first frame: nothing was known when it was rendered.
+        """
+        first_hit_rays, paths = self._spent.numpy().sum(axis=1, dtype=np.int64)
+        self.first_hit_rays += int(first_hit_rays)
+        if not self._learns:
+            return False
+        self.paths += int(paths)
+        self._found_more = True
+        self._frames += 1
+        if self._frames == 1:
+            self._passes = self._passes_of_first()
+        if self._store is not None:
+            # As long as all is where these paths met it.
+            self._learn()
+        return self._frames < self._passes
+
+    @property
+    def _finds_all(self) -> bool:
+        """Whether paths find all light that is kept, and so many of them that fine cells are asked."""
+        return self._finest == 0 and not self._sight.lamps
+
+    def _passes_of_first(self) -> int:
+        """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
+        lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
+        if len(lights) < _FEW:
+            return _PASSES_OF_FIRST
+        wanted = _relative_variance(lights, positions[..., 3] > 0) / _KNOWN_AT_FIRST**2
+        return max(math.ceil(min(wanted, _MOST_AT_FIRST) / len(lights)), _PASSES_OF_FIRST)
+
+    def _asked(self) -> Any:
+        """Return which cells are asked for the light as it is known; for no update is there a gain."""
+        asked: Any = Asked()
+        asked.last_update, asked.finest, asked.finest_if_smooth = -1, self._finest, _FINEST_IF_SMOOTH
+        asked.follows = self._store is not None
+        return asked
+
+    def _is_time(self, time_us: int) -> bool:
+        """Whether a frame learns: at a pace, the first one from each of its times on."""
+        if self._pace_hz is None:
+            return True
+        # Times of frames are rounded to whole µs.
+        before, self._tick = self._tick, math.floor((time_us + 1) * self._pace_hz / 1e6)
+        return self._frames < self._passes or self._tick != before
+
+    def _learn(self) -> None:
+        """Keep what the paths of the last frame found, unless that is done."""
+        if not self._found_more:
+            return
+        begun_s = time.perf_counter()
+        self._found_more = False
+        self._update += 1
+        self._open.set_param_by_name("update", self._update)
+        self._open.set_param_by_name("asked", self._asked())
+        self._open_cells()
+        while self._is_full() and self._grow():
+            self._open_cells()
+        asked = self._asked()
+        # Until something has changed, nothing needs to be asked how it was before.
+        asked.follows = self._store is not None and self._store.followed
+        table = {"asked": asked, "cells": self._cells, "followed": self._told[1], "sums": self._sums}
+        for name, value in table.items():
+            self._add.set_param_by_name(name, value)
+        self._add.launch()
+        self._average.set_param_by_name("sums", self._sums)
+        self._average.set_param_by_name("cells", self._cells)
+        self._average.launch()
+        if self._store is not None:
+            found = {name: self._found[f"out_{name}"] for name in ("positions", "normals", "met")}
+            found |= {"spent": self._spent, "traced": self._traced, "rows": self._rows}
+            self._store.store(found, asked, self._cells, self._told)
+            self.paths += self._store.take_count()
+        self.light_s += time.perf_counter() - begun_s
+
+    def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
+        """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
+        keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
+        sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
+        cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)
+        return keys, sums, cells, self._store.table(rows) if self._store else self._nothing_told()
+
+    def _nothing_told(self) -> tuple[Any, Any]:
+        sums: Any = wp.zeros((1, 1), dtype=wp.int64, device=self._device)
+        followed: Any = wp.zeros(1, dtype=Followed, device=self._device)
+        return sums, followed
+
+    def _make_room(self, paths: int) -> None:
+        """Allocate what the paths of a frame find, and record the launches that keep it."""
+        shape = (paths, len(self._own))
+        positions: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
+        normals: Any = wp.zeros(shape, dtype=wp.vec4, device=self._device)
+        lights: Any = wp.zeros(shape, dtype=wp.vec3, device=self._device)
+        rows: Any = wp.zeros((paths, LEVELS, shape[1]), dtype=wp.int32, device=self._device)
+        met: Any = wp.zeros(shape if self._store else (1, 1), dtype=Met, device=self._device)
+        self._rows = rows
+        self._found = {"out_positions": positions, "out_normals": normals, "out_lights": lights, "out_met": met}
+        found = {"spent": self._spent, "positions": positions}
+        table = {"sums": self._sums, "cells": self._cells}
+        kernels = build_updates()
+        self._open = record(
+            kernels.open_cells, shape[1], self._device, **found, normals=normals, asked=self._asked(), update=0,
+            keys=self._keys, cells=self._cells, out_rows=rows, out_used=self._used,
+        )  # fmt: skip
+        self._add = record(
+            kernels.add_to_cells, shape[1], self._device, **found, lights=lights, rows=rows,
+            normals=normals, asked=self._asked(), cells=self._cells, followed=self._told[1], sums=self._sums,
+        )  # fmt: skip
+        self._average = record(kernels.average, shape[1], self._device, **found, rows=rows, **table)
+
+    def _open_cells(self) -> None:
+        self._open.set_param_by_name("keys", self._keys)
+        self._open.set_param_by_name("cells", self._cells)
+        self._open.launch()
+
+    def _is_full(self) -> bool:
+        """Whether cells are hard to find, or were not found at all."""
+        used, missed = self._used.numpy()
+        return bool(used > self._cells.shape[0] // 2 or missed > 0)
+
+    def _grow(self) -> bool:
+        """Move the cells to a table twice as large; where that is too large, forget those long unseen, if any.
+
+        Return whether there is more room than before.
+        """
+        used = int(self._used.numpy()[0])
+        rows = self._cells.shape[0]
+        larger: bool = 2 * rows <= _LARGEST_TABLE
+        sums, source, told = self._sums, self._cells, self._told
+        self._keys, self._sums, self._cells, self._told = self._table(2 * rows if larger else rows)
+        moved: Any = wp.zeros(rows, dtype=wp.int32, device=self._device)
+        oldest = 0 if larger else max(0, self._update - _REMEMBERED)
+        self._used.zero_()
+        to = [self._keys, self._sums, self._cells, self._used]
+        wp.launch(build_updates().move_cells, dim=rows, inputs=[sums, source, oldest, *to, moved], device=self._device)
+        if self._store is not None:
+            self._store.move(moved, told, self._told)
+        return larger or bool(self._used.numpy()[0] < used)

@@ -1,0 +1,370 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018
+"""Paths that are stored in cells of light, and traced again with the same random numbers when what they met has moved.
+
+Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
+of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. What they find
+now, beside what they would find if light had not changed since the first frame, tells by which factor it has.
+
+A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
+where lights have changed.
+
+Sums are of whole numbers, so that their order is without effect.
+"""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from clsim.render.accel.geometry import make_placement, transform_vector
+from clsim.render.cache.light_cache import (
+    LEVELS,
+    Asked,
+    Cell,
+    Followed,
+    Kept,
+    before_change,
+    look_up_at,
+    tells_before,
+)
+from clsim.render.cache.trails import trail_crosses
+from clsim.render.device.compiler import kernel_options, one_at_a_time
+from clsim.render.kernel_input import Scene, Settings
+from clsim.render.primary.lamp_light import AT_NONE
+from clsim.render.primary.things import lit_albedo
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler, reverse_bits
+
+wp.set_module_options(kernel_options())
+
+FOLLOWED_SUMS = 7
+"""Of R, G and B, the number of paths, and R, G and B as they were before light changed."""
+_COUNT, _BASE = wp.constant(3), wp.constant(4)
+_LEVELS = wp.constant(LEVELS)
+_STORED_AT = wp.constant(2)
+"""Level of the cells that tell how many paths are stored, of those that are asked."""
+_PATHS = wp.constant(1)
+"""Of what a pixel spent: first-hit rays, and these."""
+OWN = wp.constant(1 << 16)
+"""Number of a pixel's first path: beyond those of all first-hit rays."""
+_LONGEST_AGE = wp.constant(64)
+"""Frames after which what a path found says nothing of how fast that changes."""
+_UNIT = wp.constant(4294967296.0)
+_LARGEST = wp.constant(65536.0)
+_MOST_UNEVEN = wp.constant(4.0)
+"""Times as many paths are stored at most where they find light that differs much."""
+_MOST = wp.constant(8.0)
+"""Largest factor by which light changes; what is more is added."""
+_OFF = wp.constant(3.0e-5)
+"""How far before its place a path begins, as a part of the largest coordinate."""
+
+
+@wp.struct
+class Met:
+    """Where a path of a pixel met the first surface that is no mirror; ``toward`` is in the instance's space."""
+
+    instance: int
+    triangle: int
+    weights: wp.vec2
+    front: bool
+    toward: wp.vec3
+
+
+@wp.struct
+class StoredPath:
+    """A path that is traced again.
+
+    Attributes:
+        met: where it begins.
+        pixel, number: of the path whose random numbers it has.
+        rows: of its cells, −1 for none.
+        light: irradiance over π that it finds, as far as is known.
+        found: the same when it was traced last, …
+        age: … and how many frames ago that was.
+        rate: by how much that changes in a frame.
+        base: what it would find if light had not changed; before it is traced, 1 over the factor by which it has.
+        places: of its trail.
+    """
+
+    met: Met
+    pixel: int
+    number: int
+    rows: wp.vec4i
+    light: wp.vec3
+    found: wp.vec3
+    age: int
+    rate: wp.vec3
+    base: wp.vec3
+    places: int
+
+
+@wp.func
+def _unevenness(cell: Cell) -> float:
+    """Return how many times as many paths know a cell's light as well as where they differ by as much as they find."""
+    bright = (cell.light[0] + cell.light[1] + cell.light[2]) / 3.0
+    variance = cell.error * cell.error * cell.count
+    return wp.clamp(variance / wp.max(bright * bright, 1.0e-20), 1.0, _MOST_UNEVEN)
+
+
+def choose_paths(
+    spent: wp.array2d(dtype=int),
+    positions: wp.array2d(dtype=wp.vec4),
+    normals: wp.array2d(dtype=wp.vec4),
+    traced: wp.array(dtype=int),
+    met: wp.array2d(dtype=Met),
+    rows: wp.array3d(dtype=int),
+    most: int,
+    asked: Asked,
+    cells: wp.array(dtype=Cell),
+    followed: wp.array(dtype=Followed),
+    sums: wp.array2d(dtype=wp.int64),
+    paths: wp.array(dtype=StoredPath),
+    out_count: wp.array(dtype=int),
+):
+    """Store paths of the last frame, chosen by chance, so that their cells hold some ``most``; a thread is a pixel.
+
+    There are more where paths find light that differs more.
+
+    ``traced`` tells how many paths each pixel has traced, those of that frame included.
+    """
+    pixel = wp.tid()
+    count = spent[_PATHS, pixel]
+    for i in range(count):
+        if positions[i, pixel][3] > 0.0 and met[i, pixel].instance >= 0:
+            level = int(_STORED_AT)
+            if rows[i, level, pixel] < 0:
+                level = int(_LEVELS - 1)
+            row = rows[i, level, pixel]
+            if row >= 0:
+                number = traced[pixel] - count + i
+                wanted = float(most) * _unevenness(cells[row]) - float(sums[row, _COUNT])
+                there = cells[row].count - cells[row].count_before
+                chance = sampling.uniform_of(sampling.absorb(wp.uint64(pixel), number), 0)
+                kept = Kept()
+                kept.factor = wp.vec3(1.0, 1.0, 1.0)
+                if asked.follows and chance * there < wanted:
+                    kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                if chance * there < wanted and tells_before(kept):
+                    slot = wp.atomic_add(out_count, 0, 1)
+                    if slot >= paths.shape[0]:
+                        # They are counted, so that there is room when this is asked again.
+                        continue
+                    path = StoredPath()
+                    path.met = met[i, pixel]
+                    path.pixel = pixel
+                    path.number = number
+                    path.base = before_change(kept, wp.vec3(1.0, 1.0, 1.0) + kept.more)
+                    path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
+                    paths[slot] = path
+
+
+@wp.func
+def _whole(value: float) -> wp.int64:
+    return wp.int64(wp.clamp(value, 0.0, _LARGEST) * _UNIT)
+
+
+@wp.func
+def _advanced(path: StoredPath, found: wp.vec3, traced_again: bool, steady: bool) -> StoredPath:
+    """Return a path after another frame: as it was found, or by the rate at which it changed before."""
+    after = path
+    if traced_again:
+        after.rate = wp.vec3()
+        if steady and path.age < _LONGEST_AGE:
+            after.rate = (found - path.found) / float(path.age + 1)
+        after.light = found
+        after.found = found
+        after.age = 0
+    else:
+        after.age = path.age + 1
+        for c in range(3):
+            after.light[c] = wp.max(path.light[c] + path.rate[c], 0.0)
+    return after
+
+
+def add_paths(
+    first: int,
+    joining: bool,
+    steady: bool,
+    paths: wp.array(dtype=StoredPath),
+    found: wp.array(dtype=wp.vec3),
+    traced_again: wp.array(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
+
+    A thread is a path, from ``first`` on. Where lamps move and are followed in turn, changes are ``steady``: paths that
+    were not traced again change as they did before.
+    """
+    i = first + wp.tid()
+    if traced_again[i] > 0 or steady:
+        path = _advanced(paths[i], found[i], traced_again[i] > 0, steady and not joining)
+        if joining:
+            path.base = wp.cw_mul(path.base, path.light)
+        for k in range(_LEVELS):
+            row = path.rows[k]
+            if row >= 0:
+                for c in range(3):
+                    change = _whole(path.light[c])
+                    if not joining:
+                        change = change - _whole(paths[i].light[c])
+                    wp.atomic_add(sums, row, c, change)
+                    if joining:
+                        wp.atomic_add(sums, row, _BASE + c, _whole(path.base[c]))
+                if joining:
+                    wp.atomic_add(sums, row, _COUNT, wp.int64(1))
+                followed[row].last = followed[row].factor
+        path.places = paths[i].places
+        paths[i] = path
+
+
+@wp.func
+def _told(cell: Followed, sums: wp.array2d(dtype=wp.int64), row: int) -> Followed:
+    """Return a cell as its stored paths tell."""
+    after = cell
+    after.count = float(sums[row, _COUNT])
+    for c in range(3):
+        light = float(sums[row, c])
+        base = float(sums[row, _BASE + c])
+        after.factor[c] = 1.0
+        if base > 0.0:
+            after.factor[c] = wp.min(light / base, _MOST)
+        after.more[c] = wp.max(light - after.factor[c] * base, 0.0) / (_UNIT * after.count)
+    return after
+
+
+def average_paths(
+    first: int,
+    joining: bool,
+    steady: bool,
+    frame: int,
+    paths: wp.array(dtype=StoredPath),
+    traced_again: wp.array(dtype=int),
+    sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Tell the cells of paths whose light may have changed what these find on average; all write the same.
+
+    Changes are those of the step to a ``frame``.
+    """
+    i = first + wp.tid()
+    if traced_again[i] > 0 or steady:
+        for k in range(_LEVELS):
+            row = paths[i].rows[k]
+            if row >= 0:
+                cell = _told(followed[row], sums, row)
+                if not joining:
+                    cell.step = cell.factor - cell.last
+                    cell.stepped = frame
+                followed[row] = cell
+
+
+def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
+    """Let paths know where their cells are now; a thread is a path."""
+    i = wp.tid()
+    for k in range(_LEVELS):
+        row = paths[i].rows[k]
+        if row >= 0:
+            paths[i].rows[k] = rows[row]
+
+
+def move_followed(
+    rows: wp.array(dtype=int),
+    source_sums: wp.array2d(dtype=wp.int64),
+    source: wp.array(dtype=Followed),
+    sums: wp.array2d(dtype=wp.int64),
+    followed: wp.array(dtype=Followed),
+):
+    """Copy what is known of cells to where these are now; a thread is a row of ``source``."""
+    row = wp.tid()
+    to = rows[row]
+    if to >= 0:
+        followed[to] = source[row]
+        for field in range(wp.static(FOLLOWED_SUMS)):
+            sums[to, field] = source_sums[row, field]
+
+
+class Storing(NamedTuple):
+    """The kernels above."""
+
+    choose_paths: Any
+    add_paths: Any
+    average_paths: Any
+    move_rows: Any
+    move_followed: Any
+
+
+@one_at_a_time
+def build_storing() -> Storing:
+    """Return the kernels that store paths, which are the same for all scenes."""
+    each = choose_paths, add_paths, average_paths, move_rows, move_followed
+    return Storing(*map(wp.kernel(enable_backward=False), each))
+
+
+def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
+    """Return the kernel that traces paths again; a thread is ``pixels`` paths.
+
+    ``boxes`` are ``box_count`` pairs of corners of where something was or is that has moved, and ``moved`` tells which
+    instances have. Of all paths one in ``every`` is traced whatever it meets, none where that is 0, and which ones
+    that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    """
+    uniform2 = make_sampler(features.sobol)
+    to_world_at, _, _ = make_placement(features)
+
+    @wp.kernel(module="unique", enable_backward=False, module_options=options)
+    def replay(
+        scene: Scene,
+        settings: Settings,
+        first_pixel: int,
+        pixels: int,
+        first_path: int,
+        every: int,
+        turn: int,
+        boxes: wp.array(dtype=wp.vec3),
+        box_count: int,
+        moved: wp.array(dtype=int),
+        paths: wp.array(dtype=StoredPath),
+        out_found: wp.array(dtype=wp.vec3),
+        out_traced: wp.array(dtype=int),
+    ):
+        begin = first_path + first_pixel + wp.tid() * pixels
+        for i in range(begin, begin + pixels):
+            path = paths[i]
+            again = moved[path.met.instance] > 0
+            if every > 0:
+                again = again or (i + turn) % every == 0
+            if not again:
+                again = trail_crosses(scene.geometry.trails, i, path.places, boxes, box_count)
+            out_traced[i] = wp.where(again, 1, 0)
+            if again:
+                state = sampling.absorb(settings.stream, path.pixel)
+                stream = sampling.Stream()
+                if wp.static(features.sobol):
+                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -2))
+                    stream.reversed_index = reverse_bits(wp.uint32(path.number))
+                stream.key = sampling.stream_key(sampling.absorb(state, OWN + path.number))
+                stream.row = i
+                time = float(0.0)
+                if wp.static(features.camera_blur or features.motion_blur):
+                    time = settings.opens + settings.lasts * uniform2(stream, sampling.TIME)[0]
+                met = path.met
+                point = surface(scene.geometry, met.instance, met.triangle, met.weights[0], met.weights[1], time)
+                toward = met.toward
+                if wp.static(features.two_level and not features.motion_blur):
+                    to_world = to_world_at(scene.geometry, met.instance, time)
+                    toward = wp.normalize(transform_vector(to_world, met.toward))
+                normal = wp.where(met.front, point.normal, -point.normal)
+                facing = wp.dot(toward, normal)
+                if facing > 0.0:
+                    # What deforms may have turned away: it is seen from the same side.
+                    toward = toward - 2.0 * facing * normal
+                back = _OFF * (1.0 + point.reach_m) / wp.max(wp.abs(facing), 0.05)
+                start = point.position - toward * back
+                sample = trace(scene, start, toward, time, settings, stream, AT_NONE, wp.vec2())
+                light = wp.vec3()
+                if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
+                    light = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))
+                out_found[i] = light
+                paths[i].places = sample.places
+
+    return replay

@@ -1,0 +1,69 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018
+"""Where a stored path goes: its places, and those of the lights that these asked, as Warp functions.
+
+While nothing moves in or out of the way between two of these, the path finds what it found.
+"""
+
+import warp as wp
+
+from clsim.render.accel.geometry import Geometry, Hit
+
+PLACES = wp.constant(8)
+"""Places of a path that are noted; what comes later carries little light."""
+MOST_M = wp.constant(1.0e5)
+"""Stands for the distance of the sky."""
+_LEAST = wp.constant(1.0e-12)
+"""Stands for a part of a direction that is smaller."""
+
+
+@wp.func
+def note_place(geometry: Geometry, row: int, depth: int, origin: wp.vec3, direction: wp.vec3, hit: Hit):
+    """Note where a path went from its last place; nothing is known of a light there."""
+    if depth < PLACES:
+        met = hit.triangle >= 0 or hit.sphere >= 0
+        place = origin + direction * wp.where(met, hit.t, MOST_M)
+        geometry.trails[row, 2 * depth] = place
+        geometry.trails[row, 2 * depth + 1] = place
+
+
+@wp.func
+def note_light(geometry: Geometry, row: int, depth: int, towards: wp.vec3):
+    """Note the light that a place asked, 0 for none."""
+    if depth < PLACES and wp.dot(towards, towards) > 0.0:
+        geometry.trails[row, 2 * depth + 1] = towards
+
+
+@wp.func
+def _crosses(from_m: wp.vec3, to_m: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
+    """Whether the way between two places leads through a box."""
+    enters = float(0.0)
+    leaves = float(1.0)
+    for c in range(3):
+        d = to_m[c] - from_m[c]
+        if wp.abs(d) < _LEAST:
+            d = _LEAST
+        a = (lower[c] - from_m[c]) / d
+        b = (upper[c] - from_m[c]) / d
+        enters = wp.max(enters, wp.min(a, b))
+        leaves = wp.min(leaves, wp.max(a, b))
+    return enters <= leaves
+
+
+@wp.func
+def trail_crosses(
+    trails: wp.array2d(dtype=wp.vec3), row: int, places: int, boxes: wp.array(dtype=wp.vec3), count: int
+) -> bool:
+    """Whether a path with so many places leads through one of these boxes: lower and upper corner of each."""
+    met = bool(False)
+    for i in range(places):
+        if not met:
+            at = trails[row, 2 * i]
+            light = trails[row, 2 * i + 1]
+            after = at
+            if i + 1 < places:
+                after = trails[row, 2 * i + 2]
+            for k in range(count):
+                met = met or _crosses(at, light, boxes[2 * k], boxes[2 * k + 1])
+                met = met or _crosses(at, after, boxes[2 * k], boxes[2 * k + 1])
+    return met

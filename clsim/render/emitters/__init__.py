@@ -1,0 +1,1 @@
+"""Lights: lamps, the environment, and which of many is drawn."""

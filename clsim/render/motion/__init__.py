@@ -1,0 +1,1 @@
+"""What moves: poses through the shutter, and meshes whose vertices move."""

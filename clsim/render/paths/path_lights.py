@@ -1,0 +1,197 @@
+# Warp: wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102
+"""Light that a path finds: where it ends on a lamp or in the sky, and by asking a light, as Warp functions."""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.accel.geometry import Hit, Surface, make_sphere_at
+from clsim.render.bsdf.parts import Outgoing
+from clsim.render.cache.trails import MOST_M
+from clsim.render.camera.film import Sample
+from clsim.render.emitters.light_tree import Receiver
+from clsim.render.emitters.lights import LightSample
+from clsim.render.features.features import Features
+from clsim.render.kernel_input import Scene
+from clsim.render.paths.towards_light import looks_ahead
+from clsim.render.primary.lamp_light import rim_draw, rim_place
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler
+from clsim.render.surfaces.absorption import absorption_towards, dimmed
+from clsim.render.surfaces.materials import Bsdf
+
+
+@wp.struct
+class Carried:
+    """What a path carries to where it goes.
+
+    Attributes:
+        throughput: share of light from there that reaches the camera.
+        pdf: density of the direction where it was scattered last.
+        alone: nothing but scattering finds light from there.
+        others: probability with which light other than the lamps' was drawn at the last place; 1 where these are not
+            found apart.
+        last: that place.
+    """
+
+    throughput: wp.vec3
+    pdf: float
+    alone: bool
+    others: float
+    last: Receiver
+
+
+@wp.struct
+class Sent:
+    """Light that a place sends on, straight from a light.
+
+    Attributes:
+        radiance: what reaches the camera of it.
+        lamp_all: luminance of the lamps' light if nothing stood between, over the density of that place on them.
+        lamp_lit: what of it arrives.
+        towards: the place of the light, for a path whose trail is noted.
+    """
+
+    radiance: wp.vec3
+    lamp_all: float
+    lamp_lit: float
+    towards: wp.vec3
+
+
+def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: Any) -> Any:
+    """Return the Warp function ``ending``: what a path finds that meets no triangle."""
+    sphere_at = make_sphere_at(features)
+
+    @wp.func(inline=True)
+    def ending(
+        scene: Scene,
+        found: Sample,
+        hit: Hit,
+        origin: wp.vec3,
+        direction: wp.vec3,
+        time: float,
+        carried: Carried,
+        looking: bool,
+        passed_m: float,
+    ) -> Sample:
+        """Return the sample with the light of a sphere or the sky, and if the pixel shows it, what its planes tell."""
+        sample = found
+        met_sphere = False
+        if wp.static(features.first_hits):
+            if looking:
+                sample.triangle = 0
+        if wp.static(features.sphere_lights):
+            if hit.sphere >= 0:
+                met_sphere = True
+                drawn = sphere_pdf(scene.lights, scene.geometry, hit.sphere, carried.last, time)
+                share = weight(carried.alone, carried.others < 1.0, carried.pdf, drawn)
+                radiance = scene.lights.sphere_radiance[hit.sphere]
+                sample.radiance += wp.cw_mul(carried.throughput, radiance) * share
+                if looking:
+                    sphere = sphere_at(scene.geometry, hit.sphere, time)
+                    centre = wp.vec3(sphere[0], sphere[1], sphere[2])
+                    sample.hit = True
+                    sample.depth = passed_m + hit.t
+                    sample.albedo = wp.vec3()
+                    sample.normal = wp.normalize(origin + direction * hit.t - centre)
+                    if wp.static(features.first_hits):
+                        sample.position = origin + direction * hit.t
+                        sample.instance = -1
+                        sample.rest = sample.position
+                        sample.rest_normal = sample.normal
+                        sample.emission = sample.radiance
+        if wp.static(features.environment):
+            if not met_sphere:
+                sky = environment(scene.lights, carried.last.normal, direction)
+                share = weight(carried.alone, False, carried.pdf, sky.pdf / carried.others)
+                sample.radiance += wp.cw_mul(carried.throughput, sky.radiance) * share
+                if wp.static(features.first_hits):
+                    if looking:
+                        sample.emission = sample.radiance
+        return sample
+
+    return ending
+
+
+def make_asking(
+    features: Features,
+    only_look: bool,
+    sample_light: Any,
+    environment: Any,
+    scatter_value: Any,
+    agree: Any,
+    visibility: Any,
+) -> Any:
+    """Return the Warp function ``ask``: light that a place sends on towards the path, straight from a light."""
+    uniform2 = make_sampler(features.sobol)
+    ahead = looks_ahead(features)
+    by_scatter = features.strategy != "light"
+
+    @wp.func(inline=True)
+    def ask(
+        scene: Scene,
+        foreseen: LightSample,
+        point: Surface,
+        bsdf: Bsdf,
+        to: Receiver,
+        out: Outgoing,
+        carried: Carried,
+        absorption: wp.vec3,
+        draw: float,
+        apart: bool,
+        to_lamps: int,
+        stream: sampling.Stream,
+        dimension: int,
+        time: float,
+    ) -> Sent:
+        """Return that light; ``foreseen`` was asked before, where lights come first."""
+        sent = Sent()
+        light = foreseen
+        if wp.static(not ahead):
+            u = uniform2(stream, dimension + sampling.LIGHT)
+            place = draw
+            if wp.static(features.lamp_light and only_look):
+                if apart and to_lamps >= 0:
+                    place = rim_draw(scene.lights, to_lamps)
+                    u = rim_place(to_lamps)
+            finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
+            light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, place, finer, u, time)
+        if wp.static(features.lamp_light and not only_look):
+            light.pdf = light.pdf / carried.others
+        if light.pdf > 0.0 and agree(point, light.direction):
+            scattering = scatter_value(scene.materials, bsdf, point.shading_normal, out, light.direction)
+            value = wp.cw_mul(wp.cw_mul(carried.throughput, light.radiance), scattering.value)
+            if wp.static(features.lamp_light):
+                # Of the lamps alone: which rays meet the bright squares of a texture makes no shadow.
+                facing = wp.max(wp.dot(light.direction, point.shading_normal), 0.0)
+                sent.lamp_all = sampling.luminance(light.radiance) * facing / light.pdf
+            lit_here = bool(value[0] + value[1] + value[2] > 0.0)
+            if wp.static(features.lamp_light and only_look):
+                # What is black tells as well whether the lamps' light arrives there.
+                lit_here = sent.lamp_all > 0.0
+            if lit_here:
+                if wp.static(features.replay):
+                    sent.towards = light.origin + light.direction * wp.min(light.distance, MOST_M)
+                if wp.static(not ahead):
+                    light.visible = visibility(scene, light.origin, light.direction, light.distance, time)
+                if light.visible > 0.0:
+                    w = light.visible
+                    if wp.static(features.environment_map):
+                        if light.mapped:
+                            sky = environment(scene.lights, point.shading_normal, light.direction)
+                            value = wp.cw_mul(value, sky.radiance)
+                            # Beside a cell that is black, roundings may end in it.
+                            light.pdf = wp.max(sky.pdf / carried.others, 1.0e-30)
+                    if wp.static(features.absorption):
+                        way = absorption_towards(scene.materials, point, light.direction, absorption)
+                        value = wp.cw_mul(value, dimmed(way, light.distance))
+                    if wp.static(by_scatter):
+                        if not light.delta:
+                            w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
+                    sent.radiance = value * (w / light.pdf)
+                    if wp.static(features.lamp_light):
+                        sent.lamp_lit = sent.lamp_all * light.visible
+        return sent
+
+    return ask

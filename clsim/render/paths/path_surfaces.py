@@ -1,0 +1,131 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102, UP018
+"""What a path meets: what its surface is made of, and what a pixel shows of it, as Warp functions."""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.accel.geometry import Surface
+from clsim.render.bsdf.plastic import base_albedo, passing_out
+from clsim.render.camera.pixel_width import width_at
+from clsim.render.emitters.lights import LightSample
+from clsim.render.features.bsdf_kinds import DIFFUSE, PLASTIC
+from clsim.render.features.features import Features
+from clsim.render.kernel_input import Scene
+from clsim.render.paths.towards_light import looks_ahead
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler
+from clsim.render.surfaces.blends import FIRST, mixes_textures
+from clsim.render.surfaces.materials import Bsdf, Materials, has_details
+from clsim.render.textures.ray_footprint import patch_round
+
+_PLACES = wp.constant(8)
+"""Places round a ray that only looks, of which the mean of a texture is taken."""
+
+
+def make_meet(
+    features: Features, only_look: bool, materials: tuple[Any, ...], pick: Any, mapped_normal: Any, look_ahead: Any
+) -> Any:
+    """Return the Warp function ``meet``: what a surface is made of where a path meets it.
+
+    ``materials`` is what `make_materials` returns, ``look_ahead`` what `make_towards_light` does.
+    """
+    resolve, _, _, foresee, texture_seen, _, textured, coloured, texture_at, mean_texture = materials
+    uniform2 = make_sampler(features.sobol)
+    ahead = looks_ahead(features) and not only_look
+
+    @wp.func(inline=True)
+    def meet(
+        scene: Scene,
+        point: Surface,
+        direction: wp.vec3,
+        far: float,
+        depth: int,
+        goes_on: bool,
+        stream: sampling.Stream,
+        choice: float,
+        width: wp.vec2,
+        time: float,
+    ):
+        """Return the normal that light sees, the surface's material, and the normal by which light is kept.
+
+        Last comes the light that was asked first, where rays to lights go before textures are read. ``far`` is how far
+        the ray came.
+        """
+        # The caller keeps its own point: arguments are copies.
+        dimension = (depth + 1) * sampling.DIMENSIONS_PER_BOUNCE
+        if wp.static(features.blends):
+            chance = FIRST
+            if wp.static(not only_look):
+                chance = uniform2(stream, dimension + sampling.LOBE)[1]
+            point.material = pick(scene.materials, point, chance)
+        # Light is kept by how a surface lies, without its normal map: cells know the mean of all that it bends.
+        kept_normal = point.shading_normal
+        if wp.static(features.normal_maps and not (only_look and features.light_cache)):
+            point.shading_normal = mapped_normal(scene.materials, point, -direction)
+        light = LightSample()
+        if wp.static(ahead):
+            spot = foresee(scene.materials, point)
+            if goes_on:
+                light = look_ahead(scene, point, stream, dimension, choice, time)
+        if wp.static(only_look and features.textures):
+            texture = wp.vec3()
+            if width[0] + width[1] > 0.0 and depth == 0 and textured(scene.materials, point.material):
+                patch = patch_round(point, direction, width_at(width, far))
+                texture = mean_texture(scene.materials, point, patch, _PLACES)
+            else:
+                texture = texture_at(scene.materials, point)
+            bsdf = coloured(scene.materials, point, texture)
+        elif wp.static(ahead):
+            bsdf = coloured(scene.materials, point, texture_seen(scene.materials, point, spot))
+        else:
+            bsdf = resolve(scene.materials, point)
+        if wp.static(not features.light_cache):
+            kept_normal = point.shading_normal
+        if wp.static(features.normal_maps and features.light_cache):
+            if bsdf.mirror or (wp.static(features.lamp_light) and bsdf.kind == DIFFUSE):
+                if wp.static(only_look):
+                    point.shading_normal = mapped_normal(scene.materials, point, -direction)
+                kept_normal = point.shading_normal
+        return point.shading_normal, bsdf, kept_normal, light
+
+    return meet
+
+
+def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
+    """Return the Warp function ``colours``: the albedo that a pixel shows of a surface, and that of a coat over it."""
+
+    @wp.func(inline=True)
+    def colours(scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3):
+        """Return both, and whether there is a coat; ``tint`` is what mirrors on the way here left."""
+        albedo = wp.cw_mul(tint, albedo_of(bsdf))
+        coat = wp.vec3()
+        coated = bool(False)
+        if wp.static(features.blends):
+            albedo = wp.cw_mul(tint, mean_of_blend(scene.materials, point))
+        if wp.static(features.coats):
+            coated = bsdf.kind == PLASTIC and not bsdf.dark
+            if coated:
+                cosine = -wp.dot(direction, kept_normal)
+                passing = passing_out(scene.materials.transmittance, bsdf, cosine)
+                coat = tint * (1.0 - passing)
+                albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing
+        return albedo, coat, coated
+
+    return colours
+
+
+def make_detailed(features: Features, textured: Any) -> Any:
+    """Return the Warp function ``detailed``: whether rays look there for what is finer than a pixel."""
+
+    @wp.func
+    def detailed(materials: Materials, material: int) -> bool:
+        found = bool(False)
+        if wp.static(features.textures):
+            found = has_details(materials, material, textured(materials, material))
+            if wp.static(features.blends):
+                found = found or mixes_textures(materials, material)
+        return found
+
+    return detailed

@@ -1,0 +1,77 @@
+# Warp: wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018
+"""Rays of the camera, through places in a picture and in time, as Warp functions."""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.camera.camera import CameraState, make_camera
+from clsim.render.camera.film import Sample
+from clsim.render.features.features import Features
+from clsim.render.kernel_input import Scene, Settings
+from clsim.render.primary.lamp_light import AT_NONE
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler
+
+
+def make_shoot_at(features: Features, trace: Any) -> Any:
+    """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width)``.
+
+    Args:
+        features: what the kernel is built for.
+        trace: follows a ray, or only looks: ``trace(scene, start, toward, time, settings, stream, to_lamps, width)``,
+            which returns a `Sample`.
+    """
+    camera_ray = make_camera(features)
+    uniform2 = make_sampler(features.sobol)
+
+    def shoot_at(
+        scene: Scene,
+        camera: CameraState,
+        settings: Settings,
+        pixel: int,
+        place: wp.vec2,
+        instant: int,
+        stream: sampling.Stream,
+        to_lamps: int,
+        width: wp.vec2,
+    ) -> Sample:
+        """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
+
+        One that only looks sees the mean of a texture over a square: a pixel of that ``width``, if it is not 0.
+        """
+        lens = wp.vec2()
+        if wp.static(features.aperture):
+            lens = uniform2(stream, sampling.LENS)
+        shutter = float(0.0)
+        if wp.static(features.camera_blur or features.motion_blur):
+            shutter = uniform2(stream, sampling.TIME)[0]
+        time = settings.opens + settings.lasts * shutter
+        if wp.static(features.requests):
+            shutter = float(instant)
+            time = float(instant)
+        x = float(pixel % settings.width)
+        y = float(pixel // settings.width)
+        ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
+        sample = Sample()
+        if ray.exists:
+            sample = trace(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
+        return sample
+
+    # It is put where it is called, and ``trace`` too: kept apart, the scene would be copied for each ray.
+    return wp.func(shoot_at, inline=True)
+
+
+def make_shoot(sobol: bool, shoot_at: Any) -> Any:
+    """Return the Warp function ``shoot(scene, camera, settings, pixel, instant, stream)``, from a random place."""
+    uniform2 = make_sampler(sobol)
+
+    @wp.func(inline=True)
+    def shoot(
+        scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
+    ) -> Sample:
+        place = uniform2(stream, sampling.CAMERA)
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, wp.vec2())
+
+    return shoot

@@ -1,0 +1,108 @@
+# Warp: a variable that changes must be born by a call.
+# ruff: noqa: UP018, RUF046
+"""With how many more rays a pixel is looked at after a first look.
+
+Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
+where it may decide about an event. Where light is kept on surfaces, and contrast thresholds are known, a pixel
+remembers at what brightness it fired last. The nearer its next event, the more rays count shares. Farther away,
+brightness may be wrong by as much as is left to go.
+"""
+
+import warp as wp
+
+from clsim.render.primary.first_hits import Looks, Seen
+from clsim.render.primary.things import THINGS
+from clsim.render.sampling.sampling import brightness
+
+SHARE_ERROR = wp.constant(0.02)
+"""Part of a pixel's brightness by which counted shares may be wrong near an event; beyond, more rays count them."""
+_DARKEST = wp.constant(1.0e-4)
+"""Luminance below which relative errors tell nothing."""
+_THINGS = wp.constant(THINGS)
+_RAYS_IN_A_CROWD = wp.constant(4)
+"""Times as many rays look at a pixel that shows all the things that are told apart."""
+
+
+@wp.struct
+class NextEvent:
+    """What an ideal pixel that sees the frames fires at: log brightness is ln max(scale·Y, floor).
+
+    Attributes:
+        on, off: contrast thresholds; 0 where nobody knows what the pixels fire at.
+        scale, floor: of brightness.
+    """
+
+    on: float
+    off: float
+    scale: float
+    floor: float
+
+
+@wp.func
+def level_of(radiance: wp.vec3, event: NextEvent, weights: wp.vec3) -> float:
+    """Return the log brightness of a pixel."""
+    return wp.log(wp.max(event.scale * brightness(radiance, weights), event.floor))
+
+
+@wp.func
+def error_allowed(level: float, fired: float, event: NextEvent) -> float:
+    """Return by which part a pixel's brightness may be wrong, by the level at which it fired last (NaN: never)."""
+    allowed = float(SHARE_ERROR)
+    if not wp.isnan(fired):
+        way = level - fired
+        left = wp.where(way > 0.0, event.on, event.off) - wp.abs(way)
+        allowed = wp.max(allowed, left)
+    return allowed
+
+
+@wp.func
+def fire(level: float, fired: float, event: NextEvent) -> float:
+    """Return the level at which a pixel fired last, now that it has come to another one, as the ideal sensor does."""
+    after = level
+    if not wp.isnan(fired):
+        way = level - fired
+        step = wp.where(way > 0.0, event.on, -event.off)
+        after = fired + wp.trunc(way / step) * step
+    return after
+
+
+@wp.func
+def rays_needed(bright: float, squares: float, error: float) -> float:
+    """Return how many rays find a pixel's brightness within that part of it.
+
+    ``bright`` is the mean brightness of what the pixel shows, ``squares`` the mean of its square. The error of points
+    that are spread evenly falls nearly as their number to the power of 3/4.
+    """
+    spread = wp.sqrt(wp.max(squares - bright * bright, 0.0))
+    return wp.pow(spread / (error * wp.max(bright, _DARKEST)), 4.0 / 3.0)
+
+
+@wp.func
+def look_closer(
+    bright: float, squares: float, seen: Seen, first: Looks, looks: Looks, error: float, told: bool
+) -> Looks:
+    """Return the looks with as many rays as the first look at a pixel asks for.
+
+    Args:
+        bright: mean brightness of what it shows.
+        squares: mean of its square.
+        seen: what was seen by ``looks``.
+        first: the first look.
+        looks: the last one.
+        error: part of the brightness by which it may be wrong.
+        told: whether that follows from how near an event is.
+    """
+    closer = looks
+    if looks.most == first.most and seen.counted:
+        needed = rays_needed(bright, squares, error)
+        least = int(0)
+        if seen.things == _THINGS:
+            # There may be more things than are told apart, and nobody knows how different they are.
+            least = _RAYS_IN_A_CROWD * first.most
+        if told:
+            # Small things are easily missed.
+            least = first.at_event
+        needed = wp.max(needed, float(least) * wp.pow(SHARE_ERROR / error, 4.0 / 3.0))
+        while closer.most < looks.at_contrast and float(closer.most) < needed:
+            closer.most = closer.most * 2
+    return closer

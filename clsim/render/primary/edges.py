@@ -1,0 +1,255 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, RUF046, SIM102
+"""The straight edge that may cross a pixel: what its corners tell, and the search for where it lies, as Warp functions.
+
+Where corners see two things, the places at which the edge crosses the pixel's border are found by bisection, and the
+share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.camera.film import Sample
+from clsim.render.camera.pixel_width import width_at
+from clsim.render.primary.corners import corner_at, corner_near
+from clsim.render.primary.lamp_light import same_light, same_share
+from clsim.render.primary.things import same_colour, same_surface
+from clsim.render.sampling import sampling
+
+_OFF_LINE_PX = wp.constant(0.05)
+"""Distance from a straight edge within which a ray may see the other side [pixels]."""
+_WIDE_PX = wp.constant(2.0)
+"""What is wider hides between no corners of a pixel, but for its own blunt corners [pixels]."""
+
+
+@wp.func
+def _alike(a: Sample, b: Sample, by_colour: bool, pixel: wp.vec2) -> bool:
+    same = same_surface(a, b, pixel)
+    if by_colour and same:
+        same = same_colour(a, b)
+    return same
+
+
+@wp.struct
+class Edge:
+    """What the corners tell, and how far the edge is placed.
+
+    ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside, and corners next to the
+    pixel's, may tell that too.
+    ``alone`` is that all see one triangle, or none, ``whole`` that besides nothing is so small that it may hide before
+    it, or that all pass by the boxes in which things are.
+    ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
+    seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
+    and the row ``second`` of the corners has the other. ``varied`` is that a ray inside saw another colour on one side
+    than its corner. ``marks`` has a bit for each corner that sees the second. ``area`` is the share of the first; the
+    edge goes through ``place``, ``along`` there.
+
+    The edge crosses the pixel's border in some of its four sides, which are taken in turn: ``side`` is the one where
+    rays look for it now, 4 where none is left. It lies behind ``low`` and within twice ``step``, as shares of the side
+    from the corner that sees the first; ``steps`` rays are to come. ``last`` is the newest corner of the first's area.
+    """
+
+    plain: bool
+    straight: bool
+    varied: bool
+    by_colour: bool
+    flat: bool
+    alone: bool
+    whole: bool
+    shaded: bool
+    marks: int
+    rays: int
+    second: int
+    area: float
+    place: wp.vec2
+    along: wp.vec2
+    side: int
+    low: float
+    step: float
+    steps: int
+    crossings: int
+    last: wp.vec2
+
+
+@wp.func
+def is_sound(sample: Sample) -> bool:
+    """Whether a sample is finite; else it is dropped whole."""
+    return sampling.finite(sample.normal) and sampling.finite(sample.emission)
+
+
+@wp.func
+def _cross(a: wp.vec2, b: wp.vec2) -> float:
+    return a[0] * b[1] - a[1] * b[0]
+
+
+@wp.func
+def on_side(edge: Edge, share: float) -> wp.vec2:
+    """Return a place on the side where the edge is looked for, that share of it away from the first's corner."""
+    marked = (edge.marks >> edge.side) & 1
+    start = corner_at(edge.side + marked)
+    return start + (corner_at(edge.side + 1 - marked) - start) * share
+
+
+@wp.func
+def next_side(edge: Edge, side: int, steps: int) -> Edge:
+    """Go on to the next side of the pixel that the edge crosses, from that one, along corners that see the first."""
+    after = edge
+    after.side = 4
+    for i in range(side, 4):
+        if after.side == 4:
+            marked = (after.marks >> i) & 1
+            if marked == 0:
+                after.area = after.area + 0.5 * _cross(after.last, corner_at(i))
+                after.last = corner_at(i)
+            if marked != ((after.marks >> ((i + 1) & 3)) & 1):
+                after.side = i
+    after.low = 0.0
+    after.step = 0.5
+    after.steps = steps
+    return after
+
+
+@wp.func
+def narrow(
+    edge: Edge, sample: Sample, corners: wp.array(dtype=Sample), nearest: int, pixel: wp.vec2, steps: int
+) -> Edge:
+    """Halve what is left of a side by a ray to its middle; after the last one, the edge crosses it there.
+
+    The next side gets ``steps`` rays.
+    """
+    after = edge
+    after.rays = after.rays + 1
+    if _alike(sample, corners[nearest], after.by_colour, pixel):
+        after.low = after.low + after.step
+    elif not _alike(sample, corners[after.second], after.by_colour, pixel):
+        after.straight = False
+    after.steps = after.steps - 1
+    if after.steps > 0:
+        after.step = 0.5 * after.step
+    else:
+        place = on_side(after, after.low + 0.5 * after.step)
+        after.area = after.area + 0.5 * _cross(after.last, place)
+        after.last = place
+        if after.crossings == 0:
+            after.place = place
+        else:
+            after.along = place - after.place
+        after.crossings = after.crossings + 1
+        after = next_side(after, after.side + 1, steps)
+    return after
+
+
+@wp.func
+def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> bool:
+    """Whether a ray on the first or second side lies on the other side of the edge, by more than a little."""
+    away = _cross(along, place - through) / wp.max(wp.length(along), 1.0e-6)
+    # The first corner, at 0, is on the first side.
+    if (_cross(along, -through) > 0.0) != first:
+        away = -away
+    return away < -_OFF_LINE_PX
+
+
+@wp.func
+def _is_lit_otherwise_around(
+    corners: wp.array(dtype=Sample), nearest: int, row: int, asker: int, pixel: wp.vec2
+) -> bool:
+    """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
+
+    Each corner asks for one place on a lamp alone. In a soft shadow all four may find theirs free, or none.
+    """
+    column = nearest % row
+    line = nearest // row
+    lit = corners[asker].lamp_lit
+    most = corners[asker].lamp_all
+    found = bool(False)
+    # As a variable, so that the loop is compiled once and not eight times.
+    corners_beside = int(8)
+    for k in range(corners_beside):
+        place = corner_near(4 + k)
+        x = column + place[0]
+        y = line + place[1]
+        other = y * row + x
+        if x >= 0 and x < row and y >= 0 and other < corners.shape[0]:
+            if not same_share(corners[other].lamp_lit, corners[other].lamp_all, lit, most):
+                found = found or same_surface(corners[other], corners[asker], pixel)
+    return found
+
+
+def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any) -> Any:
+    """Return the Warp function ``judge_corners``, which gives the `Edge` that a pixel's corners tell of.
+
+    Args:
+        flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
+        wide_lamps: whether rays ask lamps that have a size, so that shadows are soft.
+        scene_type, settings_type: structs of its first two arguments.
+    """
+
+    @wp.func
+    def judge_corners(
+        scene: scene_type,
+        settings: settings_type,
+        pixel: wp.vec2,
+        smallest_m: float,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+    ) -> Edge:
+        edge = Edge()
+        edge.side = 4
+        edge.rays = 1
+        edge.by_colour = True
+        first = corners[nearest]
+        sound = is_sound(first)
+        boxed = bool(first.boxed)
+        colours = int(0)
+        third = bool(False)
+        one_material = bool(True)
+        one_triangle = first.triangle > 0 or not first.hit
+        farthest = wp.where(first.hit, first.depth, settings.reach_m)
+        asker = int(nearest)
+        for i in range(1, 4):
+            place = corner_at(i)
+            other = nearest + int(place[0]) + int(place[1]) * row
+            sample = corners[other]
+            sound = sound and is_sound(sample)
+            boxed = boxed or sample.boxed
+            one_material = one_material and sample.material == first.material
+            one_triangle = one_triangle and sample.triangle == first.triangle and sample.hit == first.hit
+            farthest = wp.max(farthest, sample.depth)
+            same = same_surface(sample, first, pixel)
+            if same and not same_light(sample, corners[asker]):
+                edge.shaded = True
+            if corners[asker].lamp_all <= 0.0:
+                asker = other
+            if not same:
+                if edge.by_colour:
+                    # Colours matter on one surface only.
+                    edge.by_colour = False
+                    edge.second = other
+                    third = False
+                elif not same_surface(sample, corners[edge.second], pixel):
+                    third = True
+                edge.marks = edge.marks | (1 << i)
+            elif edge.by_colour and not same_colour(sample, first):
+                if colours == 0:
+                    edge.second = other
+                elif not same_colour(sample, corners[edge.second]):
+                    third = True
+                colours = colours | (1 << i)
+        if edge.by_colour:
+            edge.marks = colours
+        edge.plain = sound and edge.marks == 0
+        edge.flat = sound and edge.by_colour and one_material and flat(scene, first)
+        edge.alone = one_triangle
+        if wp.static(wide_lamps):
+            if (edge.plain or edge.flat) and not edge.shaded and corners[asker].lamp_all > 0.0:
+                edge.shaded = _is_lit_otherwise_around(corners, nearest, row, asker, pixel)
+        # A box that juts out between two corners is mostly empty there: a ray or two inside would see no more of it.
+        edge.whole = one_triangle and smallest_m > _WIDE_PX * width_at(pixel, farthest)
+        edge.whole = edge.whole or (not boxed and settings.least_sphere_rad > _WIDE_PX * pixel[0])
+        # Corners that take turns are no straight edge's.
+        edge.straight = sound and not edge.flat and not third and edge.marks != 0 and edge.marks != 10
+        return edge
+
+    return judge_corners

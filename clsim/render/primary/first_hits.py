@@ -1,0 +1,414 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: UP018, SIM102, RUF046
+"""What a pixel shows, from rays that look for the first hit alone.
+
+Rays at a pixel's four corners come first. A straight edge of something that is larger than a pixel leaves at least one
+corner on each of its sides; so where all four corners look alike, and a few rays inside do too, the pixel shows one
+thing. Where they show two, the places at which the edge crosses the pixel's border are found by bisection, and the
+share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel, where counting n points
+anywhere in the pixel is right to about n^-¾. Rays inside tell the colours of both sides, and whether the edge is
+straight. Where it is not, or more than two things are seen, shares are counted.
+
+An edge is one between surfaces, or, on one surface, between two colours. Where a pixel shows one flat surface with a
+texture, no rays are needed to know its colour: the places on it follow from those of the corners (perspective is linear
+in the inverse of the distance), and the mean of the texture over many of them is taken.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.camera.film import Sample
+from clsim.render.primary.corners import centre_thing, footprint_of, on_flat_surface
+from clsim.render.primary.edges import Edge, is_sound, make_judge, narrow, next_side, off_line, on_side
+from clsim.render.primary.lamp_light import AT_ANY, AT_NONE, same_light
+from clsim.render.primary.shadow_rays import (
+    MOST_TOLD,
+    Shadow,
+    Shadows,
+    are_told,
+    next_that_differs,
+    off_straight,
+    straight,
+)
+from clsim.render.primary.things import (
+    DARK,
+    Thing,
+    add_to_thing,
+    begin_thing,
+    find_thing,
+    finish_things,
+    go_on_with_things,
+    same_colour,
+)
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler, reverse_bits
+from clsim.render.textures.texture_data import Footprint
+
+_COUNTED = wp.constant(8)
+"""Rays that count shares at least, if there are so many, whatever the search for a straight edge took."""
+_CORNER = wp.constant(-3)
+"""Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
+
+
+@wp.struct
+class Looks:
+    """How many first-hit rays a pixel gets.
+
+    Attributes:
+        most: largest number.
+        inside: rays inside a pixel that shows one thing.
+        by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
+        steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
+        in_shadow: largest number where lamps light a part of what is seen.
+        texels: places on a flat surface at which its texture is looked up.
+        pixel: how wide a pixel is (`pixel_width.py`).
+        at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
+        at_event: largest number near an event, where shares are counted.
+        few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
+    """
+
+    most: int
+    inside: int
+    by_edge: int
+    steps: int
+    in_shadow: int
+    texels: int
+    pixel: wp.vec2
+    at_contrast: int
+    at_event: int
+    few_ask: bool
+
+
+@wp.struct
+class Seen:
+    """How many things a pixel shows, and how many rays it took, of which some looked ``inside``.
+
+    ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
+    ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
+    them, they are 0, and its first bit is for all of the pixel.
+    """
+
+    things: int
+    rays: int
+    inside: int
+    counted: bool
+    by_colour: bool
+    shadow: Shadow
+
+
+@wp.func
+def _pixel_below(corner: int, width: int) -> int:
+    """Return a pixel that has that corner at its top: of its number, but for a row's last."""
+    return corner // (width + 1) * width + wp.min(corner % (width + 1), width - 1)
+
+
+@wp.func
+def _rim_of(corner: int, width: int, few_ask: bool) -> int:
+    """Return which place on a lamp's rim a corner asks for: each of a pixel's four asks another one, or two do."""
+    line = corner // (width + 1)
+    rim = ((corner - line * (width + 1)) & 1) + 2 * (line & 1)
+    if few_ask and (rim == 1 or rim == 2):
+        rim = AT_NONE
+    return rim
+
+
+@wp.func
+def _wanted_inside(edge: Edge, looks: Looks) -> int:
+    """Return how many rays look inside a pixel, by what is known of it so far."""
+    wanted = wp.max(looks.most - edge.rays, _COUNTED)
+    if edge.plain or edge.flat:
+        wanted = wp.where(edge.whole, 0, looks.inside)
+    if edge.straight and not edge.varied:
+        wanted = looks.by_edge
+    wanted = wp.min(wanted, looks.most)
+    if edge.shaded:
+        wanted = wp.max(wanted, looks.in_shadow - edge.rays)
+    return wanted
+
+
+@wp.func
+def _take_in(
+    things: wp.array(dtype=Thing),
+    number: int,
+    edge: Edge,
+    sample: Sample,
+    place: wp.vec2,
+    footprint: Footprint,
+    corner: Sample,
+    pixel: wp.vec2,
+    coats: bool,
+) -> tuple[Edge, int]:
+    """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told.
+
+    Returns:
+        The edge, and the number of things.
+    """
+    after = edge
+    known = number
+    k = int(0)
+    if after.flat:
+        after.flat = on_flat_surface(footprint, corner, sample, place, pixel)
+        after.plain = after.plain and after.flat
+    if not after.flat:
+        k = find_thing(things, known, sample, after.by_colour, pixel)
+    if k < 0:
+        after.plain = after.plain and known == 0
+        after.straight = False
+        if k == -1:
+            known = begin_thing(things, known, sample)
+            k = known - 1
+        else:
+            k = -2 - k
+    elif after.straight and not same_colour(sample, things[k].first):
+        after.varied = True
+    if after.straight:
+        after.straight = not off_line(after.place, after.along, place, k == 0)
+    after.shaded = after.shaded or not same_light(sample, things[k].first)
+    add_to_thing(things, k, sample, coats)
+    return after, known
+
+
+def make_look(
+    sobol: bool,
+    edges: bool,
+    coats: bool,
+    shadow_rays: bool,
+    shoot_at: Any,
+    flat: Any,
+    mean_albedo: Any | None,
+    light_things: Any | None,
+    wide_lamps: bool,
+    scene_type: Any,
+    view_type: Any,
+    settings_type: Any,
+) -> Any:
+    """Return the Warp function ``look``.
+
+    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, before, shadows,
+    things)`` returns `Seen`. It looks at a pixel where ``corner`` is -1. It needs what its corners see first: the top
+    left one's stands in ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which
+    there is one more in a row than there are pixels, it looks through that one alone, and writes what it sees to
+    ``corners[nearest]``. Where shares are ``counted`` in what a look with fewer rays had ``before``, it goes on from
+    there.
+
+    Args:
+        sobol: whether rays inside a pixel are spread evenly.
+        edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
+        coats: whether some things have a coat whose light is kept apart.
+        shadow_rays: whether it is told which rays reached the lamps, and ``shadows`` tell it of the frames around.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width) -> Sample``.
+        flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
+        mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
+        light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
+        wide_lamps: whether some of these lamps have a size.
+        scene_type, view_type, settings_type: structs of the first three.
+    """
+    uniform2 = make_sampler(sobol)
+    judge_corners = make_judge(flat, wide_lamps, scene_type, settings_type)
+
+    @wp.func
+    def paint(scene: scene_type, things: wp.array(dtype=Thing), corner: Sample, footprint: Footprint, texels: int):
+        """Give the one thing that a pixel shows the mean albedo of its texture."""
+        like = corner
+        if wp.static(coats):
+            like.coat = things[0].coat
+        albedo = mean_albedo(scene, like, footprint, texels)
+        things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+
+    # Both are called from one place, where the compiler puts them whole.
+    @wp.func(inline=True)
+    def begin(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        instant: int,
+        looks: Looks,
+        corner: int,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        before: Seen,
+        things: wp.array(dtype=Thing),
+    ) -> tuple[Edge, Footprint, int]:
+        """Return what the corners, or the look ``before``, tell of the edge, and the number of things so far."""
+        number = int(0)
+        footprint = Footprint()
+        edge = Edge()
+        edge.plain = True
+        edge.by_colour = True
+        edge.side = 4
+        if wp.static(edges):
+            if looks.steps > 0 and corner < 0 and not before.counted:
+                edge = judge_corners(scene, settings, looks.pixel, camera.smallest_m[instant], corners, nearest, row)
+                if edge.flat:
+                    footprint = footprint_of(corners, nearest, row, looks.pixel)
+                if edge.plain or edge.flat:
+                    number = begin_thing(things, number, corners[nearest])
+                if edge.straight:
+                    edge = next_side(edge, 0, looks.steps)
+        if before.counted:
+            edge.plain = False
+            edge.by_colour = before.by_colour
+            edge.rays = before.rays - before.inside
+            number = before.things
+            go_on_with_things(things, number)
+        return edge, footprint, number
+
+    @wp.func(inline=True)
+    def finish(
+        scene: scene_type,
+        looks: Looks,
+        instant: int,
+        corner: int,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        edge: Edge,
+        footprint: Footprint,
+        inside: int,
+        number: int,
+        told: bool,
+        shadows: Shadows,
+        more_light: float,
+        shadow: Shadow,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        """Give the things their shares, and what is known of them without rays."""
+        finish_things(things, number, edge.straight, edge.area, wp.static(coats))
+        # Where no ray looked inside, the corners tell all.
+        if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
+            if inside == 0 or wp.static(light_things is not None):
+                centre_thing(things, corners, nearest, row, wp.static(coats))
+        if wp.static(edges and mean_albedo is not None):
+            if edge.flat:
+                paint(scene, things, corners[nearest], footprint, looks.texels)
+        seen = Seen()
+        if wp.static(shadow_rays):
+            if told:
+                most = straight(shadows, shadows.before.lamp_all, shadows.after.lamp_all)
+                lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light
+                things[0].lamp_all = most
+                things[0].lamp_lit = wp.clamp(lit, 0.0, most)
+            elif inside <= MOST_TOLD:
+                seen.shadow = shadow
+                seen.shadow.rays = wp.where(edge.shaded, inside, 0)
+                seen.shadow.lamp_all = things[0].lamp_all
+                seen.shadow.lamp_lit = things[0].lamp_lit
+                if not edge.shaded:
+                    seen.shadow.lit_rays = wp.uint64(wp.where(things[0].lamp_lit > 0.0, 1, 0))
+        if wp.static(light_things is not None):
+            light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
+        seen.things = number
+        seen.rays = edge.rays + inside
+        seen.inside = inside
+        seen.by_colour = edge.by_colour
+        seen.counted = number > 1 and not edge.straight
+        return seen
+
+    # It too: kept apart, the scene would be copied for each pixel.
+    @wp.func(inline=True)
+    def look(
+        scene: scene_type,
+        camera: view_type,
+        settings: settings_type,
+        pixel: int,
+        instant: int,
+        state: wp.uint64,
+        looks: Looks,
+        corner: int,
+        corners: wp.array(dtype=Sample),
+        nearest: int,
+        row: int,
+        before: Seen,
+        shadows: Shadows,
+        things: wp.array(dtype=Thing),
+    ) -> Seen:
+        stream = sampling.Stream()
+        edge, footprint, number = begin(
+            scene, camera, settings, instant, looks, corner, corners, nearest, row, before, things
+        )
+        inside = int(before.inside)
+        # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
+        told = bool(False)
+        skipped = int(0)
+        more_light = float(0.0)
+        shadow = Shadow()
+        if wp.static(shadow_rays):
+            if edge.alone and (edge.plain or edge.flat):
+                shadow.triangle = corners[nearest].triangle
+                told = edge.shaded and are_told(shadows, shadow.triangle)
+        # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
+        while True:
+            at = int(pixel)
+            places = edge.side < 4
+            place = wp.vec2()
+            if wp.static(edges):
+                if corner >= 0:
+                    stream.key = sampling.stream_key(sampling.absorb(sampling.absorb(settings.stream, _CORNER), corner))
+                    stream.scrambling = stream.key
+                    at = _pixel_below(corner, settings.width)
+                    place = wp.vec2(float(corner % (settings.width + 1) - at % settings.width), 0.0)
+                elif places:
+                    stream.key = sampling.stream_key(sampling.absorb(state, _CORNER))
+                    stream.scrambling = stream.key
+                    place = on_side(edge, edge.low + edge.step)
+            if corner < 0 and not places:
+                if wp.static(shadow_rays):
+                    if told and (edge.whole or inside >= looks.inside):
+                        differs = next_that_differs(shadows, inside)
+                        skipped = skipped + differs - inside
+                        inside = differs
+                if inside >= wp.where(told, shadows.before.rays, _wanted_inside(edge, looks)):
+                    break
+                if wp.static(sobol):
+                    stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
+                    stream.reversed_index = reverse_bits(wp.uint32(inside))
+                stream.key = sampling.stream_key(sampling.absorb(state, inside))
+                place = uniform2(stream, sampling.CAMERA)
+            # Where the corners tell of one thing, and of its light, rays inside need not ask for that again.
+            asked = looks.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
+            to_lamps = wp.where(places or asked, AT_NONE, AT_ANY)
+            if wp.static(edges):
+                if corner >= 0:
+                    to_lamps = _rim_of(corner, settings.width, looks.few_ask)
+            # Rays inside a pixel that shows many things share its area, and so the textures in it.
+            width = looks.pixel / wp.sqrt(float(looks.most))
+            if corner >= 0 or places or edge.flat:
+                width = wp.vec2()
+            sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
+            if wp.static(edges):
+                if corner >= 0:
+                    corners[nearest] = sample
+                    break
+            if places:
+                edge = narrow(edge, sample, corners, nearest, looks.pixel, looks.steps)
+                if edge.side >= 4 and edge.straight:
+                    number = begin_thing(things, number, corners[nearest])
+                    number = begin_thing(things, number, corners[edge.second])
+            else:
+                if wp.static(shadow_rays):
+                    if sample.triangle != shadow.triangle:
+                        shadow.triangle = 0
+                        if told:
+                            # Something else came over the pixel: all rays are to look.
+                            told = False
+                            skipped = 0
+                            inside = 0
+                            continue
+                    if told:
+                        more_light += off_straight(shadows, inside, sample.lamp_all, sample.lamp_lit)
+                    if sample.lamp_lit > 0.0 and inside < MOST_TOLD:
+                        shadow.lit_rays |= wp.uint64(1) << wp.uint64(inside)
+                inside = inside + 1
+                if is_sound(sample) and not told:
+                    edge, number = _take_in(
+                        things, number, edge, sample, place, footprint, corners[nearest], looks.pixel, coats
+                    )
+        seen = finish(
+            scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,
+            shadows, more_light, shadow, things,
+        )  # fmt: skip
+        return seen
+
+    return look

@@ -1,0 +1,217 @@
+# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
+# ruff: noqa: SIM102, UP018, RUF046
+"""Light straight from lamps on what a pixel shows, without noise where nothing stands between, as Warp functions.
+
+What a few lamps would send to a diffuse surface if nothing stood between is known in closed form: Lambert's formula for
+polygons (1760), for spheres the one of Snyder (Area Light Sources for Real-Time Graphics, 1996). Only which share of it
+arrives is found by rays: Σ V·f / Σ f over places on the lamps, where V is whether the way is free and f what comes from
+there (Heitz, Hill, McGuire, Combining Analytic Direct Illumination and Stochastic Shadows, I3D 2018). First-hit rays
+end with one such way each. Where all that a pixel sees of a surface is lit, or all is dark, the share is exact.
+
+Paths that begin there leave that light out.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from clsim.render.accel.geometry import Geometry, make_sphere_at
+from clsim.render.camera.film import Sample
+from clsim.render.emitters.environment import STEP
+from clsim.render.emitters.lights import Lights, sphere_cone
+from clsim.render.emitters.punctual import make_punctual
+from clsim.render.features.features import Features
+from clsim.render.primary.things import Thing
+from clsim.render.sampling.sampling import angle_of
+
+_SMALL = wp.constant(1.0e-4)
+"""Solid angle [sr] below which a triangle is a point: what the formula adds up would cancel in float32."""
+_SAME_SHARE = wp.constant(0.01)
+AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
+"""What a ray asks of the lamps: nothing, or a place of chance; numbers from 0 are places near their rims."""
+
+
+@wp.func
+def same_share(lit_a: float, all_a: float, lit_b: float, all_b: float) -> bool:
+    """Whether ``lit`` is the same share of ``all`` twice; so it is where either is 0, for then nothing was asked."""
+    return wp.abs(lit_a * all_b - lit_b * all_a) <= _SAME_SHARE * all_a * all_b
+
+
+@wp.func
+def same_light(a: Sample, b: Sample) -> bool:
+    """Whether the same share of the lamps' light reached what two rays saw, as far as both tell."""
+    return same_share(a.lamp_lit, a.lamp_all, b.lamp_lit, b.lamp_all)
+
+
+@wp.func
+def rim_draw(lights: Lights, corner: int) -> float:
+    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3.
+
+    They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
+    """
+    light = corner % lights.first_environment
+    middle = lights.cumulative[light] - 0.5 * lights.probability[light]
+    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)
+
+
+@wp.func
+def rim_place(corner: int) -> wp.vec2:
+    """Return two numbers in 0 … 1 by which a place on that lamp is drawn.
+
+    It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
+    """
+    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
+
+
+@wp.func
+def sphere_irradiance(cosine: float, sin2: float) -> float:
+    """Return the irradiance, for radiance 1, from a sphere that may lie partly behind the surface.
+
+    ``cosine`` is that of the angle between normal and centre, ``sin2`` the squared sine of the half angle of the cone.
+    """
+    found = wp.pi * sin2 * wp.max(cosine, 0.0)
+    if cosine * cosine < sin2:
+        sine = wp.sqrt(wp.max(1.0 - cosine * cosine, 1.0e-12))
+        x = wp.sqrt(1.0 / sin2 - 1.0)
+        y = wp.clamp(-x * cosine / sine, -1.0, 1.0)
+        above = sine * wp.sqrt(1.0 - y * y)
+        found = (cosine * wp.acos(y) - x * above) * sin2 + wp.atan2(above, x)
+    return wp.max(found, 0.0)
+
+
+@wp.func
+def _edge(a: wp.vec3, b: wp.vec3, normal: wp.vec3) -> float:
+    """Return what an edge of a polygon adds to twice its irradiance, for radiance 1."""
+    across = wp.cross(a, b)
+    sine = wp.length(across)
+    found = float(0.0)
+    if sine > 0.0:
+        found = angle_of(sine, wp.dot(a, b)) * wp.dot(across, normal) / sine
+    return found
+
+
+@wp.func
+def triangle_irradiance(a: wp.vec3, b: wp.vec3, c: wp.vec3, normal: wp.vec3) -> float:
+    """Return the irradiance, for radiance 1, from a triangle whose corners are seen from the lit point.
+
+    What lies behind the surface is cut off.
+    """
+    # Each edge from p to q is cut where it passes through the surface's plane; between these cuts runs another edge.
+    total = float(0.0)
+    out = wp.vec3()
+    back = wp.vec3()
+    cuts = int(0)
+    p = wp.vec3(c[0], c[1], c[2])
+    q = wp.vec3(a[0], a[1], a[2])
+    for i in range(3):
+        high = wp.dot(p, normal)
+        low = wp.dot(q, normal)
+        if high > 0.0 and low > 0.0:
+            total += _edge(p, q, normal)
+        elif (high > 0.0) != (low > 0.0):
+            cut = p + (q - p) * (high / (high - low))
+            if high > 0.0:
+                total += _edge(p, cut, normal)
+                out = cut
+            else:
+                total += _edge(cut, q, normal)
+                back = cut
+            cuts = cuts + 1
+        p = q
+        q = wp.where(i == 0, b, c)
+    if cuts == 2:
+        total += _edge(out, back, normal)
+    return 0.5 * wp.abs(total)
+
+
+def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
+    """Return the Warp function ``light_things(lights, geometry, materials, things, number, time)``.
+
+    It adds to the ``emission`` of each thing that a pixel shows what light straight from lamps it reflects.
+    ``on_lamp`` is of `make_lights`, which takes the same ``shining``.
+    """
+    sphere_at = make_sphere_at(features)
+    towards_punctual = make_punctual(features)
+
+    @wp.func
+    def from_triangle(
+        lights: Lights, geometry: Geometry, materials: Any, light: int, position: wp.vec3, normal: wp.vec3, time: float
+    ) -> wp.vec3:
+        lamp = on_lamp(lights, geometry, light, wp.vec3(1.0, 0.0, 0.0), time)
+        a = lamp.position - position
+        b = on_lamp(lights, geometry, light, wp.vec3(0.0, 1.0, 0.0), time).position - position
+        c = on_lamp(lights, geometry, light, wp.vec3(0.0, 0.0, 1.0), time).position - position
+        away = (a + b + c) / 3.0
+        distance2 = wp.max(wp.dot(away, away), 1.0e-30)
+        facing = wp.dot(lamp.normal, away)
+        if facing > 0.0:
+            lamp.front = False
+        solid = lamp.area * wp.abs(facing) / (distance2 * wp.sqrt(distance2))
+        if solid < _SMALL:
+            form = solid * wp.max(wp.dot(away, normal), 0.0) / wp.sqrt(distance2)
+        else:
+            form = triangle_irradiance(a, b, c, normal)
+        return shining(materials, lamp) * form
+
+    @wp.func
+    def from_sphere(
+        lights: Lights, geometry: Geometry, index: int, position: wp.vec3, normal: wp.vec3, time: float
+    ) -> wp.vec3:
+        sphere = sphere_at(geometry, index, time)
+        found = wp.vec3()
+        if sphere_cone(sphere, position) > 0.0:
+            away = wp.vec3(sphere[0], sphere[1], sphere[2]) - position
+            distance = wp.length(away)
+            sine = sphere[3] / distance
+            cosine = wp.dot(away, normal) / distance
+            found = lights.sphere_radiance[index] * sphere_irradiance(cosine, sine * sine)
+        return found
+
+    @wp.func
+    def lamp_light(
+        lights: Lights, geometry: Geometry, materials: Any, position: wp.vec3, normal: wp.vec3, time: float
+    ) -> wp.vec3:
+        """Return the irradiance over π that all lamps send to a point if nothing stands between."""
+        total = wp.vec3()
+        for light in range(lights.first_environment):
+            # One that is never drawn is left to scattering.
+            if lights.probability[light] > 0.0:
+                if wp.static(features.triangle_lights):
+                    if light < lights.first_sphere:
+                        total += from_triangle(lights, geometry, materials, light, position, normal, time)
+                if wp.static(features.sphere_lights):
+                    if light >= lights.first_sphere and light < lights.first_punctual:
+                        total += from_sphere(lights, geometry, light - lights.first_sphere, position, normal, time)
+                if wp.static(features.punctual_lights):
+                    if light >= lights.first_punctual:
+                        found = towards_punctual(
+                            lights.punctual, materials.textures, light - lights.first_punctual, position, time
+                        )
+                        total += found.irradiance * wp.max(wp.dot(found.direction, normal), 0.0)
+        return total / wp.pi
+
+    @wp.func
+    def light_things(
+        lights: Lights, geometry: Geometry, materials: Any, things: wp.array(dtype=Thing), number: int, time: float
+    ):
+        share = float(0.0)
+        for k in range(number):
+            first = things[k].first
+            if first.lamp:
+                lit = things[k].lamp_lit
+                most = things[k].lamp_all
+                if most <= 0.0:
+                    lit = first.lamp_lit
+                    most = first.lamp_all
+                if most <= 0.0:
+                    # Nothing was asked here: as much as of the thing before arrives.
+                    lit = share
+                    most = 1.0
+                share = lit / most
+                if lit > 0.0:
+                    normal = wp.normalize(things[k].normal)
+                    light = lamp_light(lights, geometry, materials, things[k].position, normal, time)
+                    things[k].from_lamps = wp.cw_mul(things[k].albedo, light) * (lit / most)
+                    things[k].emission += things[k].from_lamps
+
+    return light_things

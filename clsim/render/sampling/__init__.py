@@ -1,0 +1,1 @@
+"""Random numbers, Sobol points and sampling densities."""

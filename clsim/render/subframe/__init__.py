@@ -1,0 +1,1 @@
+"""Chosen pixels between two frames: traced again, or followed on flat surfaces."""

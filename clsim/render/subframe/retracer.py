@@ -1,0 +1,370 @@
+"""Host side of retraced.py: chosen pixels at chosen times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from clsim.errors import InputError
+from clsim.frames import Fineness, Reflected, rendered_planes
+from clsim.render.camera.camera import CameraData
+from clsim.render.camera.pixel_width import pixel_of
+from clsim.render.device.launch import Tiles, record, tile_size
+from clsim.render.options import RenderOptions
+from clsim.render.paths.integrator import build_kernel
+from clsim.render.primary.effort import Sight, looks_of
+from clsim.render.sampling.sampling import stream_state
+from clsim.render.scene_data import SceneData
+from clsim.render.subframe.flat_pixels import INSTANTS
+from clsim.render.subframe.motion_field import build_motion_field, build_pass_over
+from clsim.render.view import RenderCancelled, settings_of
+
+if TYPE_CHECKING:
+    from clsim.render.subframe.flat_follower import FlatFollower
+    from clsim.render.view import View
+
+_MIDDLE = ((0.5, 0.5),)
+_FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
+_RAYS_OF_A_PATH = 16
+"""First-hit rays at most that a pixel may get for what a path costs."""
+_STANDS = 4
+"""Stands of the camera from which is kept what is seen: those of the ends of a step and of its middle, and none."""
+_MOST_REQUESTS = 1 << 20
+"""Requests of a launch, so that memory does not grow."""
+
+
+class Retracer:
+    """One camera's pixels, traced where and when somebody asks.
+
+    A pixel has the same bits at a time as in the frame of that time, as far as its planes are here: of frames with
+    first-hit rays those that such rays find, and instead of radiance emission alone, unless light is kept on surfaces:
+    then radiance is in the light of the last frame.
+
+    Attributes:
+        names: the planes.
+        lit: whether radiance is whole; else it is emission alone.
+        requests: how many were answered so far.
+        samples: paths, or first-hit rays, traced so far.
+    """
+
+    def __init__(
+        self,
+        data: SceneData,
+        options: RenderOptions,
+        view: Callable[[], View] | None = None,
+        by_frames: bool = False,
+    ) -> None:
+        """Build the kernel.
+
+        Args:
+            data: what is rendered, with a place for each of several instants; nothing else moves it.
+            options: how it is rendered; as for the frames.
+            view: returns what renders the frames: requests have its first-hit rays, and the light that it keeps on
+                surfaces. Where it does, it must be given.
+            by_frames: whether of rays in soft shadows only those are traced that differ between the frames around,
+                where light is kept at a pace: a pixel has its brightness to about 0.1 % then.
+
+        Raises:
+            InputError: frames have noise of their own, or the camera exposes for a while.
+        """
+        camera = data.world.camera
+        if options.noise != "common":
+            raise InputError(f"pixels can be traced between frames with `noise` common only, got {options.noise}")
+        if camera.shutter_s > 0:
+            raise InputError(
+                f"pixels can be traced at instants only, but the camera exposes for {camera.shutter_s:g} s; expected 0"
+            )
+        self.names = rendered_planes(first_hit_rays=options.first_hit_rays > 0).names
+        self.requests = self.samples = 0
+        self._data, self._device = data, data.device
+        self._first_hits = options.first_hit_rays
+        self._view, self._in_kept_light, self._by_frames = view, options.light_cache, by_frames
+        self.lit = self._in_kept_light or not self._first_hits
+        self._features = features = options.features(data.features, camera, requests=True)
+        self._shape = camera.height, camera.width
+        self._follow: tuple[Any, Any, Any, Any] | None = None
+        self._stands: dict[bytes | None, Any] = {}
+        self._kernel = build_kernel(features, data.tree)
+        smallest_m = data.smallest_m if self._first_hits else None
+        self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
+        self._settings: Any = settings_of(options, camera, data.world.sensor)
+        self._settings.stream = stream_state(options.seed, None)
+        self._sight = Sight(pixel_of(camera), features.sharp, features.lamp_light)
+        if self._first_hits:
+            data.add_texture_levels()
+            self._settings.samples = self._first_hits
+        # Most pixels need few of their first-hit rays.
+        paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
+        size = options.tile_pixels or tile_size(paths, self._device)
+        self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")
+        self._threads = options.threads
+        self._follower: FlatFollower | None = None
+        # The last step, and whether the camera turned back in it.
+        self._last_turn: tuple[tuple[int, int] | None, bool] = None, False
+
+    def trace(self, pixels: npt.NDArray[np.int32], times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
+        """Return the planes ``[C, N]`` of N requests.
+
+        Args:
+            pixels: y·width + x of each, ``[N]``.
+            times_s: when each is traced [s], ``[N]``.
+
+        Raises:
+            RenderCancelled: ``cancel`` was called, before or meanwhile.
+        """
+        instants_s, numbers = np.unique(times_s, return_inverse=True)
+        if self._data.still and 0 < len(pixels) <= _MOST_REQUESTS:
+            return self._trace(pixels, instants_s, numbers)
+        order = np.argsort(numbers, kind="stable")
+        ends = np.searchsorted(numbers, np.arange(len(instants_s)), side="right", sorter=order)
+        planes = np.empty((len(self.names), len(pixels)), np.float32)
+        done = first = 0
+        while first < len(instants_s):
+            last = self._last_of(first, ends, done)
+            for start in range(done, int(ends[last - 1]), _MOST_REQUESTS):
+                part = order[start : min(start + _MOST_REQUESTS, int(ends[last - 1]))]
+                planes[:, part] = self._trace(pixels[part], instants_s[first:last], numbers[part] - first)
+            done, first = int(ends[last - 1]), last
+        return planes
+
+    def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
+        """Return how far things go on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
+
+        The first is the way of what a pixel sees at the start, the second that of what it sees at the end, the third
+        the longest that leads over it or a neighbour. None where nothing moves meanwhile.
+        """
+        self._data.poses.forget()
+        self._camera.forget()
+        if self._rests(start_s, end_s):
+            return None
+        instants_s = np.array([start_s, end_s])
+        if self._follow is None:
+            self._follow = self._record_motion()
+        launch, spread, ways, longest = self._follow
+        self._data.move_to(instants_s)
+        launch.set_param_by_name("camera", self._camera.at_instants(instants_s))
+        launch.set_param_by_name("scene", self._data.scene)
+        for k in (0, 1):
+            launch.set_param_by_name("start", k)
+            stand = self._camera.stand(float(instants_s[k])) if self._apart > 1 else None
+            launch.set_param_by_name("seen", stand is not None and stand in self._stands)
+            launch.set_param_by_name("places", self._places_seen_from(stand))
+            for row, place in enumerate(self._places):
+                launch.set_param_by_name("at", wp.vec2(*place))
+                launch.set_param_by_name("out_ways", ways[2 * row + k])
+                launch.launch()
+        longest.zero_()
+        spread.launch()
+        (height, width), (rows, columns) = self._shape, self._blocks
+        found = ways.numpy()
+        found[1::2] *= -1.0
+        keys = _largest_around(longest.numpy().reshape(rows, columns)).ravel()
+        over = found.reshape(-1, 2)[keys & 0xFFFFFFFF]
+        over[keys < 1 << 32] = 0.0
+        result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1).reshape(3, 2, rows, columns)
+        alike = result.repeat(self._apart, axis=2).repeat(self._apart, axis=3)
+        return np.ascontiguousarray(alike[:, :, :height, :width])
+
+    def bounds(self) -> npt.NDArray[np.bool_] | None:
+        """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
+
+        None where that is not known, since no rays look through pixels' corners, or things move by themselves.
+        """
+        corners = self._corners
+        if corners is None:
+            return None
+        if self._follower is None:
+            from clsim.render.subframe.flat_follower import FlatFollower
+            from clsim.render.subframe.flat_pixels import build_flat_pixels
+
+            camera = self._camera.at_instants(np.zeros(1))
+            given = {"scene": self._data.scene, "settings": self._settings, "camera": camera, "corners": corners}
+            kernels = build_flat_pixels(self._features)
+            self._follower = FlatFollower(kernels, self._shape, given, self._device, self._threads)
+        return self._follower.bounds(corners)
+
+    def steady_shadows(self) -> npt.NDArray[np.bool_]:
+        """Return which pixels are lit alike, ray by ray, in the last two frames; see `PixelTracer.steady_shadows`."""
+        assert self._view is not None, "bounds are asked for first"
+        return self._view().light_keeper.steady_shadows()
+
+    def reflected(
+        self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
+        fineness: Fineness,
+    ) -> Reflected:  # fmt: skip
+        """Return what some pixels reflect from one time to that of the last frame; see `PixelTracer.reflected`."""
+        assert self._follower is not None and self._view is not None, "bounds are asked for first"
+        instants_s = np.linspace(start_s, end_s, INSTANTS)
+        camera = self._camera.at_instants(instants_s)
+        texels = looks_of(self._view().effort.first_hit_rays, self._sight).texels
+        return self._follower.reflected(pixels, light, self._corners, camera, texels, fineness)
+
+    def cancel(self) -> None:
+        """Make a running ``trace``, and every later one, raise RenderCancelled soon; safe from any thread."""
+        self._tiles.cancel()
+        if self._follower is not None:
+            self._follower.cancel()
+
+    def close(self) -> None:
+        """End the threads; safe to call twice."""
+        self._tiles.close()
+        if self._follower is not None:
+            self._follower.close()
+
+    def _last_of(self, first: int, ends: npt.NDArray[np.int64], done: int) -> int:
+        """Return the end of the run of instants, from ``first`` on, that one launch traces."""
+        if self._data.still:
+            return max(first + 1, int(np.searchsorted(ends, done + _MOST_REQUESTS, side="right")))
+        alike = self._data.features.instants and not self._data.light_changes
+        return min(first + (self._data.most_instants if alike else 1), len(ends))
+
+    def _trace(
+        self, pixels: npt.NDArray[np.int32], instants_s: npt.NDArray[np.float64], numbers: npt.NDArray[np.int64]
+    ) -> npt.NDArray[np.float32]:
+        if self._tiles.cancelled:
+            raise RenderCancelled
+        self._data.move_to(instants_s)
+        if self._data.light_changes:
+            self._data.shine(float(instants_s[0]), float(instants_s[0]))
+        planes, bits = self._target(len(pixels))
+        changed = {
+            "scene": self._data.scene,
+            "camera": self._camera.at_instants(instants_s),
+            "pixels": self._upload(pixels),
+            "instants": self._upload(numbers),
+            "out_planes": planes,
+        }
+        view = None if self._view is None else self._view()
+        if not self._first_hits:
+            changed["out_bits"] = bits
+        elif self._in_kept_light and view is not None:
+            keeper = view.light_keeper
+            passed = self._passed(instants_s, keeper.step_us)
+            changed |= keeper.shown | {"passed": wp.array(passed, dtype=wp.float32, device=self._device)}
+            start_us, end_us = keeper.step_us or (0, 0)
+            shares = np.clip((instants_s * 1e6 - start_us) / max(end_us - start_us, 1), 0.0, 1.0)
+            changed["light_passed"] = wp.array(shares, dtype=wp.float32, device=self._device)
+        elif view is not None:
+            changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
+        if not self._tiles.run(len(pixels), changed):
+            raise RenderCancelled
+        out: npt.NDArray[np.float32] = planes.numpy()
+        self.requests += len(pixels)
+        self.samples += int(out[self.names.index("Samples")].sum())
+        return out
+
+    def _passed(self, instants_s: npt.NDArray[np.float64], step_us: tuple[int, int] | None) -> npt.NDArray[np.float64]:
+        """Return the shares of a step that have passed by then; −1 where what its frames see is not asked."""
+        if step_us is None or not self._by_frames or self._turns(step_us):
+            return np.full(len(instants_s), -1.0)
+        shares = (instants_s * 1e6 - step_us[0]) / (step_us[1] - step_us[0])
+        return np.where((shares >= 0.0) & (shares <= 1.0), shares, -1.0)
+
+    def _turns(self, step_us: tuple[int, int]) -> bool:
+        """Whether the camera is farther from its start in the middle of a step than at its end."""
+        if self._last_turn[0] != step_us:
+            pose = self._data.world.camera.motion.pose
+            start, middle, end = (pose(time_us * 1e-6) for time_us in (step_us[0], 0.5 * sum(step_us), step_us[1]))
+            turns = bool(np.linalg.norm(middle - start) > np.linalg.norm(end - start))
+            self._last_turn = step_us, turns
+        return self._last_turn[1]
+
+    def _record(self, tile: int) -> Any:
+        planes, bits = self._target(tile)
+        arguments = {
+            "scene": self._data.scene,
+            "camera": self._camera.at_instants(np.zeros(1)),
+            "settings": self._settings,
+            "first": 0,
+            "count": 1,
+            "pixels": self._upload(np.zeros(tile)),
+            "instants": self._upload(np.zeros(tile)),
+            "out_planes": planes,
+        }
+        if self._in_kept_light:
+            from clsim.render.cache.light_keeper import nothing_shown
+
+            arguments |= nothing_shown(self._device)
+        elif self._first_hits:
+            arguments["looks"] = looks_of(self._first_hits, self._sight)
+        else:
+            arguments["out_bits"] = bits
+        return record(self._kernel, tile, self._device, **arguments)
+
+    @property
+    def _corners(self) -> Any:
+        """What the corners of the last frame's pixels saw; None where flat surfaces cannot be told by them."""
+        told = self._in_kept_light and self._data.still and self._features.textures and self._view is not None
+        return self._view().corners if told and self._view is not None else None
+
+    @property
+    def _places(self) -> tuple[tuple[float, float], ...]:
+        """Where rays pass through a pixel: its middle, and where objects move, so that no thin one is missed."""
+        return _MIDDLE + _FINE if self._data.features.instants else _MIDDLE
+
+    @property
+    def _apart(self) -> int:
+        """Pixels from one that is followed to the next: where the camera alone moves, neighbours go alike."""
+        return 2 if self._data.still else 1
+
+    @property
+    def _blocks(self) -> tuple[int, int]:
+        """Rows and columns of pixels that are followed."""
+        height, width = self._shape
+        return -(-height // self._apart), -(-width // self._apart)
+
+    def _rests(self, start_s: float, end_s: float) -> bool:
+        """Whether all is where it was, at the middle and the end of a step."""
+        world = self._data.world
+        if any(mesh.deformation is not None for mesh in world.meshes):
+            return False
+        later_s = 0.5 * (start_s + end_s), end_s
+        pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
+        return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
+
+    def _places_seen_from(self, stand: bytes | None) -> Any:
+        """Return the room for what is seen from a stand of the camera, where all else rests; None keeps nothing."""
+        places = self._stands.pop(stand, None)
+        if places is None and len(self._stands) >= _STANDS:
+            places = self._stands.pop(next(iter(self._stands)))
+        if places is None:
+            rows, columns = self._blocks
+            places = wp.zeros(rows * columns, dtype=wp.vec4, device=self._device)
+        self._stands[stand] = places
+        return places
+
+    def _record_motion(self) -> tuple[Any, Any, Any, Any]:
+        rows, columns = self._blocks
+        blocks = rows * columns
+        kernel = build_motion_field(self._features, self._data.tree)
+        ways: Any = wp.zeros((2 * len(self._places), blocks), dtype=wp.vec2, device=self._device)
+        longest: Any = wp.zeros(blocks, dtype=wp.int64, device=self._device)
+        each = blocks if self._device.is_cpu else 1
+        launch = record(
+            kernel, blocks // each, self._device, scene=self._data.scene,
+            camera=self._camera.at_instants(np.zeros(2)), settings=self._settings, blocks=each,
+            apart=self._apart, start=0, at=wp.vec2(), seen=False, places=self._places_seen_from(None), out_ways=ways[0],
+        )  # fmt: skip
+        spread = wp.launch(
+            build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],
+            device=self._device, record_cmd=True,
+        )  # fmt: skip
+        return launch, spread, ways, longest
+
+    def _upload(self, values: Any) -> Any:
+        return wp.array(values, dtype=wp.int32, device=self._device)
+
+    def _target(self, requests: int) -> tuple[Any, Any]:
+        planes: Any = wp.empty((len(self.names), requests), dtype=wp.float32, device=self._device)
+        return planes, wp.array(ptr=planes.ptr, shape=planes.shape, dtype=wp.uint32, device=self._device)
+
+
+def _largest_around(values: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the largest value of each pixel and its eight neighbours, ``[H, W]``."""
+    padded = np.pad(values, 1)
+    rows = np.maximum(np.maximum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.maximum(np.maximum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])

@@ -1,0 +1,1 @@
+"""Surfaces: materials at a point, what they let through, normals, microfacets."""

@@ -1,0 +1,1 @@
+"""Textures: images and checkerboards, filtered."""

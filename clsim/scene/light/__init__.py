@@ -1,0 +1,1 @@
+"""Spectra, daylight and the sun."""

@@ -1,0 +1,1 @@
+"""Meshes from files (OBJ, PLY), and what is computed on meshes."""

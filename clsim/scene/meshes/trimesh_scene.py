@@ -1,0 +1,327 @@
+"""Mesh files (OBJ, PLY) through trimesh, with the colours and textures of their materials."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import InputError
+from clsim.scene.defaults.framing import ENVIRONMENT, ORBIT_S, bounds, lamp, orbiting_camera
+from clsim.scene.defaults.indoors import stand_inside
+from clsim.scene.files import asset_file
+from clsim.scene.meshes.geometry import joined
+from clsim.scene.meshes.obj_plain import read_plain_obj, unit_normals
+from clsim.scene.parts import Parts
+from clsim.scene.pictures.images import PixelBudget, decode_srgb, unpack_rgba
+from clsim.scene.world import IDENTITY, ImageTexture, Instance, Material, Mesh, Texture, Vec3, World
+
+MAX_FILE_BYTES = 1 << 30
+F64 = npt.NDArray[np.float64]
+
+
+def load_bare(path: Path) -> World:
+    """Load a mesh file as a whole scene: a lamp and a dim environment light it, and the camera orbits around it.
+
+    Both are framed on the bounding box, whatever the file's units.
+
+    Raises:
+        InputError: if the file cannot be used.
+    """
+    parts = load_parts(path)
+    center, size = bounds(path, parts.meshes, parts.instances)
+    camera, light, notes = orbiting_camera(center, size), lamp(center, size), []
+    if inside := stand_inside(parts.meshes, parts.instances, center, size, ORBIT_S):
+        camera, light, why = inside
+        notes = [f"{path.name}: {why}"]
+    return World(
+        name=path.stem,
+        camera=camera,
+        meshes=tuple(parts.meshes),
+        instances=tuple(parts.instances),
+        materials=tuple(parts.materials),
+        textures=tuple(parts.textures),
+        sphere_lights=(light,),
+        environment=ENVIRONMENT,
+        duration_s=camera.motion.duration_s,
+        warnings=tuple(parts.warnings),
+        notes=tuple(notes),
+    )
+
+
+def load_parts(path: Path) -> Parts:
+    """Load the meshes of a file and their materials; units are kept.
+
+    Raises:
+        InputError: one sentence that names the file and what is wrong with it.
+    """
+    notes: list[str] = []
+    reader = _Materials(path, notes)
+    meshes: list[Mesh] = []
+    instances: list[Instance] = []
+    for name, geometry in _geometries(path, notes, materials=True).items():
+        instances.append(Instance(len(meshes), IDENTITY, name))
+        meshes.append(_mesh(path, name, geometry, len(reader.materials)))
+        reader.materials.append(reader.read(name, geometry))
+    return Parts(meshes, reader.materials, reader.textures, instances, warnings=notes)
+
+
+def load_triangles(path: Path) -> Mesh:
+    """Load a file as one mesh, all of material 0; its materials are not read.
+
+    Raises:
+        InputError: as `load_parts`.
+    """
+    if path.suffix.lower() == ".obj" and (plain := read_plain_obj(_data(path))):
+        return plain
+    geometries = _geometries(path, [], materials=False)
+    meshes = [replace(_mesh(path, name, geometry, 0), colors=None) for name, geometry in geometries.items()]
+    return meshes[0] if len(meshes) == 1 else joined(meshes)
+
+
+def _data(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise InputError(f"{path}: is larger than {MAX_FILE_BYTES >> 30} GiB, expected a smaller mesh file")
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def _geometries(path: Path, notes: list[str], *, materials: bool) -> dict[str, Any]:
+    """Return trimesh's meshes of a file by name."""
+    data = _data(path)
+    suffix = path.suffix.lower()
+    resolver = _FolderResolver(path.parent)
+    declared: dict[str, int] = {}
+    if suffix == ".ply":
+        from clsim.scene.meshes.ply import check_ply
+
+        declared = check_ply(path, data)
+    elif suffix == ".obj":
+        data = _as_utf8(data)
+    else:
+        raise InputError(f"{path}: its name ends in {suffix or 'nothing'}, expected .obj or .ply")
+    found = {}
+    for name, geometry in _read(path, data, suffix, resolver, materials=materials).geometry.items():
+        if not hasattr(geometry, "faces"):
+            notes.append(f"{path.name}: {name} has points or lines only and is left out")
+            continue
+        if len(geometry.vertices) < declared.get("vertex", 0) or len(geometry.faces) < declared.get("face", 0):
+            raise InputError(f"{path}: ends before its {declared['vertex']} vertices and all faces: it is truncated")
+        found[str(name)] = geometry
+    if not found:
+        raise InputError(f"{path}: has no triangles, expected a mesh")
+    if materials:
+        notes += [f"{path.name}: {sentence}" for sentence in resolver.lacking]
+        if suffix == ".obj" and not resolver.lacking:
+            wanted = {
+                name.decode("utf-8", "replace").strip() for name in re.findall(rb"(?m)^\s*usemtl[ \t]+(.+)$", data)
+            }
+            notes += [
+                f"{path.name}: there is no material {name}; grey stands in" for name in sorted(wanted - resolver.known)
+            ]
+    return found
+
+
+def _read(path: Path, data: bytes, suffix: str, resolver: _FolderResolver, *, materials: bool) -> Any:
+    import trimesh
+
+    files: Any = resolver  # trimesh needs no more of a resolver than get and []
+    options: dict[str, Any] = {"skip_materials": True} if suffix == ".obj" and not materials else {}
+    try:
+        with warnings.catch_warnings():
+            # Older numpy only warns about text that is no number, and stops there: the rest of the file would be lost.
+            warnings.filterwarnings("error", message="string or file could not be read")
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], resolver=files, process=False, **options)
+    except Exception as error:  # trimesh raises whatever its parsers stumble over
+        if resolver.refused:
+            raise InputError(f"{path}: {resolver.refused[0]}") from None
+        reason = " ".join(str(error).split())[:160] or type(error).__name__
+        raise InputError(f"{path}: cannot be read as {suffix[1:].upper()} ({reason})") from None
+    if resolver.refused:
+        raise InputError(f"{path}: {resolver.refused[0]}")
+    return scene
+
+
+class _FolderResolver:
+    """Gives trimesh the files beside the mesh and no others; trimesh swallows errors here, so they are kept.
+
+    Attributes:
+        refused: why a file may not be read.
+        lacking: which files are missing or damaged, and what that means.
+        known: names of the materials that were found.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.refused: list[str] = []
+        self.lacking: list[str] = []
+        self.known: set[str] = set()
+
+    def get(self, name: str) -> bytes:
+        """Return an image's bytes."""
+        from PIL import Image
+
+        data = self._bytes(name, "image", "its material has no texture")
+        try:
+            Image.open(io.BytesIO(data))
+        except Exception:
+            self.lacking.append(f"the image {name} cannot be decoded; its material has no texture")
+            raise
+        return data
+
+    def __getitem__(self, name: str) -> bytes:
+        """Return the bytes of a library of materials."""
+        data = _as_utf8(self._bytes(name, "material library", "its materials are grey"))
+        self.known |= {found.strip().decode() for found in re.findall(rb"(?m)^\s*newmtl[ \t]+(.+)$", data)}
+        return data
+
+    def _bytes(self, name: str, kind: str, consequence: str) -> bytes:
+        try:
+            file = asset_file(name, self.folder)
+            if not file.is_file():  # a name in another encoding than UTF-8 was decoded for trimesh
+                file = asset_file(os.fsdecode(name.encode("latin-1", "ignore")), self.folder)
+            if file.is_file() and file.stat().st_size > MAX_FILE_BYTES:
+                raise InputError(f"{name!r} is larger than {MAX_FILE_BYTES >> 30} GiB")
+        except InputError as error:
+            self.refused.append(str(error))
+            raise
+        try:
+            return file.read_bytes()
+        except OSError as error:
+            self.lacking.append(f"the {kind} {name} cannot be read ({error.strerror}); {consequence}")
+            raise
+
+
+def _as_utf8(data: bytes) -> bytes:
+    """Return text as UTF-8; what is none is taken for Latin-1, in which every byte is a letter."""
+    try:
+        data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1").encode()
+    return data
+
+
+def _mesh(path: Path, name: str, geometry: Any, material: int) -> Mesh:
+    try:
+        return mesh_of(name, geometry, material)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def mesh_of(name: str, geometry: Any, material: int = 0) -> Mesh:
+    """Return a mesh of trimesh as one of ours, with the normals that came with its file, if any.
+
+    Raises:
+        InputError: a vertex is not finite, or a triangle names none; the message says in which mesh.
+    """
+    vertices = np.asarray(geometry.vertices, np.float64)
+    faces = np.asarray(geometry.faces)
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(vertices)):
+        wrong = faces[(faces < 0) | (faces >= len(vertices))][0]
+        raise InputError(f"mesh {name}: a triangle uses vertex {wrong}, expected 0 to {len(vertices) - 1}")
+    if len(faces) and not np.isfinite(vertices).all():
+        bad = int(np.flatnonzero(~np.isfinite(vertices).all(axis=1))[0])
+        value = ", ".join(f"{x:g}" for x in vertices[bad])
+        raise InputError(f"mesh {name}: vertex {bad} is ({value}), expected finite numbers")
+    # Only normals that came with the file stand in the cache here; asking for others would invent smooth ones.
+    normals = np.array(geometry.vertex_normals, np.float64) if "vertex_normals" in geometry._cache else None
+    uvs = _uvs(geometry)
+    return Mesh(
+        vertices=np.ascontiguousarray(vertices, np.float32),
+        triangles=np.ascontiguousarray(faces, np.int32),
+        material_ids=np.full(len(faces), material, np.int32),
+        normals=None if normals is None else unit_normals(normals),
+        uvs=None if uvs is None else np.ascontiguousarray(uvs, np.float32),
+        colors=_colors(geometry),
+    )
+
+
+def _colors(geometry: Any) -> npt.NDArray[np.float32] | None:
+    """Return the colours of vertices, which files hold in sRGB; None where all are one, which is the material's."""
+    if geometry.visual.kind != "vertex" or _has_material(geometry.visual):
+        return None
+    colors = np.asarray(geometry.visual.vertex_colors)[:, :3]
+    if len(colors) != len(geometry.vertices) or not len(colors) or (colors == colors[0]).all():
+        return None
+    return np.ascontiguousarray(decode_srgb(colors / 255.0), np.float32)
+
+
+def _has_material(visual: Any) -> bool:
+    source = getattr(visual, "material", None)
+    return source is not None and not _is_placeholder(source)
+
+
+def _uvs(geometry: Any) -> F64 | None:
+    uvs = getattr(geometry.visual, "uv", None)
+    if uvs is None or np.shape(uvs) != (len(geometry.vertices), 2):
+        return None
+    return np.nan_to_num(np.asarray(uvs, np.float64), nan=0.0, posinf=0.0, neginf=0.0)
+
+
+class _Materials:
+    """Reads materials, and each image once.
+
+    Attributes:
+        materials: one per mesh.
+        textures: what they use.
+    """
+
+    def __init__(self, path: Path, notes: list[str]) -> None:
+        self.materials: list[Material] = []
+        self.textures: list[Texture] = []
+        self._path, self._notes = path, notes
+        self._images: dict[str, int] = {}
+        self._budget = PixelBudget()
+
+    def read(self, name: str, geometry: Any) -> Material:
+        """Return the diffuse part of a mesh's material, and what it emits."""
+        visual = geometry.visual
+        if not _has_material(visual):
+            if visual.kind not in ("vertex", "face"):
+                return Material()
+            if _colors(geometry) is not None:
+                return Material(color=(1.0, 1.0, 1.0))
+            colors = np.asarray(visual.vertex_colors if visual.kind == "vertex" else visual.face_colors)[:, :3]
+            if len(colors) and (colors != colors[0]).any():
+                self._notes.append(f"{self._path.name}: the colours of {name}'s faces are averaged")
+            return Material(color=_vec3(decode_srgb(colors / 255.0).mean(axis=0)))
+        source = visual.material
+        written = source.kwargs  # trimesh rounds its own copies to 8 bits
+        image = getattr(source, "image", None)
+        texture = -1 if image is None else self._texture(name, image, str(written.get("map_kd")))
+        kd, ke = written.get("kd"), written.get("ke")
+        color = np.full(3, 0.5 if image is None else 1.0)
+        if isinstance(kd, list) and len(kd) == 3:
+            color = np.clip(np.nan_to_num(np.asarray(kd, np.float64)), 0.0, 1.0)
+            if image is not None and not color.any():
+                color = np.ones(3)  # exporters write black beside a texture, and viewers show the texture
+        emission = np.zeros(3)
+        if isinstance(ke, list) and len(ke) == 3:
+            emission = np.maximum(np.nan_to_num(np.asarray(ke, np.float64), posinf=0.0), 0.0)
+        return Material(color=_vec3(color), texture=texture, emission=_vec3(emission), name=name)
+
+    def _texture(self, name: str, image: Any, file: str) -> int:
+        if file not in self._images:
+            pixels = unpack_rgba(f"{self._path}: the texture of {name}", image, self._budget)
+            self._images[file] = len(self.textures)
+            self.textures.append(ImageTexture(pixels))
+        return self._images[file]
+
+
+def _is_placeholder(source: Any) -> bool:
+    """Tell whether trimesh made this material up because the file has only u and v: its image is from no file."""
+    image = getattr(source, "image", None)
+    return image is not None and image.format is None and not source.kwargs
+
+
+def _vec3(values: F64) -> Vec3:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -1,0 +1,358 @@
+"""Mitsuba scenes (XML of versions 0.6 to 3): from the file to the world.
+
+Mitsuba's cameras look along +z with x to the left; its lights shine along +z. Its environment maps lie as clsim's do.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.defaults.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.light.daylight import sky, sun_light
+from clsim.scene.meshes.geometry import is_similarity, placed_rigidly
+from clsim.scene.mitsuba.daylight import KINDS, read_daylight, scales, sun_deg
+from clsim.scene.mitsuba.materials import MaterialReader
+from clsim.scene.mitsuba.places import ahead, placed, start_of
+from clsim.scene.mitsuba.shapes import read_shape
+from clsim.scene.mitsuba.values import Color, file_of
+from clsim.scene.mitsuba.xml import Plugin, read_scene
+from clsim.scene.motion import Matrix, Motion, Nested, Static, compose, look_at
+from clsim.scene.pictures.images import PixelBudget, read_linear
+from clsim.scene.rigid import mirrors, without_stretch
+from clsim.scene.world import (
+    Camera,
+    EnvironmentMap,
+    ImageTexture,
+    Instance,
+    Lens,
+    Mesh,
+    PunctualLight,
+    SphereLight,
+    Vec3,
+    World,
+)
+
+IGNORED = ("film", "bsdf", "texture", "medium", "spectrum", "phase")
+FULL_FRAME_MM = (36.0, 24.0)
+
+
+def load_mitsuba(path: Path, parameters: Mapping[str, str] | None = None) -> World:
+    """Load a Mitsuba scene.
+
+    Args:
+        path: the file.
+        parameters: what stands for ``$name`` in it, before its own defaults.
+
+    Raises:
+        InputError: one sentence with the file, the line, and what is wrong there.
+    """
+    scene, legacy = read_scene(path, parameters or {})
+    reader = _Reader(path, legacy)
+    for plugin in scene.children:
+        reader.add(plugin)
+    return reader.world()
+
+
+class _Reader:
+    """Collects the scene's contents, object by object."""
+
+    def __init__(self, path: Path, legacy: bool) -> None:
+        self.path, self.folder, self.legacy = path, path.parent, legacy
+        self.warnings: list[str] = []
+        self.materials = MaterialReader(legacy, self.folder, self._warn)
+        self.meshes: list[Mesh] = []
+        self.instances: list[Instance] = []
+        self.punctual_lights: list[PunctualLight] = []
+        self.sphere_lights: list[SphereLight] = []
+        self.cameras: list[Camera] = []
+        self.environment: Vec3 = (0.0, 0.0, 0.0)
+        self.environment_map: EnvironmentMap | None = None
+        self.suns: list[Callable[[Vec3, float], SphereLight]] = []
+        self.groups: dict[int, list[tuple[int, Matrix]]] = {}
+
+    def world(self) -> World:
+        """Return what was collected, with a camera and light of clsim's own where there is none."""
+        if self.suns:
+            middle, extent = bounds(self.path, self.meshes, self.instances)
+            self.sphere_lights += [make(middle, float(np.linalg.norm(extent)) / 2) for make in self.suns]
+        lit = bool(self.environment_map or any(self.environment) or self.punctual_lights or self.sphere_lights) or any(
+            any(material.emission) for material in self.materials.materials
+        )
+        cameras, lights = self.cameras, self.sphere_lights
+        if not (cameras and lit):
+            center, size = bounds(self.path, self.meshes, self.instances)
+            cameras = cameras or [orbiting_camera(center, size)]
+            lights = lights if lit else [lamp(center, size)]
+        world = World(
+            name=self.path.stem,
+            camera=cameras[0],
+            meshes=tuple(self.meshes),
+            instances=tuple(self.instances),
+            materials=tuple(self.materials.materials),
+            textures=tuple(self.materials.textures.textures),
+            sphere_lights=tuple(lights),
+            punctual_lights=tuple(self.punctual_lights),
+            environment=self.environment if lit else ENVIRONMENT,
+            environment_map=self.environment_map,
+            warnings=tuple(self.warnings),
+        )
+        return replace(world, duration_s=world.moving_s() or 1.0)
+
+    def _warn(self, sentence: str) -> None:
+        text = f"{self.path.name}: {sentence}"
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def add(self, plugin: Plugin) -> None:
+        """Add an object of the scene."""
+        if plugin.kind == "shape":
+            self._add_shape(plugin)
+        elif plugin.kind in ("emitter", "luminaire"):
+            self._add_emitter(plugin)
+        elif plugin.kind in ("sensor", "camera"):
+            self._add_sensor(plugin)
+        elif plugin.kind not in IGNORED:
+            self._warn(f"<{plugin.kind}> is left out")
+
+    def _add_shape(self, shape: Plugin) -> None:
+        if shape.type == "shapegroup":
+            return
+        if shape.type == "instance":
+            self._add_instances(shape)
+            return
+        motion, stretch = placed(shape)
+        emitter = next(iter(shape.of_kind("emitter", "luminaire")), None)
+        if emitter is not None and self._add_sphere_light(shape, emitter, motion, stretch):
+            return
+        mesh = self._mesh(shape, stretch[:3, :3], emitter)
+        if mesh is not None:
+            self.instances.append(Instance(len(self.meshes), motion, shape.get("filename", "") or shape.type))
+            self.meshes.append(mesh)
+
+    def _mesh(self, shape: Plugin, linear: Matrix, emitter: Plugin | None = None) -> Mesh | None:
+        mesh = read_shape(shape, self.folder, linear)
+        if mesh is None:
+            self._warn(f"shapes of type {shape.type} are left out")
+            return None
+        emission: Vec3 = (0.0, 0.0, 0.0)
+        texture = -1
+        if emitter is not None:
+            if emitter.type != "area":
+                self._warn(f"emitters of type {emitter.type} are left out")
+            elif (image := emitter.child("radiance")) is not None:
+                emission, texture = (1.0, 1.0, 1.0), self.materials.textures.index(image)
+            else:
+                emission = _radiance(emitter, "radiance")
+        bsdf = next(iter(shape.of_kind("bsdf")), None)
+        media = shape.of_kind("medium")
+        inside = next((medium for medium in media if medium.name == "interior"), None)
+        if any(medium.name == "exterior" for medium in media):
+            self._warn("media outside of shapes are left out: what is fog is clear")
+        material = self.materials.index(bsdf, emission, texture, inside)
+        return replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
+
+    def _add_sphere_light(self, shape: Plugin, emitter: Plugin, motion: Motion, stretch: Matrix) -> bool:
+        """Add a sphere that glows evenly as the light it is; tell whether it could be done."""
+        if shape.type != "sphere" or emitter.type != "area" or emitter.child("radiance") is not None:
+            return False
+        linear = start_of(shape)[:3, :3]  # mirrored, a sphere is one
+        if not (is_similarity(linear) or is_similarity(-linear)) or shape.get("flip_normals", False):
+            return False
+        scale = float(np.linalg.norm(linear[:, 0]))
+        center = compose(stretch[:3, :3] @ shape.get("center", np.zeros(3)), np.eye(3))
+        self.sphere_lights.append(
+            SphereLight(
+                shape.get("radius", 1.0) * scale, _radiance(emitter, "radiance"), Nested(motion, Static(center))
+            )
+        )
+        return True
+
+    def _add_instances(self, shape: Plugin) -> None:
+        groups = [child for child in shape.children if child.type == "shapegroup"]
+        if not groups:
+            raise InputError(f"{shape.place}: the instance refers to no shapegroup")
+        key = id(groups[0].children)  # a reference shares the children of what it refers to
+        if key not in self.groups:
+            parts = []
+            for child in groups[0].of_kind("shape"):
+                mesh = None if child.type in ("instance", "shapegroup") else self._mesh(child, np.eye(3))
+                if mesh is not None:
+                    parts.append((len(self.meshes), start_of(child)))
+                    self.meshes.append(mesh)
+            self.groups[key] = parts
+        motion, stretch = placed(shape)
+        for index, matrix in self.groups[key]:
+            if isinstance(motion, Static):
+                copy, pose = placed_rigidly(self.meshes, index, motion.matrix @ stretch @ matrix)
+                self.instances.append(Instance(copy, Static(pose), "instance"))
+            else:
+                copy, pose = placed_rigidly(self.meshes, index, stretch @ matrix)
+                self.instances.append(Instance(copy, Nested(motion, Static(pose)), "instance"))
+
+    def _add_emitter(self, emitter: Plugin) -> None:
+        motion = ahead(emitter)
+        kind = emitter.type
+        if kind == "constant":
+            self.environment = _radiance(emitter, "radiance")
+        elif kind == "envmap":
+            path = file_of(emitter.place, emitter.get("filename", ""), self.folder)
+            scale = np.float32(emitter.get("scale", 1.0))
+            pixels = read_linear(path, PixelBudget()) * scale
+            self.environment_map = EnvironmentMap(pixels, without_stretch(start_of(emitter)))
+        elif kind in KINDS:
+            self._add_daylight(emitter, without_stretch(start_of(emitter)))
+        elif kind == "point":
+            position = emitter.values.get("position")
+            if position is not None:
+                motion = Static(compose(position, np.eye(3)))
+            self.punctual_lights.append(PunctualLight("point", _radiance(emitter, "intensity"), motion))
+        elif kind == "spot":
+            self.punctual_lights.append(self._spot(emitter, motion))
+        elif kind == "projector":
+            self.punctual_lights.append(self._projector(emitter, motion))
+        elif kind == "directional":
+            direction = emitter.values.get("direction")
+            if direction is not None and np.linalg.norm(direction) > 0:
+                motion = Static(look_at((0.0, 0.0, 0.0), direction))
+            self.punctual_lights.append(PunctualLight("directional", _radiance(emitter, "irradiance"), motion))
+        elif kind != "area":  # which only shapes refer to
+            self._warn(f"emitters of type {kind} are left out")
+
+    def _spot(self, emitter: Plugin, motion: Motion) -> PunctualLight:
+        outer = emitter.get("cutoff_angle", 20.0)
+        inner = emitter.get("beam_width", outer * 3 / 4)
+        light = PunctualLight("spot", _radiance(emitter, "intensity"), motion, min(inner, outer), outer, "linear")
+        if (texture := emitter.child("texture")) is None:
+            return light
+        size = math.tan(math.radians(outer))
+        # Its right is Mitsuba's left, unless that is mirrored; and there the picture stands on its head.
+        across = size if mirrors(start_of(emitter)) else -size
+        return replace(light, picture=self.materials.textures.index(texture), picture_size=(across, -size))
+
+    def _projector(self, emitter: Plugin, motion: Motion) -> PunctualLight:
+        """Return a projector: its picture, times its scale and π, is irradiance on a plane at a distance of 1."""
+        texture = emitter.child("irradiance")
+        picture = -1 if texture is None else self.materials.textures.index(texture)
+        image = self.materials.textures.textures[picture] if picture >= 0 else None
+        rows, columns = image.pixels.shape[:2] if isinstance(image, ImageTexture) else (1, 1)
+        half = math.tan(math.radians(min(emitter.get("fov", 45.0), 179.0)) / 2)
+        across = half * {"x": 1.0, "y": columns / rows}.get(self._fov_axis(emitter, columns, rows), 1.0)
+        up = across * rows / columns
+        strength = math.pi * emitter.get("scale", 1.0)
+        outer = math.degrees(math.atan(math.hypot(across, up)))
+        light = PunctualLight("spot", (strength,) * 3, motion, 0.0, outer, "frame")
+        return replace(light, picture=picture, picture_size=(-across if mirrors(start_of(emitter)) else across, up))
+
+    @staticmethod
+    def _fov_axis(emitter: Plugin, columns: int, rows: int) -> str:
+        """Return the axis, x or y, along which a field of view is told."""
+        axis = str(emitter.get("fov_axis", "x"))
+        wider = "x" if columns >= rows else "y"
+        return {"smaller": "y" if wider == "x" else "x", "larger": wider}.get(axis, axis)
+
+    def _add_daylight(self, emitter: Plugin, turn: Matrix) -> None:
+        day, to_world = read_daylight(emitter, turn, self.legacy)
+        if day.is_night:
+            self._warn("the sun is below the horizon, so there is no daylight")
+            return
+        sky_scale, sun_scale = scales(emitter)
+        if sky_scale > 0:
+            self.environment_map = EnvironmentMap(sky(day) * np.float32(sky_scale), to_world)
+        if sun_scale > 0:
+            self.suns.append(partial(sun_light, day, to_world, scale=sun_scale, seen_deg=sun_deg(emitter)))
+
+    def _add_sensor(self, sensor: Plugin) -> None:
+        if sensor.type not in ("perspective", "thinlens", "perspective_rdist", "orthographic"):
+            self._warn(f"sensors of type {sensor.type} are left out")
+            return
+        if self.cameras:
+            self._warn("the first of several sensors is used")
+            return
+        film = next(iter(sensor.of_kind("film")), None)
+        width, height = 768, 576
+        if film is not None:
+            width, height = int(film.get("width", 768.0)), int(film.get("height", 576.0))
+            if "crop_width" in film.values or "crop_height" in film.values:
+                self._warn("the film's crop window is left out")
+        if min(width, height) < 1:
+            raise InputError(f"{sensor.place}: the film is {width}×{height}, expected at least one pixel")
+        thin = sensor.type == "thinlens"
+        if sensor.type == "orthographic":
+            self.cameras.append(_orthographic(sensor, width, height))
+            return
+        lens = Lens(
+            aperture_radius_m=sensor.get("aperture_radius", 0.0) if thin else 0.0,
+            focus_distance_m=sensor.get("focus_distance", 1.0) if thin else 1.0,
+            # Mitsuba shifts the film, clsim the optical centre upon it.
+            principal_point=(
+                -sensor.get("principal_point_offset_x", 0.0),
+                -sensor.get("principal_point_offset_y", 0.0) * height / width,
+            ),
+            mirrored=mirrors(start_of(sensor)),
+        )
+        self.cameras.append(
+            Camera(
+                width,
+                height,
+                _fov_deg(sensor, width, height),
+                ahead(sensor),
+                _exposure_s(sensor),
+                lens,
+            )
+        )
+
+
+def _orthographic(sensor: Plugin, width: int, height: int) -> Camera:
+    """Return a camera of parallel rays, which sees from −1 to 1 along its own x, whatever its place makes of that."""
+    # It shows a square of its film, stretched where the place is scaled unevenly.
+    across, up = np.linalg.norm(start_of(sensor)[:3, :2], axis=0)
+    lens = Lens(model="orthographic", mirrored=mirrors(start_of(sensor)), view_width_m=2 * float(across))
+    lens = replace(lens, aspect=float(up / across) if across > 0 else 1.0)
+    return Camera(width, height, 45.0, ahead(sensor), _exposure_s(sensor), lens)
+
+
+def _exposure_s(sensor: Plugin) -> float:
+    return max(float(sensor.get("shutter_close", 0.0) - sensor.get("shutter_open", 0.0)), 0.0)
+
+
+def _radiance(plugin: Plugin, name: str) -> Vec3:
+    value = plugin.values.get(name, plugin.values.get("value", 1.0))
+    if plugin.child(name) is not None:
+        raise InputError(f"{plugin.place}: {plugin.type}.{name} is a texture, expected a colour")
+    if isinstance(value, float):
+        value = Color((value, value, value))
+    if not isinstance(value, Color):
+        raise InputError(f"{plugin.place}: {plugin.type}.{name} is {value!r}, expected a colour")
+    scale = plugin.get("scale", 1.0)
+    r, g, b = (max(channel * scale, 0.0) for channel in value.rgb)
+    return r, g, b
+
+
+def _fov_deg(sensor: Plugin, width: int, height: int) -> float:
+    """Return the horizontal field of view; Mitsuba's may be given along another side or as a focal length."""
+    axis = sensor.get("fov_axis", "x").lower()
+    fov = sensor.get("fov", 0.0)
+    if "fov" not in sensor.values:
+        text = sensor.get("focal_length", "50mm").lower().removesuffix("mm")
+        try:
+            focal_mm = float(text)
+        except ValueError:
+            raise InputError(f"{sensor.place}: focal_length is {text!r}, expected millimetres such as 50mm") from None
+        if not focal_mm > 0:
+            raise InputError(f"{sensor.place}: focal_length is {focal_mm:g} mm, expected more than 0")
+        fov, axis = 2 * math.degrees(math.atan(math.hypot(*FULL_FRAME_MM) / 2 / focal_mm)), "diagonal"
+    if not 0 < fov < 180:
+        raise InputError(f"{sensor.place}: fov is {fov:g}, expected more than 0 and less than 180")
+    if axis in ("smaller", "larger"):
+        axis = "x" if (axis == "larger") == (width >= height) else "y"
+    sides = {"x": width, "y": height, "diagonal": math.hypot(width, height)}
+    if axis not in sides:
+        raise InputError(f"{sensor.place}: fov_axis is {axis!r}, expected x, y, diagonal, smaller or larger")
+    return 2 * math.degrees(math.atan(math.tan(math.radians(fov / 2)) * width / sides[axis]))

@@ -1,0 +1,186 @@
+"""A model of MuJoCo's as a world, with what of it moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import Error, InputError
+from clsim.scene.builder import WorldBuilder
+from clsim.scene.driven import CAMERA
+from clsim.scene.motion import Matrix, Static, look_at
+from clsim.scene.mujoco.cameras import FREE, camera_of, free_pose
+from clsim.scene.mujoco.shapes import mesh_of
+from clsim.scene.mujoco.surfaces import Surfaces, headlight, light, sky
+from clsim.scene.world import Material, Mesh, Sensor, World
+
+_SHOWN_GROUPS = 3
+"""Groups of geoms that MuJoCo shows if it is not told otherwise: 0, 1 and 2. In the others are what collides unseen."""
+_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""MuJoCo's world has +z up, ours +y."""
+_HALF = np.sqrt(0.5)
+_HEADLIGHT = "headlight"
+
+
+class ShownModel:
+    """A model and its data, shown: x, y, z of our world are x, z, −y of MuJoCo's.
+
+    Attributes:
+        bodies: names of the bodies that can move, by number.
+        lights: names of the lights that can move, or go with the camera, by number; the headlight's is −1.
+        camera_moves: whether the camera can.
+    """
+
+    def __init__(self, model: Any, data: Any, camera: str | int, resolution: tuple[int, int]) -> None:
+        """Bring the data up to date, and find what there is.
+
+        Args:
+            model: an ``MjModel``.
+            data: its ``MjData``.
+            camera: name or number of a camera of the model; one without cameras is seen as MuJoCo's viewer does.
+            resolution: width and height [pixels].
+
+        Raises:
+            InputError: there is no such camera.
+            clsim.Error: MuJoCo is not installed.
+        """
+        try:
+            import mujoco
+        except ImportError:
+            raise Error("MuJoCo is not installed; pip install 'clsim[mujoco]'") from None
+        mujoco.mj_forward(model, data)
+        self._model, self._data, self._resolution = model, data, resolution
+        self._camera = _camera_number(model, camera)
+        self.camera_moves = self._camera != FREE and _goes(
+            model, model.cam_bodyid[self._camera], model.cam_mode[self._camera]
+        )
+        self.bodies: dict[int, str] = {}
+        self.lights: dict[int, str] = {}
+
+    def world(self, name: str, sensor: Sensor | None, fps: float) -> World:
+        """Return the world, with everything where it is in the data now; raises InputError for what cannot be shown."""
+        eye = camera_of(self._model, self._camera, self._resolution, Static(self.camera_pose()))
+        builder = WorldBuilder(eye, name)
+        self._add_bodies(builder)
+        self._add_lights(builder)
+        world = builder.world(environment=sky(self._model), sensor=sensor, fps=fps)
+        return _with_warnings(world, self._model)
+
+    def update(self) -> None:
+        """Compute from the data's state where bodies, cameras and lights are; the state stays as it is."""
+        import mujoco
+
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+    def body_places(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """Return positions ``[B, 3]`` and quaternions x, y, z, w ``[B, 4]`` of `bodies`, in our world."""
+        numbers = list(self.bodies)
+        return self._data.xpos[numbers] @ _UP.T, _lifted(self._data.xquat[numbers])
+
+    def camera_pose(self) -> Matrix:
+        """Return the camera's pose ``[4, 4]`` in our world."""
+        if self._camera == FREE:
+            pose = free_pose(self._model)
+            pose[:3] = _UP @ pose[:3]
+            return pose
+        pose = np.eye(4)
+        pose[:3, :3] = _UP @ self._data.cam_xmat[self._camera].reshape(3, 3)
+        pose[:3, 3] = _UP @ self._data.cam_xpos[self._camera]
+        return pose
+
+    def light_pose(self, index: int) -> Matrix:
+        """Return the pose ``[4, 4]`` of a light of that number in our world; it shines along −z."""
+        if index < 0:
+            return self.camera_pose()
+        place, towards = _UP @ self._data.light_xpos[index], _UP @ self._data.light_xdir[index]
+        return look_at(place, place + towards)
+
+    def _add_bodies(self, builder: WorldBuilder) -> None:
+        model, surfaces = self._model, Surfaces(self._model, builder)
+        for body in range(model.nbody):
+            first = int(model.body_geomadr[body])
+            parts: dict[str, tuple[Mesh, Matrix, Material]] = {}
+            for geom in range(first, first + int(model.body_geomnum[body])):
+                mesh = mesh_of(model, geom) if model.geom_group[geom] < _SHOWN_GROUPS else None
+                material = None if mesh is None else surfaces.of(geom, mesh)
+                if mesh is not None and material is not None:
+                    offset = _matrix(model.geom_pos[geom], model.geom_quat[geom])
+                    parts[_name(model.geom(geom).name, "geom", geom)] = (mesh, offset, material)
+            if not parts:
+                continue
+            name = _name(model.body(body).name, "body", body)
+            pose = _matrix(self._data.xpos[body], self._data.xquat[body])
+            pose[:3] = _UP @ pose[:3]
+            builder.add_parts(name, parts, pose)
+            if _goes(model, body, 0) or model.body_mocapid[body] >= 0:
+                self.bodies[body] = name
+
+    def _add_lights(self, builder: WorldBuilder) -> None:
+        model = self._model
+        active = np.flatnonzero(model.light_active).tolist()
+        for index in active:
+            name = f"light:{_name(model.light(index).name, 'light', index)}"
+            builder.add_light(name, light(model, index, self._data.light_xpos[index]), self.light_pose(index))
+            if _goes(model, model.light_bodyid[index], model.light_mode[index]):
+                self.lights[index] = name
+        if not active and model.vis.headlight.active:
+            builder.add_light(_HEADLIGHT, headlight(model), self.camera_pose())
+            self.lights[-1] = _HEADLIGHT
+
+
+def _goes(model: Any, body: int, mode: int) -> bool:
+    """Whether what is fixed to a body, or follows one by its mode, can move."""
+    return bool(model.body_weldid[body] != 0 or mode != 0)
+
+
+def _camera_number(model: Any, camera: str | int) -> int:
+    names = [model.camera(k).name for k in range(model.ncam)]
+    if isinstance(camera, str) and camera in names:
+        return names.index(camera)
+    if model.ncam == 0 and camera == 0:
+        return FREE
+    if isinstance(camera, int) and 0 <= camera < model.ncam:
+        return camera
+    raise InputError(f"`camera` is {camera!r}, expected one of the model's: {', '.join(names) or 'it has none'}")
+
+
+def _name(name: str, kind: str, index: int) -> str:
+    """Return a name that our world can have; ``camera`` is what it calls its own."""
+    own = name.replace("/", ":")
+    return f"{kind}{index}" if own in ("", CAMERA) else own
+
+
+def _matrix(position: Any, quaternion: Any) -> Matrix:
+    """Return the 4×4 matrix of a position and a quaternion w, x, y, z."""
+    import mujoco
+
+    pose, turn = np.eye(4), np.zeros(9)
+    mujoco.mju_quat2Mat(turn, quaternion)
+    pose[:3, :3], pose[:3, 3] = turn.reshape(3, 3), position
+    return pose
+
+
+def _lifted(quaternions: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return quaternions x, y, z, w in our world of MuJoCo's w, x, y, z: a quarter turn about −x goes before them."""
+    w, x, y, z = quaternions.T
+    return np.asarray(np.stack([x - w, y + z, z - y, w + x], axis=1) * _HALF)
+
+
+def _with_warnings(world: World, model: Any) -> World:
+    import mujoco
+
+    lacking = [
+        (model.nflex, "flexible bodies"),
+        (model.nskin, "skins"),
+        (model.ntendon, "tendons"),
+        ((model.geom_type == mujoco.mjtGeom.mjGEOM_SDF).sum(), "signed distance fields"),
+        ((model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX).sum(), "a skybox"),
+        ((model.mat_reflectance > 0).sum(), "reflectance"),
+    ]
+    left_out = [f"mujoco: the model has {what}, which clsim leaves out" for count, what in lacking if count]
+    return replace(world, warnings=(*world.warnings, *left_out))

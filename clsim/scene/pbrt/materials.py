@@ -1,0 +1,289 @@
+"""pbrt-v4's spectra, textures and materials."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.light.spectra import METALS, blackbody_rgb, rgb_of_light, rgb_of_reflectance
+from clsim.scene.pbrt.tokens import Parameters, file_of
+from clsim.scene.pictures.images import U8, PixelBudget, decode_srgb, encode_srgb8, read_texture, roughness_pixels
+from clsim.scene.world import ImageTexture, Material, Texture, Vec3, Wrap
+
+WRAPS: dict[str, Wrap] = {"repeat": "repeat", "clamp": "clamp", "black": "clamp", "octahedralsphere": "clamp"}
+GLASSES = {
+    "glass-BK7": 1.5168,
+    "glass-BAF10": 1.67,
+    "glass-FK51A": 1.4866,
+    "glass-LASF9": 1.8503,
+    "glass-F5": 1.6034,
+    "glass-F10": 1.6235,
+    "glass-F11": 1.6206,
+    "glass-SF5": 1.6727,
+    "glass-SF10": 1.7283,
+    "glass-SF11": 1.7847,
+}
+"""Refractive indices at the yellow sodium line by the names of pbrt-v4."""
+WHITE: Vec3 = (1.0, 1.0, 1.0)
+LEAST_ALPHA = 0.001
+
+
+@dataclass(frozen=True)
+class NamedTexture:
+    """A texture as written: a constant colour, or an index and a factor."""
+
+    color: Vec3
+    index: int = -1
+
+
+class MaterialReader:
+    """Reads materials and textures.
+
+    Attributes:
+        materials: what was read so far.
+        textures: likewise.
+    """
+
+    def __init__(self, folder: Path, warn: Callable[[str], None]) -> None:
+        """Read files from a folder; ``warn`` takes what World cannot hold."""
+        self.materials: list[Material] = []
+        self.textures: list[Texture] = []
+        self._folder, self._warn = folder, warn
+        self._named: dict[str, NamedTexture] = {}
+        self._indices: dict[Material, int] = {}
+        self._images: dict[Path, U8] = {}
+        self._added: dict[tuple[object, ...], int] = {}
+        self._budget = PixelBudget()
+
+    def index(self, material: Material) -> int:
+        """Return the index into ``materials``."""
+        if material not in self._indices:
+            self._indices[material] = len(self.materials)
+            self.materials.append(material)
+        return self._indices[material]
+
+    def add_texture(self, name: str, kind: str, parameters: Parameters) -> None:
+        """Remember a named texture."""
+        if kind == "constant":
+            self._named[name] = NamedTexture(self.color(parameters, "value", 1.0))
+        elif kind == "scale":
+            inner = self.texture(parameters, "tex", 1.0)
+            factor = self.texture(parameters, "scale", 1.0)
+            if factor.index >= 0:
+                if inner.index >= 0:
+                    self._warn("a texture scaled by another keeps the first alone")
+                    factor = NamedTexture(WHITE)
+                inner, factor = (factor, inner) if inner.index < 0 else (inner, factor)
+            a, b, c = (x * y for x, y in zip(inner.color, factor.color, strict=True))
+            self._named[name] = NamedTexture((a, b, c), inner.index)
+        elif kind == "imagemap":
+            factor_value = parameters.number("scale", 1.0)
+            self._named[name] = NamedTexture((factor_value,) * 3, self._imagemap(parameters))
+        elif kind == "checkerboard":
+            self._named[name] = NamedTexture(WHITE, self._checkerboard(parameters))
+        else:
+            self._warn(f"the texture {kind} is left out; grey stands in")
+            self._named[name] = NamedTexture((0.5, 0.5, 0.5))
+
+    def texture(self, parameters: Parameters, name: str, default: float) -> NamedTexture:
+        """Return a parameter that may be a texture."""
+        parameter = parameters.found.get(name)
+        if parameter is None or parameter.type != "texture":
+            return NamedTexture(self.color(parameters, name, default))
+        wanted = parameters.word(name, "")
+        if wanted not in self._named:
+            raise InputError(f"{parameter.place}: there is no texture {wanted!r} before this")
+        return self._named[wanted]
+
+    def color(self, parameters: Parameters, name: str, default: float, *, emits: bool = False) -> Vec3:
+        """Return a colour parameter: rgb, a spectrum or a number; spectra of lights are taken as they are."""
+        convert = rgb_of_light if emits else rgb_of_reflectance
+        parameter = parameters.found.get(name)
+        if parameter is None:
+            return default, default, default
+        numbers = parameter.numbers.tolist()
+        if parameter.type == "blackbody" and numbers:
+            if not 100 <= numbers[0] <= 100_000:
+                raise InputError(f"{parameter.place}: {name} is {numbers[0]:g} K, expected 100 to 100000")
+            return blackbody_rgb(numbers[0])
+        if parameter.words:
+            return self._named_spectrum(parameter.place, parameter.words[0], convert)
+        if parameter.type == "spectrum" and len(numbers) >= 2 and len(numbers) % 2 == 0:
+            return convert(numbers[::2], numbers[1::2])
+        if len(numbers) not in (1, 3):
+            raise InputError(f"{parameter.place}: {name} has {len(numbers)} numbers, expected a colour")
+        r, g, b = numbers if len(numbers) == 3 else numbers * 3
+        return r, g, b
+
+    def _named_spectrum(self, place: str, name: str, convert: Callable[[Any, Any], Vec3]) -> Vec3:
+        parts = name.split("-")
+        if len(parts) == 3 and parts[0] == "metal" and parts[1] in METALS and parts[2] in ("eta", "k"):
+            return METALS[parts[1]][0 if parts[2] == "eta" else 1]
+        if name in GLASSES:
+            return (GLASSES[name],) * 3
+        if name.startswith(("stdillum", "illum")):
+            return WHITE
+        if name.endswith(".spd"):
+            path = file_of(place, name, self._folder)
+            try:
+                table = np.loadtxt(path, comments="#", ndmin=2, dtype=np.float64)
+            except ValueError as error:
+                raise InputError(f"{path}: is no table of wavelengths and values ({error})") from None
+            if table.shape[1] != 2 or not len(table) or not np.isfinite(table).all():
+                raise InputError(f"{path}: is no table of wavelengths and values")
+            return convert(table[:, 0], table[:, 1])
+        self._warn(f"the spectrum {name} is not known; 1 stands in")
+        return WHITE
+
+    def _imagemap(self, parameters: Parameters) -> int:
+        path = file_of(parameters.place, parameters.word("filename", ""), self._folder)
+        wrap = WRAPS.get(parameters.word("wrap", "repeat"), "repeat")
+        linear = parameters.word("encoding", "sRGB").lower() != "srgb"
+        nearest = parameters.word("filter", "bilinear") == "point"
+        invert = parameters.flag("invert", False)
+        matrix = self._mapping(parameters)
+        key = (path, wrap, linear, nearest, invert, matrix)
+        if key not in self._added:
+            pixels = self._image(path)
+            if invert:
+                pixels = np.concatenate([255 - pixels[..., :3], pixels[..., 3:]], axis=2)
+            self._added[key] = self._append(
+                ImageTexture(pixels, srgb=not linear, wrap_u=wrap, wrap_v=wrap, nearest=nearest, uv_matrix=matrix)
+            )
+        return self._added[key]
+
+    def _checkerboard(self, parameters: Parameters) -> int:
+        """Return a checkerboard as an image of four texels that spans two squares each way."""
+        first, second = self.texture(parameters, "tex1", 1.0), self.texture(parameters, "tex2", 0.0)
+        if first.index >= 0 or second.index >= 0:
+            self._warn("textures inside a checkerboard are left out")
+        a, b = ((*encode_srgb8(texture.color).tolist(), 255) for texture in (first, second))
+        rows = self._mapping(parameters)
+        matrix = ((rows[0][0] / 2, 0.0, rows[0][2] / 2), (0.0, rows[1][1] / 2, rows[1][2] / 2))
+        return self._append(ImageTexture(np.array([[b, a], [a, b]], np.uint8), nearest=True, uv_matrix=matrix))
+
+    def _append(self, texture: Texture) -> int:
+        self.textures.append(texture)
+        return len(self.textures) - 1
+
+    def _mapping(self, parameters: Parameters) -> tuple[Vec3, Vec3]:
+        if parameters.word("mapping", "uv") != "uv":
+            self._warn("textures are mapped by u and v alone")
+        return (
+            (parameters.number("uscale", 1.0), 0.0, parameters.number("udelta", 0.0)),
+            (0.0, parameters.number("vscale", 1.0), parameters.number("vdelta", 0.0)),
+        )
+
+    def _image(self, path: Path) -> U8:
+        if path not in self._images:
+            self._images[path] = read_texture(path, self._budget)
+        return self._images[path]
+
+    def opacity(self, material: Material, parameters: Parameters) -> Material:
+        """Return the material with the alpha that a shape gives it."""
+        if "alpha" not in parameters.found:
+            return material
+        alpha = self.texture(parameters, "alpha", 1.0)
+        if alpha.index < 0:
+            return replace(material, alpha_mode="blend", opacity=min(max(alpha.color[0], 0.0), 1.0))
+        image = self.textures[alpha.index]
+        if not isinstance(image, ImageTexture):
+            return material
+        table = decode_srgb(np.arange(256) / 255.0) if image.srgb else np.arange(256) / 255.0
+        pixels = image.pixels.copy()
+        pixels[..., 3] = np.clip(table[pixels[..., :3]].mean(axis=2) * 255.0 + 0.5, 0, 255).astype(np.uint8)
+        return replace(material, alpha_mode="blend", opacity_texture=self._append(replace(image, pixels=pixels)))
+
+    def read(self, kind: str, parameters: Parameters) -> Material:
+        """Return a material."""
+        if "displacement" in parameters.found:
+            self._warn("displacements are left out")
+        material = self._surface(kind, parameters)
+        normals = parameters.word("normalmap", "")
+        if normals:
+            pixels = self._image(file_of(parameters.place, normals, self._folder))
+            material = replace(material, normal_texture=self._append(ImageTexture(pixels, srgb=False)))
+        return material
+
+    def _surface(self, kind: str, parameters: Parameters) -> Material:
+        if kind in ("", "none", "interface"):
+            return Material(alpha_mode="blend", opacity=0.0)
+        if kind == "conductor":
+            return self._conductor(parameters, "")
+        if kind == "coatedconductor":
+            self._warn("the coat of a coatedconductor is left out")
+            return self._conductor(parameters, "conductor.")
+        if kind in ("dielectric", "thindielectric"):
+            eta = self.color(parameters, "eta", 1.5)[1]
+            if not eta > 0:
+                raise InputError(f"{parameters.place}: eta is {eta:g}, expected more than 0")
+            if kind == "thindielectric":
+                return Material(kind="thin-dielectric", color=WHITE, ior=eta)
+            return self._roughened(Material(kind="dielectric", color=WHITE, ior=eta), parameters, "")
+        base = self._diffuse(parameters)
+        if kind == "coateddiffuse":
+            eta = self.color(parameters, "eta", 1.5)[1]
+            plastic = replace(base, kind="plastic", ior=max(eta, 1.0), nonlinear=True)
+            return self._roughened(plastic, parameters, "")
+        if kind != "diffuse":
+            self._warn(f"the material {kind} is rendered as diffuse")
+        return base
+
+    def _diffuse(self, parameters: Parameters) -> Material:
+        reflectance = self.texture(parameters, "reflectance", 0.5)
+        r, g, b = (min(max(channel, 0.0), 1.0) for channel in reflectance.color)
+        return Material(color=(r, g, b), texture=reflectance.index)
+
+    def _conductor(self, parameters: Parameters, prefix: str) -> Material:
+        metal = self._roughened(Material(kind="conductor", color=WHITE), parameters, prefix)
+        for name in ("reflectance", f"{prefix}reflectance"):
+            if name in parameters.found:
+                reflectance = self.texture(parameters, name, 1.0)
+                r, g, b = (min(max(channel, 0.0), 1.0) for channel in reflectance.color)
+                return replace(metal, color=(r, g, b), texture=reflectance.index)
+        eta, k = METALS["Cu"]
+        if f"{prefix}eta" in parameters.found:
+            eta = self.color(parameters, f"{prefix}eta", 0.0)
+        if f"{prefix}k" in parameters.found:
+            k = self.color(parameters, f"{prefix}k", 0.0)
+        return replace(metal, eta=eta, k=k)
+
+    def _roughened(self, material: Material, parameters: Parameters, prefix: str) -> Material:
+        """Return the material with its roughness, numbers or a texture."""
+        names = [f"{prefix}{name}" for name in ("roughness", "uroughness", "vroughness")]
+        remapped = parameters.flag("remaproughness", True)
+        textured = [n for n in names if n in parameters.found and parameters.found[n].type == "texture"]
+        if textured:
+            if len(textured) > 1:
+                self._warn("of two textures of roughness the first is used")
+            return replace(material, **self._roughness(self.texture(parameters, textured[0], 0.0), remapped))
+        whole = parameters.number(names[0], 0.0)
+        across = [max(parameters.number(name, whole), 0.0) for name in names[1:]]
+        along_u, along_v = (min(math.sqrt(each) if remapped else each, 1.0) for each in across)
+        if along_u == along_v:
+            return replace(material, alpha=along_u)
+        # A perfect mirror along one tangent alone has no name: it is nearly one.
+        along_u, along_v = max(along_u, LEAST_ALPHA), max(along_v, LEAST_ALPHA)
+        return replace(material, alpha=math.sqrt(along_u * along_v), stretch=math.sqrt(along_u / along_v))
+
+    def _roughness(self, texture: NamedTexture, remapped: bool) -> dict[str, Any]:
+        """Return α, and the texture of it where there is one, as fields of a material."""
+        image = None if texture.index < 0 else self.textures[texture.index]
+        values = np.full((1, 1, 3), 1.0)
+        if isinstance(image, ImageTexture):
+            table = decode_srgb(np.arange(256) / 255.0) if image.srgb else np.arange(256) / 255.0
+            values = table[image.pixels[..., :3]]
+        roughness = np.maximum((values * texture.color).mean(axis=2), 0.0)
+        alpha = np.sqrt(roughness) if remapped else roughness
+        if not isinstance(image, ImageTexture):
+            return {"alpha": min(float(alpha[0, 0]), 1.0)}
+        key = ("roughness", texture, remapped)
+        if key not in self._added:
+            self._added[key] = self._append(replace(image, pixels=roughness_pixels(alpha), srgb=False))
+        return {"alpha": 1.0, "roughness_texture": self._added[key]}

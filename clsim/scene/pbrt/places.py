@@ -1,0 +1,94 @@
+"""Where pbrt-v4's shapes and camera stand: transforms at the start and at the end of the motion."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.meshes.geometry import placed_rigidly
+from clsim.scene.motion import Keyframes, Matrix, Motion, Nested, Static, compose
+from clsim.scene.pbrt.tokens import Parameters
+from clsim.scene.rigid import facing, quaternion_of, without_scale
+from clsim.scene.world import Camera, Instance, Lens, Mesh, Vec3
+
+FLIP_Z = np.diag((1.0, 1.0, -1.0, 1.0))
+Pair = tuple[Matrix, Matrix]
+"""The transform at the start and at the end of the motion."""
+Times = tuple[float, float]
+"""Start and end of the motion [s]."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A shape inside an object definition, or in the scene."""
+
+    mesh: int
+    transform: Pair
+
+
+def read_instance(
+    placed: Placed, mirror: Matrix, times_s: Times, meshes: list[Mesh], warn: Callable[[str], None]
+) -> Instance:
+    """Return a shape placed in clsim's world; meshes that its transform stretches are added to ``meshes``."""
+    start, end = (mirror @ matrix for matrix in placed.transform)
+    if np.array_equal(start, end):
+        index, pose = placed_rigidly(meshes, placed.mesh, start)
+        return Instance(index, Static(pose), f"shape {placed.mesh}")
+    # The stretch stays with the mesh, as it is at the start; the rest moves.
+    turn = FLIP_Z if np.linalg.det(start[:3, :3]) < 0 else np.eye(4)
+    stretch = without_scale(start @ turn).T[:3, :3] @ start[:3, :3]
+    if not np.allclose(without_scale(end @ turn)[:3, :3] @ stretch, end[:3, :3], atol=1e-6):
+        warn("shapes that change their stretch over time keep that of the start")
+    index, offset = placed_rigidly(meshes, placed.mesh, compose((0.0, 0.0, 0.0), stretch))
+    motion = _between(times_s, without_scale(start @ turn), without_scale(end @ turn))
+    return Instance(index, Nested(motion, Static(offset)), f"shape {placed.mesh}")
+
+
+def read_camera(
+    transforms: Pair,
+    parameters: Parameters,
+    orthographic: bool,
+    resolution: tuple[int, int],
+    times_s: Times,
+    mirror: Matrix,
+    warn: Callable[[str], None],
+) -> Camera:
+    """Return a camera, of perspective unless it is orthographic, from its camera-to-world transforms.
+
+    Raises:
+        InputError: with file and line, if its field of view is none.
+    """
+    width, height = resolution
+    fov = parameters.number("fov", 90.0)
+    if not 0 < fov < 180:
+        raise InputError(f"{parameters.place}: fov is {fov:g}, expected more than 0 and less than 180")
+    for name in ("screenwindow", "frameaspectratio"):
+        if name in parameters.found:
+            warn(f"the camera's {name} is left out")
+    start, end = (mirror @ matrix @ FLIP_Z for matrix in transforms)  # pbrt looks along +z, clsim along −z
+    motion: Motion = Static(facing(start))
+    if not np.array_equal(start, end):
+        motion = _between(times_s, facing(start), facing(end))
+    if orthographic:
+        # It sees from −1 to 1 of its own along the shorter side.
+        width_m = 2.0 * float(np.linalg.norm(start[:3, 0])) * max(width / height, 1.0)
+        if parameters.number("lensradius", 0.0):
+            warn("the lens radius of an orthographic camera is left out")
+        return Camera(width, height, 45.0, motion, 0.0, Lens(model="orthographic", view_width_m=width_m))
+    across = math.tan(math.radians(fov / 2)) * max(width / height, 1.0)  # pbrt's is that of the shorter side
+    radius = parameters.number("lensradius", 0.0)
+    lens = Lens()
+    if radius:
+        lens = Lens(aperture_radius_m=radius, focus_distance_m=parameters.number("focaldistance", 1e6))
+    return Camera(width, height, 2 * math.degrees(math.atan(across)), motion, 0.0, lens)
+
+
+def _between(times_s: Times, start: Matrix, end: Matrix) -> Motion:
+    """Return the motion between two poses."""
+    poses = (start, end)
+    positions: list[Vec3] = [(float(p[0, 3]), float(p[1, 3]), float(p[2, 3])) for p in poses]
+    return Keyframes(times_s, tuple(positions), tuple(quaternion_of(pose[:3, :3]) for pose in poses))

@@ -1,0 +1,391 @@
+"""pbrt-v4 scenes: from the file to the world.
+
+pbrt's world is left-handed: everything is mirrored in z on the way, unless the camera's transform mirrors already
+(``Scale -1 1 1`` before LookAt, as exporters from right-handed programs write).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from clsim.errors import InputError
+from clsim.scene.defaults.framing import ENVIRONMENT, bounds, lamp, orbiting_camera
+from clsim.scene.motion import Matrix, compose, look_at
+from clsim.scene.pbrt.lights import InMirror, light_color, read_environment, read_punctual
+from clsim.scene.pbrt.materials import MaterialReader
+from clsim.scene.pbrt.places import FLIP_Z, Pair, Placed, read_camera, read_instance
+from clsim.scene.pbrt.shapes import read_shape
+from clsim.scene.pbrt.tokens import Parameters, Tokens, fail
+from clsim.scene.rigid import rotation_about
+from clsim.scene.world import EnvironmentMap, Material, Mesh, Vec3, World
+
+_TAIL_BYTES = 1 << 16
+MAX_STACK = 10_000
+MAX_INSTANCES = 1_000_000
+IGNORED = (
+    "Accelerator",
+    "ColorSpace",
+    "Integrator",
+    "MakeNamedMedium",
+    "Option",
+    "PixelFilter",
+    "Sampler",
+)
+
+
+@dataclass(frozen=True)
+class State:
+    """What AttributeBegin saves."""
+
+    transform: Pair = (np.eye(4), np.eye(4))
+    active: tuple[bool, bool] = (True, True)
+    material: Material = field(default_factory=Material)
+    emission: Vec3 | None = None
+    emission_two_sided: bool = False
+    reversed: bool = False
+
+
+def load_pbrt(path: Path) -> World:
+    """Load a pbrt-v4 scene.
+
+    Raises:
+        InputError: one sentence with the file, the line, and what is wrong there.
+    """
+    reader = _Reader(path)
+    try:
+        reader.read()
+    except InputError as error:
+        if _is_old(path):
+            raise InputError(
+                f"{path}: is a scene of pbrt's version 3 or before, as its WorldEnd shows; expected version 4, to "
+                "which pbrt-v4 turns it with --upgrade"
+            ) from error
+        raise
+    return reader.world()
+
+
+def _is_old(path: Path) -> bool:
+    """Tell whether a file has the directive that version 4 has left out; it stands at its end."""
+    try:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - _TAIL_BYTES, 0))
+            tail = file.read(_TAIL_BYTES)
+    except OSError:
+        return False
+    return re.search(rb"(?m)^\s*WorldEnd\b", tail) is not None
+
+
+class _Reader:
+    """Follows the directives and collects what they make."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self.folder = path, path.parent
+        self.tokens = Tokens(path)
+        self.warnings: list[str] = []
+        self.materials = MaterialReader(self.folder, self._warn)
+        self.state = State()
+        self.stack: list[State] = []
+        self.meshes: list[Mesh] = []
+        self.placed: list[Placed] = []
+        self.lights: list[InMirror] = []
+        self.named_materials: dict[str, Material] = {}
+        self.coordinate_systems: dict[str, Pair] = {}
+        self.objects: dict[str, list[Placed]] = {}
+        self.object: list[Placed] | None = None
+        self.times = (0.0, 1.0)
+        self.resolution = (1280, 720)
+        self.camera: tuple[Pair, Parameters, bool] | None = None
+        self.environment: Vec3 = (0.0, 0.0, 0.0)
+        self.environment_image: Callable[[Matrix], EnvironmentMap] | None = None
+
+    def _warn(self, sentence: str) -> None:
+        text = f"{self.path.name}: {sentence}"
+        if text not in self.warnings:
+            self.warnings.append(text)
+
+    def read(self) -> None:
+        """Follow all directives."""
+        while self.tokens.peek() is not None:
+            token = self.tokens.take()
+            if token.quoted or token.numbers is not None:
+                fail(token, "a directive such as Shape")
+            directive = getattr(self, f"_do_{token.text}", None)
+            if directive is not None:
+                directive()
+            elif token.text in IGNORED:
+                self.tokens.string()
+                self.tokens.parameters()
+            else:
+                fail(token, "a directive such as Shape")
+        if self.stack or self.object is not None:
+            raise InputError(f"{self.tokens.last}: the file ends within a block that something has begun")
+
+    # Transforms
+
+    def _apply(self, matrix: Matrix, *, instead: bool = False) -> None:
+        start, end = (
+            (matrix if instead else old @ matrix) if active else old
+            for old, active in zip(self.state.transform, self.state.active, strict=True)
+        )
+        if not (np.isfinite(start).all() and np.isfinite(end).all()):
+            raise InputError(f"{self.tokens.last}: the transform has a number that is not finite")
+        self.state = replace(self.state, transform=(start, end))
+
+    def _do_Identity(self) -> None:  # noqa: N802 (named after the directives, here and below)
+        self._apply(np.eye(4), instead=True)
+
+    def _do_Translate(self) -> None:  # noqa: N802
+        self._apply(compose(self.tokens.floats(3), np.eye(3)))
+
+    def _do_Scale(self) -> None:  # noqa: N802
+        self._apply(np.diag([*self.tokens.floats(3), 1.0]))
+
+    def _do_Rotate(self) -> None:  # noqa: N802
+        angle, *axis = self.tokens.floats(4)
+        if not np.linalg.norm(axis) > 0:
+            raise InputError(f"{self.tokens.last}: rotates about no axis")
+        self._apply(compose((0.0, 0.0, 0.0), rotation_about(np.array(axis), math.radians(angle))))
+
+    def _do_LookAt(self) -> None:  # noqa: N802
+        numbers = self.tokens.floats(9)
+        eye, target, up = numbers[:3], numbers[3:6], numbers[6:]
+        if np.allclose(eye, target):
+            raise InputError(f"{self.tokens.last}: looks at its own eye")
+        # In pbrt's left-handed space x is to the right where +z is ahead.
+        self._apply(_inverse(look_at(eye, target, up) @ np.diag((-1.0, 1.0, -1.0, 1.0))))
+
+    def _do_Transform(self) -> None:  # noqa: N802
+        self._apply(np.array(self.tokens.floats(16)).reshape(4, 4).T, instead=True)
+
+    def _do_ConcatTransform(self) -> None:  # noqa: N802
+        self._apply(np.array(self.tokens.floats(16)).reshape(4, 4).T)
+
+    def _do_CoordinateSystem(self) -> None:  # noqa: N802
+        self.coordinate_systems[self.tokens.string()] = self.state.transform
+
+    def _do_CoordSysTransform(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.coordinate_systems:
+            raise InputError(f"{self.tokens.last}: there is no coordinate system {name!r}")
+        self.state = replace(self.state, transform=self.coordinate_systems[name])
+
+    def _do_TransformTimes(self) -> None:  # noqa: N802
+        start, end = self.tokens.floats(2)
+        if not 0 <= start < end:
+            raise InputError(f"{self.tokens.last}: times are {start:g} and {end:g}, expected 0 ≤ start < end")
+        self.times = (start, end)
+
+    def _do_ActiveTransform(self) -> None:  # noqa: N802
+        token = self.tokens.take("StartTime, EndTime or All")
+        choices = {"StartTime": (True, False), "EndTime": (False, True), "All": (True, True)}
+        if token.text not in choices:
+            fail(token, "StartTime, EndTime or All")
+        self.state = replace(self.state, active=choices[token.text])
+
+    # Blocks
+
+    def _do_WorldBegin(self) -> None:  # noqa: N802
+        self.state = State()
+        self.coordinate_systems["world"] = self.state.transform
+
+    def _do_AttributeBegin(self) -> None:  # noqa: N802
+        if len(self.stack) >= MAX_STACK:
+            raise InputError(f"{self.tokens.last}: blocks are nested deeper than {MAX_STACK}")
+        self.stack.append(self.state)
+
+    def _do_AttributeEnd(self) -> None:  # noqa: N802
+        if not self.stack:
+            raise InputError(f"{self.tokens.last}: ends a block that nothing has begun")
+        self.state = self.stack.pop()
+
+    def _do_TransformBegin(self) -> None:  # noqa: N802
+        self._do_AttributeBegin()
+
+    def _do_TransformEnd(self) -> None:  # noqa: N802
+        inner = self.state
+        self._do_AttributeEnd()
+        self.state = replace(inner, transform=self.state.transform, active=self.state.active)
+
+    def _do_ObjectBegin(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if self.object is not None:
+            raise InputError(f"{self.tokens.last}: an object cannot be defined within another")
+        self._do_AttributeBegin()
+        self.object = self.objects.setdefault(name, [])
+
+    def _do_ObjectEnd(self) -> None:  # noqa: N802
+        if self.object is None:
+            raise InputError(f"{self.tokens.last}: ends an object that nothing has begun")
+        self.object = None
+        self._do_AttributeEnd()
+
+    def _do_ObjectInstance(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.objects or self.object is not None:
+            raise InputError(f"{self.tokens.last}: there is no object {name!r} to place here")
+        if len(self.placed) + len(self.objects[name]) > MAX_INSTANCES:
+            raise InputError(f"{self.tokens.last}: more than {MAX_INSTANCES} shapes are placed")
+        for part in self.objects[name]:
+            start, end = (a @ b for a, b in zip(self.state.transform, part.transform, strict=True))
+            self.placed.append(Placed(part.mesh, (start, end)))
+
+    def _do_ReverseOrientation(self) -> None:  # noqa: N802
+        self.state = replace(self.state, reversed=not self.state.reversed)
+
+    def _do_Attribute(self) -> None:  # noqa: N802
+        self._warn(f"the attributes of a {self.tokens.string()} are left out")
+        self.tokens.parameters()
+
+    def _do_MediumInterface(self) -> None:  # noqa: N802
+        self.tokens.string()
+        token = self.tokens.peek()
+        if token is not None and token.quoted:
+            self.tokens.take()
+        self._warn("media are left out")
+
+    def _do_Include(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        self.tokens.include(name, self.tokens.last)
+
+    def _do_Import(self) -> None:  # noqa: N802
+        self._do_Include()
+
+    # What there is
+
+    def _do_Film(self) -> None:  # noqa: N802
+        self.tokens.string()
+        parameters = self.tokens.parameters()
+        width, height = (int(parameters.number(f"{axis}resolution", n)) for axis, n in (("x", 1280), ("y", 720)))
+        if min(width, height) < 1:
+            raise InputError(f"{parameters.place}: the film is {width}×{height}, expected at least one pixel")
+        self.resolution = (width, height)
+
+    def _do_Camera(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        if kind not in ("perspective", "orthographic"):
+            self._warn(f"cameras of type {kind} are left out")
+            return
+        try:
+            start, end = (_inverse(matrix) for matrix in self.state.transform)
+        except np.linalg.LinAlgError:
+            raise InputError(f"{parameters.place}: the camera's transform has no inverse") from None
+        self.camera = ((start, end), parameters, kind == "orthographic")
+        self.coordinate_systems["camera"] = (start, end)
+
+    def _do_Material(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        self.state = replace(self.state, material=self.materials.read(kind, self.tokens.parameters()))
+
+    def _do_MakeNamedMaterial(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        parameters = self.tokens.parameters()
+        self.named_materials[name] = self.materials.read(parameters.word("type", "diffuse"), parameters)
+
+    def _do_NamedMaterial(self) -> None:  # noqa: N802
+        name = self.tokens.string()
+        if name not in self.named_materials:
+            raise InputError(f"{self.tokens.last}: there is no material {name!r} before this")
+        self.state = replace(self.state, material=self.named_materials[name])
+
+    def _do_Texture(self) -> None:  # noqa: N802
+        name, _, kind = (self.tokens.string() for _ in range(3))
+        self.materials.add_texture(name, kind, self.tokens.parameters())
+
+    def _do_AreaLightSource(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        if kind != "diffuse":
+            self._warn(f"area lights of type {kind} are left out")
+            return
+        if "filename" in parameters.found or "power" in parameters.found:
+            self._warn("the images and powers of area lights are left out")
+        emission = light_color(self.materials, parameters, "L")
+        self.state = replace(self.state, emission=emission, emission_two_sided=parameters.flag("twosided", False))
+
+    def _do_Shape(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        mesh = read_shape(kind, parameters, self.folder)
+        if mesh is None:
+            self._warn(f"shapes of type {kind} are left out")
+            return
+        if not len(mesh.triangles):
+            return
+        if self.state.reversed:
+            normals = None if mesh.normals is None else -mesh.normals
+            mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]), normals=normals)
+        material = self.materials.opacity(self.state.material, parameters)
+        if self.state.emission is not None and any(self.state.emission):
+            material = replace(material, emission=self.state.emission, emits_behind=self.state.emission_two_sided)
+        ids = np.full(len(mesh.triangles), self.materials.index(material), np.int32)
+        placed = Placed(len(self.meshes), self.state.transform)
+        self.meshes.append(replace(mesh, material_ids=ids))
+        (self.placed if self.object is None else self.object).append(placed)
+
+    def _do_LightSource(self) -> None:  # noqa: N802
+        kind = self.tokens.string()
+        parameters = self.tokens.parameters()
+        for name in ("power", "illuminance", "portal"):
+            if name in parameters.found:
+                self._warn(f"the {name} of lights is left out")
+        matrix = self.state.transform[0]
+        if kind == "infinite":
+            image = read_environment(parameters, matrix, self.folder)
+            if image is None:
+                self.environment = light_color(self.materials, parameters, "L")
+            else:
+                self.environment_image = image
+            return
+        light = read_punctual(kind, self.materials, parameters, matrix)
+        if light is None:
+            self._warn(f"lights of type {kind} are left out")
+        else:
+            self.lights.append(light)
+
+    # The world
+
+    def world(self) -> World:
+        """Return what was collected, mirrored where the camera asks for it."""
+        mirror = FLIP_Z
+        if self.camera is not None and np.linalg.det(self.camera[0][0][:3, :3]) < 0:
+            mirror = np.eye(4)
+        instances = [read_instance(placed, mirror, self.times, self.meshes, self._warn) for placed in self.placed]
+        lights = [light(mirror) for light in self.lights]
+        environment_map = None if self.environment_image is None else self.environment_image(mirror)
+        used = {instance.mesh for instance in instances}
+        glowing = any(any(self.materials.materials[self.meshes[k].material_ids[0]].emission) for k in used)
+        lit = bool(lights or environment_map or any(self.environment) or glowing)
+        spheres = []
+        if self.camera is None or not lit:
+            center, size = bounds(self.path, self.meshes, instances)
+        if self.camera is None:
+            camera = orbiting_camera(center, size)
+        else:
+            camera = read_camera(*self.camera, self.resolution, self.times, mirror, self._warn)
+        if not lit:
+            spheres = [lamp(center, size)]
+        world = World(
+            name=self.path.stem,
+            camera=camera,
+            meshes=tuple(self.meshes),
+            instances=tuple(instances),
+            materials=tuple(self.materials.materials),
+            textures=tuple(self.materials.textures),
+            sphere_lights=tuple(spheres),
+            punctual_lights=tuple(lights),
+            environment=self.environment if lit else ENVIRONMENT,
+            environment_map=environment_map,
+            warnings=tuple(self.warnings),
+        )
+        return replace(world, duration_s=world.moving_s() or 1.0)
+
+
+def _inverse(matrix: Matrix) -> Matrix:
+    return np.asarray(np.linalg.inv(matrix), np.float64)

@@ -1,0 +1,137 @@
+"""pbrt-v4's shapes as meshes, and its environment images as latitude-longitude ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import InputError
+from clsim.scene.meshes.trimesh_scene import load_triangles
+from clsim.scene.motion import Matrix
+from clsim.scene.pbrt.tokens import Parameters, file_of
+from clsim.scene.shapes import sphere
+from clsim.scene.world import F32, Mesh
+
+F64 = npt.NDArray[np.float64]
+SEGMENTS = 64
+
+
+def read_shape(kind: str, parameters: Parameters, folder: Path) -> Mesh | None:
+    """Return a shape's mesh in its own space, of material 0; None where clsim lacks the shape.
+
+    Raises:
+        InputError: with file and line.
+    """
+    if kind == "plymesh":
+        mesh = load_triangles(file_of(parameters.place, parameters.word("filename", ""), folder))
+        return mesh
+    if kind in ("trianglemesh", "bilinearmesh"):
+        return _triangles(kind, parameters)
+    radius = parameters.number("radius", 1.0)
+    if kind in ("sphere", "disk") and not radius > 0:
+        raise InputError(f"{parameters.place}: radius is {radius:g}, expected more than 0")
+    if kind == "sphere":
+        return _sphere(radius)
+    if kind == "disk":
+        return _disk(radius, parameters.number("height", 0.0))
+    return None
+
+
+def _triangles(kind: str, parameters: Parameters) -> Mesh:
+    points = parameters.rows(3, "P")
+    if points is None or not len(points):
+        raise InputError(f"{parameters.place}: the {kind} has no P")
+    corners = 3 if kind == "trianglemesh" else 4
+    faces = parameters.rows(corners, "indices")
+    if faces is None:
+        if len(points) != corners:
+            raise InputError(f"{parameters.place}: the {kind} has no indices for its {len(points)} points")
+        faces = np.arange(corners, dtype=np.float64)[None]
+    if len(faces) and not (faces.min() >= 0 and faces.max() < len(points)):
+        wrong = faces[(faces < 0) | (faces >= len(points))][0]
+        raise InputError(f"{parameters.place}: indices has {wrong:g}, expected 0 to {len(points) - 1}")
+    if corners == 4:  # a patch's corners run row by row
+        faces = np.concatenate([faces[:, (0, 1, 3)], faces[:, (0, 3, 2)]])
+    normals, uvs = parameters.rows(3, "N"), parameters.rows(2, "uv", "st")
+    for name, rows in (("N", normals), ("uv", uvs)):
+        if rows is not None and len(rows) != len(points):
+            raise InputError(f"{parameters.place}: {name} has {len(rows)} rows for {len(points)} points")
+    if normals is not None:
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(lengths > 1e-12, normals / np.maximum(lengths, 1e-12), (0.0, 1.0, 0.0))
+    return _mesh(points, faces, normals, uvs)
+
+
+def _mesh(points: F64, faces: npt.ArrayLike, normals: F64 | None, uvs: F64 | None) -> Mesh:
+    triangles = np.ascontiguousarray(faces, np.int32)
+    return Mesh(
+        vertices=np.ascontiguousarray(points, np.float32),
+        triangles=triangles,
+        material_ids=np.zeros(len(triangles), np.int32),
+        normals=None if normals is None else np.ascontiguousarray(normals, np.float32),
+        uvs=None if uvs is None else np.ascontiguousarray(uvs, np.float32),
+    )
+
+
+def _sphere(radius: float) -> Mesh:
+    """Return a sphere whose poles lie on z; u runs around, v up from 0 to 1."""
+    ball = sphere(radius, SEGMENTS)  # its poles lie on y, and its u and v run in metres
+    assert ball.normals is not None and ball.uvs is not None
+    turn = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # z to x, x to y, y to z
+    scale = np.float32(1 / (np.pi * radius))
+    return replace(
+        ball,
+        vertices=np.ascontiguousarray(ball.vertices @ turn.T, np.float32),
+        normals=np.ascontiguousarray(ball.normals @ turn.T, np.float32),
+        uvs=np.ascontiguousarray(ball.uvs * (scale / 2, scale), np.float32),
+    )
+
+
+def _disk(radius: float, height: float) -> Mesh:
+    u = np.linspace(0, 1, SEGMENTS + 1)
+    rim = np.stack([radius * np.cos(2 * np.pi * u), radius * np.sin(2 * np.pi * u), height + 0 * u], axis=1)
+    middle = np.tile((0.0, 0.0, height), (SEGMENTS, 1))
+    k = np.arange(SEGMENTS)
+    uvs = np.concatenate([np.stack([u, 0 * u], axis=1), np.stack([(u[:-1] + u[1:]) / 2, 0 * k + 1], axis=1)])
+    faces = np.stack([k, k + 1, SEGMENTS + 1 + k], axis=1)
+    return _mesh(np.concatenate([rim, middle]), faces, None, uvs)
+
+
+def latitude_longitude(image: F32, from_world: Matrix) -> F32:
+    """Resample pbrt's environment image to `EnvironmentMap`'s layout, in the world's own axes.
+
+    Square images are equal-area octahedral (Clarberg, JGT 2008), others latitude-longitude about +z as in pbrt-v3.
+
+    Args:
+        image: float32 ``[h, w, 3]``.
+        from_world: 3×3 matrix from our world to the light's space.
+    """
+    h, w = image.shape[:2]
+    height = min(max(h // (1 if h != w else 2), 1), 2048)
+    v, u = np.meshgrid((np.arange(height) + 0.5) / height, (np.arange(2 * height) + 0.5) / (2 * height), indexing="ij")
+    theta, phi = np.pi * v, 2 * np.pi * u
+    ours = np.stack([np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)], axis=-1)
+    d = ours @ from_world.T
+    d /= np.linalg.norm(d, axis=-1, keepdims=True)
+    if h == w:
+        s, t = _equal_area_square(d)
+    else:
+        s, t = (np.arctan2(d[..., 1], d[..., 0]) / (2 * np.pi)) % 1, np.arccos(np.clip(d[..., 2], -1, 1)) / np.pi
+    rows, columns = np.minimum((t * h).astype(np.int64), h - 1), np.minimum((s * w).astype(np.int64), w - 1)
+    return np.ascontiguousarray(image[rows, columns])
+
+
+def _equal_area_square(d: F64) -> tuple[F64, F64]:
+    x, y, z = np.abs(d[..., 0]), np.abs(d[..., 1]), np.abs(d[..., 2])
+    r = np.sqrt(np.maximum(1 - z, 0.0))
+    larger = np.maximum(x, y)
+    angle = np.arctan(np.minimum(x, y) / np.maximum(larger, 1e-30)) * (2 / np.pi)
+    angle = np.where(x < y, 1 - angle, angle)
+    v = angle * r
+    u = r - v
+    below = d[..., 2] < 0
+    u, v = np.where(below, 1 - v, u), np.where(below, 1 - u, v)
+    return (np.copysign(u, d[..., 0]) + 1) / 2, (np.copysign(v, d[..., 1]) + 1) / 2

@@ -1,0 +1,1 @@
+"""clsim's own scenes, in TOML."""

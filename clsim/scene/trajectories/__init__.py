@@ -1,0 +1,1 @@
+"""Motion from files, along splines, and by chance."""

@@ -1,0 +1,1 @@
+"""What recordings tell of a sensor."""

@@ -1,0 +1,375 @@
+"""What drives one camera or several, a step at a time: poses, light, time, and going back (see `clsim.simulator`)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TypeVar
+
+from clsim.detect.config import EventRule, Gate, Method
+from clsim.errors import Error, InputError
+from clsim.events import EventBatch
+from clsim.events.batch import gather
+from clsim.forks import check_process, is_orphan
+from clsim.live.made_worlds import check_world
+from clsim.live.options import LiveOptions
+from clsim.live.quality import Noise, Quality, Sampler, Sampling
+from clsim.live.stages import Stages, in_colours_of, load_options_world, plan_stages
+from clsim.render import SceneData
+from clsim.scene import World
+from clsim.scene.driven import CAMERA, read_place
+from clsim.scene.motion import Matrix
+from clsim.scene.trajectories.trajectory import Axes, Interpolation, turned
+from clsim.sensor.settings import SensorSettings
+from clsim.simulator.driving import Driving
+from clsim.simulator.eye import Eye
+from clsim.simulator.shared_scene import SharedScene, Turn
+from clsim.simulator.snapshot import SimulatorState
+from clsim.simulator.stepping import Clock, StepClock
+from clsim.values import read_value
+
+DriverT = TypeVar("DriverT", bound="Driver")
+
+
+class Driver(ABC):
+    """Moves a scene as it is told to, before one camera or several."""
+
+    time_us: int
+
+    def __init__(
+        self,
+        scene: str | Path | World,
+        *,
+        clock: Clock = "frames",
+        fps: float | None = None,
+        resolution: tuple[int, int] | None = None,
+        camera_path: str | Path | None = None,
+        camera_axes: Axes = "opencv",
+        camera_interpolation: Interpolation = "linear",
+        threshold: float | tuple[float, float] | None = None,
+        sensor: str | Path | SensorSettings | None = None,
+        quality: Quality | None = None,
+        seed: int = 0,
+        spp: int | None = None,
+        sampling: Sampling | None = None,
+        probe_spp: int | None = None,
+        probe_every: int | None = None,
+        first_hit_rays: int | None = None,
+        sampler: Sampler | None = None,
+        noise: Noise | None = None,
+        method: Method | None = None,
+        gate: Gate | None = None,
+        event_rule: EventRule | None = None,
+        window: int | None = None,
+        history: int = 1,
+        confidence: float = 0.0,
+        follow_specular: bool = True,
+        max_depth: int = 8,
+        threads: int | None = None,
+        render_device: str = "cpu",
+        opencl: str | None = None,
+        strict: bool = False,
+        time: str = "auto",
+        time_tolerance_us: float | None = None,
+        truth: str | Sequence[str] = (),
+    ) -> None:
+        """Load the scene and choose devices; the first step copies the scene to the one that renders.
+
+        Args:
+            scene: name of a bundled scene, a scene file, or a World.
+            clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and
+                no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
+                each step, and evenly between where a step is longer than 1/fps.
+            fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
+                sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
+                history, confidence, follow_specular, max_depth, threads, render_device, opencl, strict, time,
+                time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera. Where something is
+                set before the first step, "auto" is "fixed".
+            truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
+
+        Raises:
+            InputError: the scene or an option cannot be used.
+        """
+        given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
+        kind: Clock = read_value("clock", clock, Clock)
+        world = scene if isinstance(scene, World) else None
+        if world is not None:
+            check_world(world, given)
+            given["scene"] = world.name
+        self._options = LiveOptions(**given)
+        self.world = self._load() if world is None else in_colours_of(self._options.sensor, world)
+        self._start(SharedScene(self.world), kind)
+
+    def _start(self, scene: SharedScene, clock: Clock) -> None:
+        """Choose devices; the scene is moved in turn with others that have it."""
+        self._eyes = {name: Eye(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()}
+        self.fps = self._first.fps
+        self.warnings = tuple(dict.fromkeys(text for eye in self._eyes.values() for text in eye.stages.warnings))
+        self._turn = Turn(scene)
+        self._driven: tuple[str, ...] = ()
+        self.names = scene.driving.names
+        self._data: SceneData | None = None
+        self._closed = False
+        self._clock = StepClock(clock, self.fps)
+        self._begin()
+
+    def twin(self: DriverT, seed: int) -> DriverT:
+        """Return another of the same scene, with poses, light and time of its own, before its first step.
+
+        Both share the scene on the device, and so its kernels and trees; what can be moved is what has been set when
+        the first of them steps. They are for one thread.
+        """
+        self._check_open()
+        other = copy(self)
+        other._options = replace(self._options, seed=seed)
+        other._start(self._turn.scene, self._clock.kind)
+        return other
+
+    @property
+    def _driving(self) -> Driving:
+        """What is set from outside; from now on the scene is as this driver has set it."""
+        return self._turn.driving
+
+    def _load(self) -> World:
+        """Load the scene that the options name."""
+        return load_options_world(self._options)
+
+    @abstractmethod
+    def _seen(self, world: World) -> dict[str, World]:
+        """Return the world as each camera sees it, by the cameras' names; all are in `Eye`s of these names."""
+
+    def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
+        """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
+
+        The first pose holds from the start; where steps were made before, the way leads there from where it is now.
+
+        Args:
+            name: one of ``names``.
+            T_world: its pose in the world [m]: a matrix ``[4, 4]`` with at most one positive scale, or a pair of
+                position and quaternion x, y, z, w. A camera looks along −z, and +y is up; see `set_camera` for other
+                axes.
+            at_us: the time [µs], after the last frame and no earlier than the last pose that was set; None is the end
+                of the next step.
+
+        Raises:
+            InputError: the name, the pose or the time cannot be, or it stands still in the scene and steps were made
+                already: what may move must be known before the first step.
+        """
+        self._check_open()
+        place = read_place("T_world", T_world)
+        at_us = read_value("at_us", at_us, int | None)
+        self._driving.set_place(read_value("name", name, str), place, at_us, self._passed_us)
+
+    def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
+        """Say where the camera is at a time, as `set_pose` does.
+
+        Args:
+            T_world: its pose, as for `set_pose`.
+            at_us: the time [µs]; None is the end of the next step.
+            axes: "opengl": it looks along −z, and +y is up; "opencv": along +z, and +y is down.
+
+        Raises:
+            InputError: as `set_pose`.
+        """
+        position, rotation, scale = read_place("T_world", T_world)
+        if read_value("axes", axes, Axes) == "opencv":
+            rotation = turned(rotation)
+        at_us = read_value("at_us", at_us, int | None)
+        self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self._passed_us)
+
+    def pose(self, name: str, time_us: int | None = None) -> Matrix:
+        """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
+
+        Raises:
+            InputError: nothing is called so.
+        """
+        return self._driving.pose(name, self.time_us if time_us is None else time_us)
+
+    def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
+        """Let lights shine with another radiance from the next frame on.
+
+        Where light is kept on surfaces it is found anew then, with other noise. Set one before the first step too, and
+        a named quality keeps none.
+
+        Args:
+            name: of a light, or of a material that emits.
+            radiance: linear Rec. 709 [W·sr⁻¹·m⁻²]; of a point or spot its intensity [W·sr⁻¹], of a directional
+                light its irradiance [W·m⁻²].
+
+        Raises:
+            InputError: nothing of that name shines in the scene, or the radiance cannot be.
+        """
+        self._check_open()
+        red, green, blue = read_value("radiance", radiance, tuple[float, float, float])
+        if min(red, green, blue) < 0:
+            raise InputError(f"`radiance` must not be negative, got {red:g}, {green:g}, {blue:g}")
+        # Until the first step, what is auto may yet become fixed.
+        time = self._options.time if self._data is None else self._first.options.time
+        if time not in ("auto", "fixed"):
+            raise InputError(
+                f"`time` {time} knows the scene's own light between frames, so no light can be set; use fixed"
+            )
+        self._driving.set_light(name, (red, green, blue))
+        if self._data is not None:
+            self._data.set_light(name, (red, green, blue))
+            for eye in self._eyes.values():
+                eye.forget_light()
+
+    def _step(self, until_us: int) -> dict[str, EventBatch]:
+        """Make a step, and return each camera's events."""
+        self._check_open()
+        until_us = read_value("until_us", until_us, int)
+        if until_us < self.time_us:
+            raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
+        self._driving.end_step(until_us, self._passed_us)
+        data = self._build() if self._data is None else self._data
+        batches: dict[str, list[EventBatch]] = {name: [] for name in self._eyes}
+        for eye in self._eyes.values():
+            eye.begin_step()
+        for time_us in self._clock.frame_times(self._next, self.time_us, until_us):
+            for name, eye in self._eyes.items():
+                batches[name].append(eye.advance(self._next, time_us, self._passed_us, data))
+            before_us, self.time_us = self.time_us, time_us
+            self._next += 1
+            self._driving.forget_before(before_us)
+        self._clock.wait_for(until_us)
+        return {name: parts[0] if len(parts) == 1 else gather(parts) for name, parts in batches.items()}
+
+    def _check_frame(self) -> None:
+        """Raise Error where there is no frame."""
+        self._check_open()
+        if self._next == 0:
+            raise Error("there is no frame yet: step first")
+
+    def reset(self, seed: int | None = None) -> None:
+        """Begin anew: the next frame is at 0, and all stands and shines as in the scene, until it is set.
+
+        The same steps return the same events again.
+
+        Args:
+            seed: of the random numbers from now on; None keeps it.
+        """
+        self._check_open()
+        if seed is not None:
+            self._options = replace(self._options, seed=seed)
+            self._plan()
+        if self._data is not None:
+            for name in self._driving.light:
+                self._data.set_light(name, self._driving.shining()[name])
+            self._data.move_anew()
+            for eye in self._eyes.values():
+                eye.connect(self._data)
+        self._driving.release()
+        self._begin()
+
+    def snapshot(self) -> SimulatorState:
+        """Return all that the simulator remembers, for `restore`; it costs as much memory as the simulator's own.
+
+        Raises:
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_open()
+        if self._data is None:
+            raise Error("there is nothing to remember yet: step first")
+        remembers = tuple(eye.snapshot() for eye in self._eyes.values())
+        return SimulatorState(self._views, remembers, self._driving.state(), self._next, self.time_us)
+
+    def restore(self, state: SimulatorState) -> None:
+        """Go back to when a snapshot was taken; the same steps return the same events again.
+
+        Raises:
+            InputError: it is of another simulator, or of before a reset.
+            clsim.Error: the simulator is closed.
+        """
+        self._check_open()
+        if self._data is None or state.views != self._views:
+            raise InputError("`state` is of another simulator, or of before a reset")
+        for remembered in state.remembers:
+            remembered.restore()
+        shining = self._driving.shining()
+        for name in self._driving.light:
+            self._data.set_light(name, shining[name])
+        self._driving.set_state(state.driving)
+        for name, radiance in self._driving.light.items():
+            self._data.set_light(name, radiance)
+        self._data.move_anew()
+        self._begin(state.next, state.time_us)
+
+    @property
+    def lag_s(self) -> float:
+        """By how much the last step ended late, with the wall clock [s]."""
+        return self._clock.lag_s
+
+    def close(self) -> None:
+        """Release the devices' memory; safe to call twice."""
+        if not self._closed:
+            self._closed = True
+            if is_orphan():  # devices are the parent's
+                return
+            for eye in self._eyes.values():
+                eye.release()
+
+    def _begin(self, frames: int = 0, time_us: int = 0) -> None:
+        """Let so many frames have passed, the last at that time, and the wall clock start with the next step."""
+        self._next = frames
+        self.time_us = time_us
+        self._clock.restart()
+
+    def _build(self) -> SceneData:
+        """Copy the scene to the device, and build what works on it."""
+        self._driven = self._driving.moved
+        shared = self._turn.scene
+        self.world = self._driving.seal() if shared.data is None else shared.data.world
+        self._plan()
+        data = shared.data or self._scene_data()
+        for name, radiance in self._driving.light.items():
+            data.set_light(name, radiance)
+        for eye in self._eyes.values():
+            eye.connect(data)
+        self._data = shared.data = (
+            data  # now that all is built: a step after one that could not be begins with this again
+        )
+        return data
+
+    @abstractmethod
+    def _scene_data(self) -> SceneData:
+        """Copy the scene to the device."""
+
+    def _plan(self) -> None:
+        for name, own in self._seen(self.world).items():
+            self._eyes[name].stages = plan_stages(
+                self._options, own, lights_set=bool(self._driving.light), driven=self._driven
+            )
+
+    @property
+    def _first(self) -> Stages:
+        """The stages of the first camera."""
+        return next(iter(self._eyes.values())).stages
+
+    @property
+    def _views(self) -> tuple[object, ...]:
+        return tuple(eye.view for eye in self._eyes.values())
+
+    @property
+    def _passed_us(self) -> int | None:
+        """Time of the last frame; None before the first."""
+        return self.time_us if self._next else None
+
+    def _check_open(self) -> None:
+        check_process()
+        if self._closed:
+            raise Error("the simulator is closed")
+
+    def __enter__(self: DriverT) -> DriverT:
+        """Return the simulator, which is closed with the block."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close it."""
+        self.close()

@@ -1,0 +1,175 @@
+"""The synchronous driver: the stages of a live run in the caller's own thread, a step at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from clsim.errors import InputError, require_choice
+from clsim.events import Causes, EventBatch
+from clsim.frames import Frame
+from clsim.live.rig import cameras_of
+from clsim.live.stages import alone
+from clsim.render import SceneData
+from clsim.scene import Camera, World
+from clsim.scene.driven import CAMERA
+from clsim.simulator.driver import Driver
+from clsim.simulator.eye import Eye
+from clsim.simulator.radiance import RadianceCamera
+
+
+class Simulator(Driver):
+    """Turns a scene into events as far as it is told to, with the same bits as a live run.
+
+    >>> with clsim.Simulator("two-boxes", fps=1000.0) as simulator:  # doctest: +SKIP
+    ...     simulator.set_pose("tall box", pose)  # where it is when the next step ends
+    ...     events = simulator.step(until_us=1_000)
+
+    The frame at 0 sets the references and fires nothing. Beyond the end of the scene's motion, time goes on as the
+    motion does.
+
+    Attributes:
+        fps: frames per simulated second; with the caller's clock, at least so many.
+        world: the scene, with what is driven.
+        names: what has a pose that can be set: the camera, and objects and lights whose names are their own.
+        warnings: what is asked for and will not be, one sentence each.
+        time_us: time of the last frame; 0 before the first.
+        from_radiance: makes a camera to which another renderer shows its pictures, and which returns events.
+    """
+
+    from_radiance = RadianceCamera
+
+    @property
+    def width(self) -> int:
+        """Of the sensor [pixels]."""
+        return self.world.camera.width
+
+    @property
+    def height(self) -> int:
+        """Of the sensor [pixels]."""
+        return self.world.camera.height
+
+    def step(self, until_us: int) -> EventBatch:
+        """Render and detect all frames up to ``until_us`` [µs], that time included, and return their events.
+
+        The events are sorted by time, and none is later than the last of these frames; if there was none, nor is there
+        an event.
+
+        Raises:
+            InputError: ``until_us`` lies before the last frame.
+            clsim.Error: the simulator is closed.
+        """
+        return self._step(until_us)[CAMERA]
+
+    @property
+    def causes(self) -> Causes:
+        """What caused each event of the last step: an index of `clsim.events.CAUSES`."""
+        return self._eye.causes
+
+    def frame(self) -> Frame:
+        """Return a copy of the last frame, with all its planes.
+
+        Raises:
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_frame()
+        return self._eye.frame()
+
+    def truth(self, *names: str) -> dict[str, npt.NDArray[np.float32]]:
+        """Return what is known of the last frame's pixels; `clsim.truth.cut.cut` tells shapes and units.
+
+        Backward flow leads to the frame before; flow leads 1/fps on, as far as motions are known now.
+
+        Args:
+            names: planes that ``truth`` was given, or intensity; none means all of them.
+
+        Raises:
+            InputError: a name is not among them.
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_frame()
+        return self._eye.truth(names)
+
+    def _load(self) -> World:
+        return alone(super()._load())
+
+    def _seen(self, world: World) -> dict[str, World]:
+        return {CAMERA: world}
+
+    def _scene_data(self) -> SceneData:
+        return self._eye.stages.scene_data()
+
+    @property
+    def _eye(self) -> Eye:
+        return self._eyes[CAMERA]
+
+
+class RigSimulator(Driver):
+    """As `Simulator`, with all the cameras of a rig (``[[cameras]]`` in a TOML, or `World.rig`), which move as one.
+
+    >>> with clsim.RigSimulator("stereo.toml", fps=1000.0) as rig:  # doctest: +SKIP
+    ...     rig.set_camera(pose)  # where the rig is when the next step ends
+    ...     events = rig.step(until_us=1_000)
+    ...     print(len(events["left"]), len(events["right"]))
+
+    Each camera has the bits that it has alone, and in a live run.
+
+    Attributes:
+        cameras: by name, in the order of the scene.
+        fps, world, names, warnings, time_us: as in `Simulator`; "camera" is the name of the rig.
+    """
+
+    @property
+    def cameras(self) -> dict[str, Camera]:
+        """Each camera, by name; its motion is what the scene says, and what is set."""
+        return {name: eye.stages.world.camera for name, eye in self._eyes.items()}
+
+    def step(self, until_us: int) -> dict[str, EventBatch]:
+        """Render and detect all frames up to ``until_us`` [µs], and return each camera's events by its name.
+
+        Raises:
+            InputError: ``until_us`` lies before the last frame.
+            clsim.Error: the simulator is closed.
+        """
+        return self._step(until_us)
+
+    @property
+    def causes(self) -> dict[str, Causes]:
+        """What caused each event of the last step, by cameras: an index of `clsim.events.CAUSES`."""
+        return {name: eye.causes for name, eye in self._eyes.items()}
+
+    def frame(self, camera: str) -> Frame:
+        """Return a copy of a camera's last frame.
+
+        Raises:
+            InputError: no camera is called so.
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_frame()
+        return self._eye(camera).frame()
+
+    def truth(self, camera: str, *names: str) -> dict[str, npt.NDArray[np.float32]]:
+        """Return what is known of the pixels of a camera's last frame, as `Simulator.truth` does.
+
+        Raises:
+            InputError: no camera is called so, or a name is not among its planes.
+            clsim.Error: there was no step yet, or the simulator is closed.
+        """
+        self._check_frame()
+        return self._eye(camera).truth(names)
+
+    def _seen(self, world: World) -> dict[str, World]:
+        if not world.rig:
+            raise InputError(f"{world.name} has one camera, expected a rig ([[cameras]]); use clsim.Simulator")
+        return {name: replace(world, camera=camera, rig=()) for name, camera in cameras_of(world).items()}
+
+    def _scene_data(self) -> SceneData:
+        render = next(iter(self._eyes.values())).stages.render
+        longest_s = max(camera.shutter_s for camera in self.cameras.values())
+        return SceneData(self.world, render.device, render.tree, longest_s)
+
+    def _eye(self, camera: str) -> Eye:
+        require_choice("camera", camera, tuple(self._eyes))
+        return self._eyes[camera]

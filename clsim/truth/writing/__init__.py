@@ -1,0 +1,1 @@
+"""What layouts share: lines of text, pictures, arrays that grow, poses, intrinsics."""

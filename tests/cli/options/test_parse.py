@@ -1,0 +1,32 @@
+import pytest
+
+from clsim.cli.options import parse
+from clsim.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("2s", 2.0), ("500ms", 0.5), ("2", 2.0), ("1.5 min", 90.0), ("250us", 250e-6), ("3µs", 3e-6)]
+)
+def test_durations(text: str, seconds: float) -> None:
+    assert parse.duration_s(text) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize("text", ["", "s", "-1s", "0", "nan", "inf", "2h", "1e999"])
+def test_wrong_durations(text: str) -> None:
+    with pytest.raises(InputError, match="--duration must be a positive time"):
+        parse.duration_s(text)
+
+
+def test_resolutions() -> None:
+    assert parse.resolution("346x260") == parse.resolution("346 X 260") == (346, 260)
+    for text in ("0x10", "10x0", "10", "x", "-1x5", "1e3x4", "10x10x10"):
+        with pytest.raises(InputError, match="WIDTHxHEIGHT"):
+            parse.resolution(text)
+
+
+def test_thresholds() -> None:
+    assert parse.threshold("0.2") == (0.2, 0.2)
+    assert parse.threshold("0.2,0.25") == (0.2, 0.25)
+    for text in ("-0.1", "0", "a", "0.1,0.2,0.3", "nan", "0.2,", "inf"):
+        with pytest.raises(InputError, match="--threshold must be one or two positive numbers"):
+            parse.threshold(text)

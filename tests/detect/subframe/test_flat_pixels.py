@@ -1,0 +1,149 @@
+"""Brightness of pixels that show one flat surface, with a tracer that knows its albedo in closed form."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+from clsim.detect.config import DetectorConfig
+from clsim.detect.subframe.between import Motion
+from clsim.detect.subframe.flat_pixels import FlatPixels
+from clsim.detect.subframe.knots import TICKS_PER_S
+from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, page_aligned
+from clsim.opencl.path import BrightnessPath
+
+SIZE = (40, 60)
+NAMES = (*RADIANCE, *ALBEDO, *COVERAGE)
+STEP_US = 33_333
+WAY = (3.0, -1.0)
+
+
+@dataclass
+class Wall:
+    """A wall that becomes darker in the middle of a step; a hole in it is seen at the start and at the end."""
+
+    holes: list[tuple[int, int]] = field(default_factory=list)
+    told: bool = True
+    lit: bool = True
+    steady: bool = False
+    names: tuple[str, ...] = NAMES
+
+    def albedo(self, shares):
+        return np.where(shares < 0.5, 0.8, 0.8 - 1.2 * (shares - 0.5))
+
+    def bounds(self):
+        found = np.zeros(SIZE, bool)
+        for hole in self.holes[:1]:
+            found[hole] = True
+        self.holes = self.holes[1:]
+        return found if self.told else None
+
+    def steady_shadows(self):
+        return np.full(SIZE[0] * SIZE[1], self.steady)
+
+    def reflected(self, pixels, light, start_s, end_s, fineness):
+        assert (start_s, end_s) == (0.0, STEP_US * 1e-6) and fineness.linear
+        shares = np.tile(np.array([0.0, 0.5, 1.0], np.float32), (len(pixels), 1))
+        start, end = (light[rows, :].sum(axis=0)[pixels, None] for rows in (slice(0, 3), slice(3, 6)))
+        values = self.albedo(shares) * (start + (end - start) * shares)
+        firsts = np.arange(len(pixels) + 1) * 3
+        return Reflected(pixels, pixels, firsts, shares.ravel(), values.astype(np.float32).ravel())
+
+
+def found_by(wall, lights=(2.0, 2.0), albedos=None, halfway=0.5):
+    """Show a wall at both ends of a step, in light [H, W]; return what is known of it, and the levels at both."""
+    flat = FlatPixels(DetectorConfig(method="esim", event_rule="linear-light"), NAMES, SIZE)
+    levels = []
+    for light, share in zip(lights, (0.0, 1.0), strict=True):
+        frame = Frame(page_aligned((len(NAMES), *SIZE)), NAMES)
+        frame.planes[3:6] = wall.albedo(np.array(share)) if albedos is None else albedos
+        frame.planes[:3] = frame.planes[3:6] * light
+        frame.planes[6] = 1.0
+        flat.advance(frame, wall)
+        levels.append(np.log(frame.planes[0].ravel()))
+    ways = np.tile(np.array(WAY, np.float32)[:, None, None], (3, 1, *SIZE))
+    path = BrightnessPath(0, STEP_US, *[None] * 3, 0)
+    motion = Motion(ways, halfway * ways)
+    return flat.find(path, wall, motion, tuple(levels), 100.0), levels
+
+
+def test_light_goes_straight_and_albedo_as_it_is_told():
+    found, (start, end) = found_by(Wall(), lights=(2.0, 2.02))
+    assert found.known.reshape(SIZE)[10:30, 10:50].all()
+    pixel = 20 * SIZE[1] + 30
+    mine = found.knots.pixels == np.searchsorted(found.pixels, pixel)
+    np.testing.assert_allclose(found.knots.levels[mine], [start[pixel], np.log(0.8 * 2.01), end[pixel]], atol=1e-6)
+    np.testing.assert_allclose(found.knots.times[mine] / TICKS_PER_S * 1e6, [0, STEP_US / 2, STEP_US], atol=2)
+
+
+def test_those_that_fire_leave_their_thresholds_at_any_knot():
+    found, (start, _) = found_by(Wall())
+    assert len(found.that_fire(start, 0.2, 0.2).pixels) == len(found.pixels) > 500
+    assert not len(found.that_fire(start, 0.2, 5.0).pixels)
+    few = found.that_fire(np.where(np.arange(len(start)) % 2, start, np.nan), 0.2, 0.2)
+    assert (few.pixels % 2 == 1).all() and few.knots.pixels.max() == len(few.pixels) - 1
+
+
+def test_nothing_is_known_where_something_else_may_come_over_a_pixel():
+    """A hole goes 3 to the right and 1 up, and may be anywhere between.
+
+    At the picture's border either end tells what comes over a pixel; at two of its corners neither does.
+    """
+    known = found_by(Wall(holes=[(20, 30), (19, 33)]))[0].known.reshape(SIZE)
+    expected = np.ones(SIZE, bool)
+    expected[19:21, 30:34] = False
+    expected[0, :3] = expected[-1, -3:] = False
+    np.testing.assert_array_equal(known, expected)
+
+
+def test_where_something_may_come_over_a_pixel_it_is_told_when_it_may_fire_by_itself():
+    found, (start, _) = found_by(Wall(holes=[(20, 30), (19, 33)]))
+    unsure = 20 * SIZE[1] + 32
+    assert unsure in found.unsure and not found.known[found.unsure].any()
+    pixels, times = found.peaks(start, 0.2, 0.2)
+    np.testing.assert_allclose(times[pixels == unsure] / TICKS_PER_S * 1e6, [STEP_US], atol=2)
+    assert not len(found.peaks(start, 0.2, 5.0)[0])
+    # One that is known needs no look, and one without a reference does not fire.
+    assert 10 * SIZE[1] + 30 not in pixels and not len(found.peaks(np.full_like(start, np.nan), 0.2, 0.2)[0])
+
+
+def test_nothing_is_known_of_a_step_in_which_things_turn_back():
+    """What is farther away than the step's way may come and go meanwhile."""
+    assert found_by(Wall(), halfway=0.9)[0].known.any() and not found_by(Wall(), halfway=1.5)[0].known.any()
+
+
+@pytest.mark.parametrize("ratio, kept", [(1.03, True), (3.0, False)], ids=["wide", "sharp"])
+def test_a_shadow_with_a_sharp_edge_is_looked_at(ratio, kept):
+    light = np.full(SIZE, 2.0, np.float32)
+    light[:, 30:] /= ratio
+    assert found_by(Wall(), lights=(light, light))[0].known.reshape(SIZE)[20, 30] == kept
+
+
+def test_light_that_differs_from_pixel_to_pixel_is_looked_at():
+    """Rays have found it, so that it goes in stairs: in soft shadows, one pixel is off by a ray of 25."""
+    uneven = np.full(SIZE, 2.0, np.float32)
+    uneven[20, 30] *= 0.96
+    for lights in ((uneven, 2.0), (2.0, uneven)):
+        known = found_by(Wall(), lights=lights)[0].known.reshape(SIZE)
+        assert not known[20, 30] and known[20, 29] and known[21, 30]
+
+
+def test_uneven_light_is_known_where_the_same_rays_found_it_in_both_frames():
+    uneven = np.full(SIZE, 2.0, np.float32)
+    uneven[20, 30] *= 0.96
+    assert found_by(Wall(steady=True), lights=(uneven, uneven))[0].known.reshape(SIZE)[20, 30]
+
+
+def test_light_that_changes_much_is_looked_at():
+    assert not found_by(Wall(), lights=(2.0, 3.0))[0].known.any()
+
+
+def test_a_pixel_that_shows_something_else_too_is_looked_at():
+    """Its albedo is not that of the surface its corners see."""
+    assert not found_by(Wall(), albedos=0.5)[0].known.any()
+
+
+def test_where_no_bounds_are_told_nothing_is_known():
+    assert not found_by(Wall(told=False))[0].known.any()

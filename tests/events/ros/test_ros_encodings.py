@@ -1,0 +1,100 @@
+"""Packets of ROS that other drivers send, against event_camera_codecs' rules, word by word."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.events.event_data import HEIGHT, WIDTH, events
+
+pytest.importorskip("rosbags")
+
+from pathlib import Path
+
+from clsim.events.files import open_source
+from clsim.events.ros import messages
+
+SENSOR = messages.Sensor(WIDTH, HEIGHT)
+BASE_US = 1_702_309_120_762_236
+
+
+def libcaer_cmp(words: list[int]) -> list[tuple[int, int, int, bool]]:
+    """Return what event_camera_codecs' libcaer_cmp_decoder.h makes of one packet."""
+    found = []
+    high = low = column = base = 0
+    on = False
+
+    def add(y: int, on: bool) -> None:
+        if column < WIDTH and y < HEIGHT:
+            found.append((BASE_US + (high << 12 | low), column, y, on))
+
+    for word in words:
+        kind, value = word >> 12, word & 0xFFF
+        if kind == 0:
+            high = value
+        elif kind == 1:
+            low = value
+        elif kind == 2:
+            column = value & 0x7FF
+        elif kind == 3:
+            add(value & 0x7FF, value >> 11 == 1)
+        elif kind == 4:
+            base, on = value & 0x7FF, value >> 11 == 1
+        elif kind == 5:
+            for bit in range(8):
+                if value >> bit & 1:
+                    add(base + bit, on)
+            base += 8
+    return found
+
+
+def decoded(encoding: str, data: bytes) -> list[tuple[int, int, int, bool]]:
+    packet = messages.packet_bytes(2, SENSOR, 0, BASE_US, encoding, data)
+    decoder = messages.MessageDecoder(2, messages.PACKET)
+    found = decoder.decode(packet)
+    return [tuple(event) for event in found.tolist()]
+
+
+words = st.builds(
+    lambda kind, value: kind << 12 | value,
+    st.integers(0, 6),
+    st.one_of(st.integers(0, 4095), st.integers(0, WIDTH + 4), st.integers(0x800, 0x800 + HEIGHT + 4)),
+)
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.lists(words, max_size=40))
+def test_any_words_of_libcaer_cmp_are_decoded_by_its_rules(found: list[int]) -> None:
+    assert decoded("libcaer_cmp", np.array(found, "<u2").tobytes()) == libcaer_cmp(found)
+
+
+def test_libcaer_s_records_are_decoded_and_their_clock_begins_anew_within_a_packet() -> None:
+    ticks = np.array([2**31 - 2, 2**31 - 1, 0, 5])
+    x, y, on = np.array([0, 345, 3, 4]), np.array([0, 259, 5, 6]), np.array([1, 0, 1, 0])
+    data = np.stack([1 | on << 1 | y << 2 | x << 17, ticks], axis=1).astype("<u4").tobytes()
+    times = BASE_US + np.array([2**31 - 2, 2**31 - 1, 2**31, 2**31 + 5])
+    expected = list(zip(times.tolist(), x.tolist(), y.tolist(), (on > 0).tolist(), strict=True))
+    assert decoded("libcaer", data) == expected
+
+
+def test_bags_of_the_older_message_and_overlapping_packets_are_read(tmp_path: Path) -> None:
+    """event_array_msgs/EventArray is what EventPacket was at first; packets in the wrong order are put right."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    batch = events(4000, span_us=60_000)
+    store = get_typestore(Stores.ROS1_NOETIC)
+    text = messages.definitions(1)[messages.PACKET]
+    store.register(get_types_from_msg(text, messages.OLDER_PACKET))
+    parts = np.array_split(batch, 8)
+    parts[2], parts[3] = parts[3], parts[2]
+    with Writer(tmp_path / "a.bag") as bag:
+        topic = bag.add_connection("/event_camera/events", messages.OLDER_PACKET, typestore=store)
+        for k, part in enumerate(parts):
+            start_us = int(part["t"][0])
+            data = messages.mono_words(part, start_us).tobytes()
+            bag.write(topic, k, messages.packet_bytes(1, SENSOR, k, start_us, "mono", data))
+    source = open_source(tmp_path / "a.bag")
+    found = source.read()
+    assert np.array_equal(found["t"], batch["t"]) and source.moved_events == len(parts[2]) != 0
+    assert sorted(found.tolist()) == sorted(batch.tolist())

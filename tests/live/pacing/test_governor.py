@@ -1,0 +1,230 @@
+"""The governor on a machine that is a model: how long a frame takes depends on the level, the load and chance."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from clsim.live.pacing.governor import Governor
+from clsim.live.pacing.ladder import Level, ladder
+
+BUDGET_S = 1 / 30
+BEST = Level(probe_spp=1, spp=8, first_hit_rays=16)
+LEVELS = ladder(BEST)
+MEASURED = 3
+"""Level of the frames before the clock runs."""
+Load = Callable[[int], float]
+
+
+@dataclass
+class Machine:
+    """Renders frame after frame at the pace of the clock; a level holds from the frame after the next on.
+
+    Attributes:
+        load: seconds per unit of cost at a frame.
+        true_costs: what frames cost indeed, which the governor does not know.
+        noise: standard deviation of the logarithm of a frame's time.
+    """
+
+    load: Load
+    true_costs: list[float]
+    noise: float = 0.05
+    seed: int = 0
+    levels: list[int] = field(default_factory=list)
+    lags_s: list[float] = field(default_factory=list)
+    busy_s: list[float] = field(default_factory=list)
+
+    def run(self, governor: Governor, frames: int, warm: bool = True) -> "Machine":
+        random = np.random.default_rng(self.seed)
+        if warm:
+            governor.begin(self.load(0) * self.true_costs[MEASURED], MEASURED)
+        end_s, coming = 0.0, [governor.level] * 2
+        for k in range(frames):
+            start_s = max(k * BUDGET_S, end_s)
+            level = coming.pop(0)
+            busy_s = self.load(k) * self.true_costs[level] * float(np.exp(random.normal(0, self.noise)))
+            end_s = start_s + busy_s
+            governor.observe(busy_s, start_s - k * BUDGET_S)
+            coming.append(governor.level)
+            self.levels.append(governor.level)
+            self.busy_s.append(busy_s)
+            self.lags_s.append(start_s - k * BUDGET_S)
+        return self
+
+    @property
+    def changes(self) -> int:
+        return int(np.count_nonzero(np.diff(self.levels)))
+
+
+def test_it_knows_that_the_cheapest_level_is_too_slow() -> None:
+    cheapest = costs()[-1]
+    for load, expected in ((1.3 * BUDGET_S / cheapest, True), (0.8 * BUDGET_S / cheapest, False)):
+        governor = Governor(costs(), BUDGET_S)
+        machine = Machine(lambda frame, load=load: load, costs()).run(governor, 100)  # type: ignore[misc]
+        assert machine.levels[-1] == len(LEVELS) - 1 and governor.too_slow == expected
+
+
+def costs() -> list[float]:
+    return [level.cost for level in LEVELS]
+
+
+def fitting(level: int, share: float = 0.7) -> float:
+    """Load at which ``level`` takes that share of the budget."""
+    return share * BUDGET_S / costs()[level]
+
+
+def test_it_goes_down_within_a_few_frames_of_a_step_in_load_and_comes_back() -> None:
+    middle = len(LEVELS) // 2
+    machine = Machine(lambda k: fitting(middle) if 300 <= k < 900 else fitting(0), costs())
+    machine.run(Governor(costs(), BUDGET_S), 1800)
+    assert machine.levels[299] == 0
+    assert max(machine.lags_s[:300]) < BUDGET_S
+    assert machine.levels[308] >= middle
+    assert max(machine.busy_s[310:900]) < BUDGET_S * 1.25
+    assert max(machine.lags_s[400:900]) < BUDGET_S
+    assert machine.levels[-1] == 0
+    assert machine.changes <= 2 * len(LEVELS) + 4
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("level", [0, 2, 5])
+@pytest.mark.parametrize("share", [0.6, 0.8, 0.95])
+def test_a_load_that_stays_never_makes_it_oscillate(level: int, share: float, seed: int) -> None:
+    """Five minutes: costs are wrong by up to a half and frames scatter, so that attempts fail, ever more rarely."""
+    random = np.random.default_rng(seed)
+    wrong = np.sort(random.uniform(0.67, 1.5, len(LEVELS)))[:: random.choice([-1, 1])]
+    true_costs = np.maximum.accumulate((np.array(costs()) * wrong)[::-1])[::-1]
+    machine = Machine(lambda k: share * BUDGET_S / true_costs[level], list(true_costs), noise=0.1, seed=seed)
+    machine.run(Governor(costs(), BUDGET_S), 9000)
+    assert machine.changes < 20
+    assert np.count_nonzero(np.diff(machine.levels[4500:])) < 8
+    assert np.mean(np.array(machine.lags_s) > BUDGET_S) < 0.001
+    usual = int(np.median(machine.levels[4500:]))
+    assert usual == 0 or share * true_costs[usual - 1] / true_costs[level] > 0.5, "it renders less than it could"
+
+
+def test_a_frame_now_and_then_that_takes_long_changes_nothing() -> None:
+    machine = Machine(lambda k: fitting(2) * (8 if k % 50 == 49 else 1), costs(), noise=0.02)
+    machine.run(Governor(costs(), BUDGET_S), 600)
+    assert set(machine.levels[100:]) == {machine.levels[100]} and machine.levels[100] <= 3
+
+
+def test_without_a_warm_up_it_falls_to_what_fits() -> None:
+    machine = Machine(lambda k: fitting(len(LEVELS) - 1), costs()).run(Governor(costs(), BUDGET_S), 300, warm=False)
+    assert machine.levels[8] == len(LEVELS) - 1
+    assert max(machine.lags_s[150:]) < BUDGET_S
+
+
+def test_the_warm_up_begins_where_no_frame_is_late() -> None:
+    for level in range(len(LEVELS)):
+        machine = Machine(lambda k, level=level: fitting(level), costs()).run(Governor(costs(), BUDGET_S), 60)
+        assert max(machine.lags_s) < BUDGET_S
+
+
+def test_a_load_beyond_the_cheapest_level_stays_there() -> None:
+    machine = Machine(lambda k: 3 * fitting(len(LEVELS) - 1), costs()).run(Governor(costs(), BUDGET_S), 300)
+    assert set(machine.levels) == {len(LEVELS) - 1}
+
+
+def test_a_run_that_is_late_renders_less_until_it_has_caught_up() -> None:
+    governor = Governor(costs(), BUDGET_S)
+    for _ in range(50):
+        governor.observe(0.85 * BUDGET_S)
+    assert governor.level == 0
+    for _ in range(4):
+        governor.observe(0.85 * BUDGET_S, lag_s=20 * BUDGET_S)
+    assert governor.level > 0
+    level = governor.level
+    for _ in range(100):
+        governor.observe(0.1 * BUDGET_S, lag_s=2 * BUDGET_S)
+    assert governor.level == level
+
+
+def test_two_late_frames_are_enough_to_go_down() -> None:
+    governor = Governor(costs(), BUDGET_S)
+    for _ in range(50):
+        governor.observe(0.5 * BUDGET_S)
+    assert [governor.observe(1.02 * BUDGET_S) for _ in range(2)] == [False, True]
+
+
+def test_loads_that_rise_and_fall_again_are_not_taken_for_failures() -> None:
+    """Each time the load has fallen the governor is back soon: waits do not grow, as they would if attempts failed."""
+    machine = Machine(lambda k: fitting(0, 0.6) * (2.0 if k % 400 >= 300 else 1.0), costs(), noise=0.02)
+    machine.run(Governor(costs(), BUDGET_S), 4000)
+    for begin in range(400, 4000, 400):
+        assert machine.levels[begin - 90] > 0
+        assert machine.levels[begin + 150] == 0, f"not back after frame {begin}"
+
+
+def test_a_new_load_is_not_made_to_wait_for_the_failures_of_the_old() -> None:
+    """Level 0 looks as if it fitted and does not: attempts fail, rarer and rarer. Then the load falls."""
+    true_costs = costs()
+    true_costs[0] *= 2
+    machine = Machine(lambda k: fitting(0) if k < 6000 else 0.45 * fitting(0), true_costs, noise=0.02)
+    machine.run(Governor(costs(), BUDGET_S), 6200)
+    assert 2 < np.count_nonzero(np.diff(machine.levels[:6000])) < 24
+    assert machine.levels[-1] == 0
+
+
+def test_a_level_may_make_it_wait_longer() -> None:
+    governor = Governor([4.0, 2.0, 1.0], BUDGET_S, waits=[100, 20, 20])
+    governor.begin(5 * BUDGET_S, level=2)
+    changed = [k for k in range(200) if governor.observe(0.1 * BUDGET_S)]
+    assert governor.level == 0 and 20 <= changed[0] < 40 and 100 <= changed[1] - changed[0] < 110
+
+
+def test_costs_must_fall() -> None:
+    with pytest.raises(ValueError, match="must be positive and fall"):
+        Governor([3.0, 3.0, 1.0], BUDGET_S)
+
+
+def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() -> None:
+    assert LEVELS[0] == BEST and LEVELS[-1] == Level(1, 1, 1, every=4)
+    assert [level.spp for level in LEVELS] == [8, 4, 2, 1, 1, 1, 1, 1, 1]
+    assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 4, 4, 4, 2, 1]
+    assert [level.every for level in LEVELS] == [1, 1, 1, 1, 1, 2, 4, 4, 4]
+    assert [level.first_hit_rays for level in ladder(Level(1, 1, 4))] == [4, 4, 4, 2, 1]
+    assert [(level.first_hit_rays, level.every) for level in ladder(Level(1, 1, 4, every=2))] == [
+        (4, 2), (4, 4), (2, 4), (1, 4)
+    ]  # fmt: skip
+    assert {level.every for level in ladder(Level(1, 8, 16, every=6))} == {6}
+    assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
+    timed = ladder(Level(1, 8, 16, tolerance_us=20.0))
+    assert [level.tolerance_us for level in timed] == [20.0, 200.0, 2000.0, *[1e4] * len(LEVELS)]
+    assert [level.spp for level in timed[:5]] == [8, 8, 8, 8, 4], "the exactness of times is given up first"
+    assert all(a.cost > b.cost for a, b in pairwise(timed)) and timed[0].effort == BEST.effort
+    assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us"
+    assert LEVELS[0].given_up_against(BEST) == ""
+    assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
+
+
+@pytest.mark.parametrize(
+    "best", [BEST, Level(4, 16, 32), Level(1, 1, 4), Level(1, 1, 4, 2), Level(1, 1, 1), Level(256, 256, 64)]
+)
+def test_each_rung_costs_less_than_the_one_above(best: Level) -> None:
+    found = [level.cost for level in ladder(best)]
+    assert found == sorted(set(found), reverse=True)
+
+
+@pytest.mark.parametrize(("frames", "wait"), [(30, 20), (20, 40)])
+def test_a_rise_is_told_from_a_failure_once_the_usual_time_is_known(frames: int, wait: int) -> None:
+    """25 frames tell the usual time; the load that leaves a level before them counts as a failure of it."""
+    governor = Governor([2.0, 1.0], BUDGET_S)
+    for _ in range(frames):
+        assert not governor.observe(0.5 * BUDGET_S)
+    assert [governor.observe(1.02 * BUDGET_S) for _ in range(2)] == [False, True]
+    after = next(k for k in range(100) if governor.observe(0.2 * BUDGET_S))
+    assert wait <= after < wait + 10
+
+
+def test_failures_are_forgotten_for_good_as_soon_as_the_load_falls() -> None:
+    governor = Governor([2.0, 1.0], BUDGET_S)
+    for failures in range(4):
+        while governor.level == 0:
+            governor.observe(1.1 * BUDGET_S)
+        if failures < 3:
+            waited = next(k for k in range(1000) if governor.observe(0.35 * BUDGET_S))
+            assert waited >= 20 << failures
+    assert 20 <= next(k for k in range(1000) if governor.observe(0.1 * BUDGET_S)) < 30

@@ -1,0 +1,59 @@
+"""Truth as pictures."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from clsim.cli.app import app
+from clsim.errors import InputError
+from clsim.live.view.truth_pictures import DepthPicture, FlowPicture, ids_picture, recorded_pictures
+from clsim.truth.formats.hdf5 import Hdf5Layout
+from tests.truth import recordings
+
+
+def test_near_is_lighter_than_far_and_nothing_is_black() -> None:
+    depth = np.array([[1.0, 2.0, 4.0, 8.0, np.inf]])
+    picture = DepthPicture()(depth)
+    light = picture.sum(axis=2)[0].tolist()
+    assert light == sorted(light, reverse=True) and len(set(light)) == 5 and light[-1] == 0
+
+
+def test_the_first_picture_sets_the_range() -> None:
+    show = DepthPicture()
+    first = show(np.array([[1.0, 2.0, 3.0]]))
+    assert np.array_equal(show(np.array([[2.0, 2.0, 2.0]]))[0, 0], first[0, 1])
+
+
+def test_flow_has_the_colours_of_the_wheel() -> None:
+    flow = np.array([[(5.0, 0.0), (-5.0, 0.0), (0.0, 0.0), (5.0, 0.0), (5.0, 0.0)]])
+    picture = FlowPicture()(flow, np.array([[1, 1, 1, 1, 0]]), np.array([[1, 1, 1, 0, 0]]))[0].astype(int)
+    assert picture[0].tolist() == [255, 0, 0], "right is red"
+    assert picture[1].tolist() == [0, 255, 255] and picture[2].tolist() == [255, 255, 255]
+    assert picture[3].tolist() == [140, 0, 0] and picture[4].tolist() == [0, 0, 0]
+
+
+def test_each_object_has_a_colour() -> None:
+    picture = ids_picture(np.arange(30.0)[None])[0]
+    assert not picture[0].any() and len({tuple(c) for c in picture.tolist()}) == 30
+
+
+def test_pictures_of_a_recording_come_at_their_times(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    given = recordings.feed(Hdf5Layout(path, recordings.about()))
+    for shown in ("image", "depth", "flow", "ids"):
+        found = list(recorded_pictures(str(path), shown))
+        assert [time_us for time_us, _ in found] == [shot.time_us for shot in given.shots]
+        assert all(p.shape == (recordings.HEIGHT, recordings.WIDTH, 3) and p.dtype == np.uint8 for _, p in found)
+    picture = dict(recorded_pictures(str(path), "ids"))[given.shots[1].time_us]
+    assert np.array_equal(picture, ids_picture(given.shots[1].planes["object"]))
+
+
+def test_only_recordings_with_truth_have_it(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("t,x,y,p\n1,2,3,1\n")
+    run = CliRunner().invoke(app, ["view", str(path), "--show", "depth"])
+    assert isinstance(run.exception, InputError) and "--show is for recordings with truth" in str(run.exception)
+    with pytest.raises(InputError, match="no recording with truth"):
+        list(recorded_pictures(str(path), "depth"))

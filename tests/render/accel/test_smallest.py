@@ -1,0 +1,211 @@
+"""The narrowest thing of a world, in closed form, and pixels into which no ray need look for what is narrower."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clsim.render.accel.placement import place
+from clsim.render.accel.smallest import smallest_of
+from clsim.render.camera.camera import CameraData
+from clsim.render.camera.pixel_width import widest_pixel
+from clsim.render.features.features import view_features
+from clsim.render.features.scene_features import scene_features
+from clsim.scene import Camera, ImageTexture, Lens, Material, Mesh, SphereLight, Static
+from clsim.scene.motion import Keyframes
+from tests.render import hand_worlds as hw
+from tests.render.primary.test_steered import Run, textured_world
+
+SCALED = np.diag([2.0, 2.0, 2.0, 1.0])
+MOVING = Keyframes((0.0, 1.0), ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)), ((0.0, 0.0, 0.0, 1.0),) * 2)
+
+
+def width_of(world):
+    return smallest_of(place(world), world.sphere_lights).width_m
+
+
+def triangles(*corners):
+    """Triangles that have no vertex in common but by its place."""
+    count = len(corners) // 3
+    return Mesh(
+        np.array(corners, np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3), np.zeros(count, int)
+    )
+
+
+@pytest.mark.parametrize(
+    ("mesh", "motion", "expected"),
+    [
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), Static(np.eye(4)), 2.4),
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), Static(SCALED), 4.8),
+        (hw.box((0, 0, 0), (3, 4, 4)), MOVING, 2.4),
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), MOVING, 0.0),
+        (triangles((0, 0, 0), (3, 0, 0), (1.5, 3.0, 0)), Static(np.eye(4)), 3 * 3 / np.hypot(3.0, 1.5)),
+        (triangles((0, 0, 0), (3, 0, 0), (1.5, 3.3, 0)), Static(np.eye(4)), 0.0),
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 0, 0)), Static(np.eye(4)), np.inf),
+        (hw.box((0, 0, 0), (1.0, 1.0, 1e-3)), Static(np.eye(4)), 1e-3),
+    ],
+    ids=["quad", "scaled", "moving", "moving sheet", "blunt", "tip", "without area", "thin box"],
+)
+def test_it_is_the_lowest_height_of_a_triangle(mesh, motion, expected):
+    assert width_of(hw.world(mesh, motions=[motion])) == pytest.approx(expected, rel=1e-6)
+
+
+def test_it_is_no_more_than_a_lamps_diameter():
+    lamp = SphereLight(0.25, (1.0, 1.0, 1.0), Static(np.eye(4)))
+    assert width_of(hw.world(hw.box((0, 0, 0), (1, 1, 1)), sphere_lights=(lamp,))) == 0.5
+
+
+@pytest.mark.usefixtures("ordinary")
+def test_no_ray_looks_for_what_cannot_be_there():
+    """A crumb behind the camera makes rays look everywhere; that costs rays, and shows nothing else."""
+    scene = textured_world()
+    floor, _, lamp = scene.meshes
+    still, camera = scene.instances[0], replace(scene.camera, width=36, height=30)
+
+    def seen(*meshes):
+        instances = tuple(replace(still, mesh=number) for number in range(len(meshes)))
+        run = Run(replace(scene, meshes=meshes, instances=instances, camera=camera), spp=1)
+        return run.fill(0), run.spent[1]
+
+    crumb = hw.quad((0, 50.0, 0), (1e-3, 0, 0), (0, 1e-3, 0))
+    (plain, few), (sought, many) = seen(floor, lamp), seen(floor, lamp, crumb)
+    whole = plain.plane("Samples") < sought.plane("Samples")
+    assert whole.mean() > 0.2
+    assert whole[plain.plane("Coverage") == 0].mean() > 0.9
+    assert many - few == (sought.plane("Samples") - plain.plane("Samples")).sum()
+    for name in ("G", "Albedo.G", "Depth", "Ny"):
+        np.testing.assert_allclose(plain.plane(name)[whole], sought.plane(name)[whole], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("mesh", "sheets"),
+    [
+        (hw.quad((0, 0, 0), (3, 0, 0), (0, 4, 0)), 2),
+        (hw.box((0, 0, 0), (3, 4, 4)), 0),
+        (hw.ball(2.0), 0),
+        (hw.join([hw.box((0, 0, 0), (3, 4, 4)), hw.quad((9, 0, 0), (3, 0, 0), (0, 3, 0))]), 2),
+    ],
+    ids=["quad", "box", "ball", "both"],
+)
+def test_a_sheet_is_what_is_not_closed(mesh, sheets):
+    world = hw.world(mesh)
+    assert len(smallest_of(place(world), ()).sheets) == sheets
+
+
+def test_what_is_folded_flat_is_as_good_as_a_sheet():
+    """A closed wedge without ends, of four triangles in two planes: its sharp edge alone tells."""
+
+    def wedge(half):
+        a, b, c, d = (0, 0, 0), (3, 0, 0), (1.5, 3, half), (1.5, 3, -half)
+        return triangles(a, b, c, b, a, d, a, c, d, c, b, d)
+
+    flat, thick = (smallest_of(place(hw.world(wedge(half))), ()) for half in (0.5, 1.5))
+    assert len(flat.sheets) and not len(thick.sheets)
+
+
+def test_seen_on_its_edge_a_sheet_has_no_width():
+    """As seen from 10 m at height h a sheet of 4 m is about 0.4 h/14 rad wide, for triangles a little less."""
+    smallest = smallest_of(place(hw.world(hw.quad((-20, 0, -14), (40, 0, 0), (0, 0, 4)))), ())
+    above, low = smallest.seen_from(np.array([[0.0, height, 0.0] for height in (0.3, 0.02)]), 1e-3)
+    assert above == smallest.width_m > 3.0 and low == 0.0
+
+
+def seen_coverage(mesh, crumb=()):
+    """Return how much of each pixel of a column dark things cover before the sky."""
+    scene = hw.world(
+        mesh, *crumb, view=hw.camera(hw.translation(0, 0, 5), 36, 30, 40.0), environment=(1.0, 1.0, 1.0),
+        materials=(Material(color=(0.02, 0.02, 0.02)), Material(kind="conductor", color=(1.0, 1.0, 1.0))),
+    )  # fmt: skip
+    frame = Run(scene, spp=1, first_hit_rays=16).fill(0)
+    return 1.0 - frame.plane("Emission")[:, 12]
+
+
+@pytest.mark.parametrize(
+    ("lens", "fov_deg"),
+    [
+        (Lens(), 40.0),
+        (Lens(), 160.0),
+        (Lens(distortion=(-0.3, 0.05)), 80.0),
+        (Lens(model="fisheye"), 200.0),
+        (Lens(model="fisheye", distortion=(-0.05,)), 150.0),
+    ],
+    ids=["narrow", "wide", "barrel", "fisheye", "distorted fisheye"],
+)
+def test_the_widest_pixel_is_that_of_the_rays(lens, fov_deg):
+    """Rays by OpenCV's models, and how far they turn for a hundredth of a pixel to the right and down."""
+    camera = Camera(64, 48, fov_deg, hw.IDENTITY, lens=lens)
+    k = [*lens.distortion, 0.0, 0.0]
+    fisheye, fov = lens.model == "fisheye", np.radians(fov_deg)
+    focal = 64 / fov if fisheye else 32 / np.tan(fov / 2)
+    table = np.linspace(0, fov if fisheye else np.tan(np.radians(88)), 100_001)
+    radial = (1 + table**2 * (k[0] + table**2 * k[1])) * table
+    rising = slice(0, np.argmax(np.diff(radial) <= 0) or None)
+
+    def rays(x, y):
+        size = np.hypot(x, y) / focal
+        found = np.interp(size, radial[rising], table[rising], right=np.nan)
+        angle = found if fisheye else np.arctan(found)
+        return np.stack([x / focal / size * np.sin(angle), y / focal / size * np.sin(angle), np.cos(angle)], axis=-1)
+
+    x, y = np.meshgrid(np.arange(-31.995, 32, 0.5), np.arange(-23.995, 24, 0.5))
+    turns = np.stack([rays(x + 0.01, y) - rays(x, y), rays(x, y + 0.01) - rays(x, y)], axis=-1) / 0.01
+    widest = np.linalg.svd(turns[np.isfinite(turns).all(axis=(-2, -1))], compute_uv=False).max()
+    assert widest_pixel(camera) == pytest.approx(widest, rel=0.03)
+
+
+def test_wide_pixels_show_less_of_what_is_small():
+    """A box of 1 m, from 135° on by a pinhole."""
+    smallest = smallest_of(place(hw.world(hw.box((0, 0, 0), (1, 1, 1)))), ())
+    features, widths = scene_features(hw.world(hw.box((0, 0, 0), (1, 1, 1))), 0.0), []
+    for fov_deg in (90.0, 130.0, 160.0):
+        camera = Camera(64, 48, fov_deg, hw.IDENTITY)
+        data = CameraData(camera, view_features(features, camera), np.zeros(3), "cpu", smallest.seen_from)
+        widths.append(float(data.at(0.0).smallest_m.numpy()[0]))
+    assert widths[0] == widths[1] == pytest.approx(smallest.width_m)
+    wider = np.tan(np.radians(80)) / np.radians(80) / 2
+    assert widths[2] == pytest.approx(smallest.width_m / wider, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plane", "materials"),
+    [
+        ("Emission", [Material(color=(0.0, 0.0, 0.0), emission=(1.0, 1.0, 1.0), emission_texture=0)]),
+        ("Albedo.G", [Material(blend_with=1, blend_share=1.0), Material(color=(1.0, 1.0, 1.0), texture=0)]),
+    ],
+    ids=["emission", "blend"],
+)
+def test_textures_finer_than_a_pixel_are_seen_in_whole_pixels(plane, materials):
+    """Lines of a third of a pixel on a large sheet, on which the corners of all pixels lie."""
+    side = 3 * 12
+    checks = np.full((side, side, 4), 255, np.uint8)
+    checks[::3, :, :3] = checks[:, ::3, :3] = 0
+    size = 2 * np.tan(np.radians(20)) * 5
+    low = -size / 2 - size / side / 2
+    sheet = hw.quad((low, low, 0), (size, 0, 0), (0, size, 0))
+    world = hw.world(sheet, materials=materials, view=hw.camera(hw.translation(0, 0, 5), 12, 12, 40.0))
+    world = replace(world, textures=(ImageTexture(checks, nearest=True),))
+    frame = Run(world, spp=1, first_hit_rays=64).fill(0)
+    assert frame.plane(plane)[2:-2, 2:-2].mean() == pytest.approx(4 / 9, abs=0.06)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place_px", [0.1, 0.5, 0.9])
+def test_a_sheet_on_its_edge_between_corners_is_seen(place_px):
+    pixel_m = 2 * np.tan(np.radians(20)) / 36 * 5
+    low, high = (place_px - 0.3) * pixel_m, (place_px + 0.3) * pixel_m * 7 / 5
+    mesh = hw.quad((-1, low, 0), (2, 0, 0), (0, high - low, -2))
+    assert seen_coverage(mesh).sum() == pytest.approx(0.6, abs=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place_px", [0.1, 0.5, 0.9])
+def test_what_a_mirror_shows_is_as_far_as_it_is(place_px):
+    """A beam behind the camera, in the sky of a mirror before it: wider than two pixels there, but not where it is."""
+    pixel_m = 2 * np.tan(np.radians(20)) / 36 * 35
+    middle = place_px * pixel_m
+    beam = hw.box((-9, middle - 0.2 * pixel_m, 33), (9, middle + 0.2 * pixel_m, 33.3))
+    mirror = hw.quad((-20, -20, 4), (40, 0, 0), (0, 40, 0), material=1)
+    assert seen_coverage(hw.join([mirror, beam])).sum() == pytest.approx(0.4, abs=0.15)

@@ -1,0 +1,189 @@
+"""Light that follows what moves: a function of where all is, right in its change, and silent where nothing moves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clsim.frames import RADIANCE, Frame, page_aligned
+from clsim.render import PathTracer, RenderOptions
+from clsim.render.cache.trails import trail_crosses
+from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
+from clsim.scene.driven import Driven
+from clsim.scene.modulation import Pwm
+from tests.render import hand_worlds as hw
+
+pytestmark = pytest.mark.usefixtures("ordinary")
+
+SIZE = (24, 18)
+KEPT = RenderOptions(
+    spp=8, probe_spp=1, probe_every=1000, first_hit_rays=16, sampler="sobol", light_cache=True, fps=120, frames=8
+)
+STAYS = (0.0, 0.0, 0.0, 1.0)
+
+
+def pictures(world, times_us, **changed):
+    """Return the radiance of frames at those times ``[frames, 3, H, W]``, and how many paths each took."""
+    tracer = PathTracer(world, replace(KEPT, **changed))
+    frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
+    shown, paths = [], [0]
+    try:
+        for index, time_us in enumerate(times_us):
+            tracer.fill_at(index, time_us, frame)
+            shown.append(np.stack([frame.plane(name) for name in RADIANCE]))
+            paths.append(tracer.paths)
+    finally:
+        tracer.close()
+    return np.stack(shown), np.diff(paths)
+
+
+def driven(first, poses):
+    """Return a motion through positions at times [s]."""
+    motion = Driven(first)
+    for time_s, position in poses:
+        motion.set(time_s, (position, STAYS, 1.0))
+    return motion
+
+
+def room(box, lamp=hw.IDENTITY, environment=(0.0, 0.0, 0.0), radiance=(40.0, 40.0, 40.0)):
+    """A floor and two walls in the light of a small sphere, in which a box moves."""
+    floor = hw.quad((-2, 0, 2), (4, 0, 0), (0, 0, -4))
+    back = hw.quad((-2, 0, -2), (4, 0, 0), (0, 4, 0))
+    side = hw.quad((-2, 0, 2), (0, 0, -4), (0, 4, 0), material=1)
+    cube = hw.box((-0.4, -0.4, -0.4), (0.4, 0.4, 0.4))
+    return hw.world(
+        floor,
+        back,
+        side,
+        cube,
+        materials=(hw.GREY, Material(color=(0.7, 0.1, 0.1))),
+        view=hw.camera(hw.look_from((0.6, 1.6, 4.5), (0, 0.7, -0.5)), *SIZE),
+        motions=[hw.IDENTITY, hw.IDENTITY, hw.IDENTITY, box],
+        sphere_lights=(SphereLight(0.2, radiance, lamp),),
+        environment=environment,
+    )
+
+
+def there_and_back():
+    places = ((0.0, (0.4, 0.4, 0.0)), (0.1, (0.4, 0.4, 0.0)), (0.2, (-0.3, 0.4, 0.4)), (0.3, (0.4, 0.4, 0.0)))
+    return driven(hw.IDENTITY, places)
+
+
+def lamp_at(x=1.2):
+    return Static(hw.translation(x, 3.0, 1.0))
+
+
+def test_what_moves_and_comes_back_finds_the_same_light():
+    """To a rounding, once nothing is learnt between: light is known by where all is, not by what was before."""
+    times_us = [100_000, 200_000] * 4
+    shown, _ = pictures(room(there_and_back(), lamp_at()), times_us, spp=64)
+    np.testing.assert_allclose(shown[-1], shown[-3], rtol=1e-6)
+    np.testing.assert_allclose(shown[-2], shown[-4], rtol=1e-6)
+    assert np.abs(shown[-1] - shown[-2]).max() > 0.05
+
+
+def test_no_path_is_traced_where_nothing_has_moved():
+    """And few where a box has, for most paths do not come near it."""
+    world = room(there_and_back(), lamp_at())
+    _, paths = pictures(world, [0, 50_000, 100_000, 200_000])
+    # A few pixels do not know enough yet.
+    assert max(paths[1], paths[2]) < 0.01 * paths[0]
+    assert 0.01 * paths[0] < paths[3] < 0.5 * paths[0]
+
+
+@pytest.mark.slow
+def test_light_changes_as_it_does_by_many_paths():
+    """A box that comes into a room shades and lights it; beside pictures of 4,096 paths."""
+    comes = driven(hw.IDENTITY, ((0.0, (0.9, 0.4, -1.2)), (0.1, (0.0, 0.4, 0.2))))
+    world = room(comes, lamp_at(), environment=(0.3, 0.3, 0.3))
+    shown, _ = pictures(world, [0, 100_000], stored_paths=512, spp=32)
+    truth, _ = pictures(
+        world, [0, 100_000], light_cache=False, probe_spp=None, probe_every=1, first_hit_rays=0, spp=4096
+    )
+    shown, truth = (np.log(each.mean(axis=1) + 0.02) for each in (shown, truth))
+    change, true_change = shown[1] - shown[0], truth[1] - truth[0]
+    error = np.abs(change - true_change)
+    assert np.quantile(np.abs(true_change), 0.75) > 0.02
+    assert np.median(error) < 0.015 and np.quantile(error, 0.8) < 0.05
+
+
+def test_a_lamp_that_goes_out_leaves_no_light_behind():
+    world = room(hw.IDENTITY, lamp_at())
+    lamp = replace(world.sphere_lights[0], modulation=Pwm(5.0, 0.5))
+    shown, _ = pictures(replace(world, sphere_lights=(lamp,)), [10_000, 60_000, 110_000, 160_000])
+    bright = shown.mean(axis=(1, 2, 3))
+    assert np.all(bright[:2] > 0.01) and np.all(bright[2:] < 1e-4 * bright.max())
+
+
+def test_a_lamp_that_moves_is_followed_in_turn():
+    """A quarter of the paths in each frame; when it stands still all are traced once more, and then none."""
+    moves = driven(hw.IDENTITY, [(k / 120, (1.2 - 0.05 * min(k, 8), 3.0, 1.0)) for k in range(24)])
+    world = room(driven(hw.IDENTITY, ((0.0, (0.4, 0.4, 0.0)),)), moves)
+    times_us = [round(k * 1e6 / 120) for k in range(24)]
+    shown, paths = pictures(world, times_us)
+    stored = pictures(world, times_us, follow_every=1)[1][2]
+    assert paths[2] == pytest.approx(stored / 4, rel=0.05)
+    assert paths[9] == pytest.approx(stored, rel=0.05)
+    assert paths[10:].sum() < 0.01 * stored
+    at_once, _ = pictures(world, times_us, follow_every=1)
+    np.testing.assert_allclose(shown[-1], at_once[-1], rtol=2e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_threads_change_nothing(threads):
+    world = room(there_and_back(), lamp_at())
+    times_us = [100_000, 150_000, 200_000]
+    shown, _ = pictures(world, times_us, threads=threads, probe_every=2)
+    np.testing.assert_array_equal(shown, pictures(world, times_us, threads=2, probe_every=2)[0])
+
+
+@wp.kernel(enable_backward=False)
+def ask(
+    trails: wp.array2d(dtype=wp.vec3), places: int, boxes: wp.array(dtype=wp.vec3), count: int, out: wp.array(dtype=int)
+):
+    out[0] = wp.where(trail_crosses(trails, 0, places, boxes, count), 1, 0)
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
+    """Beside ten thousand points on each way, for boxes a little larger and a little smaller."""
+    rng = np.random.default_rng(seed)
+    places, boxes = int(rng.integers(1, 5)), rng.uniform(-1, 1, (2, 3))
+    trail = rng.uniform(-2, 2, (16, 3)).astype(np.float32)
+    lower, upper = boxes.min(axis=0), boxes.max(axis=0)
+    ways = [(trail[2 * i], trail[2 * i + 1]) for i in range(places)]
+    ways += [(trail[2 * i], trail[2 * i + 2]) for i in range(places - 1)]
+    share = np.linspace(0, 1, 10_000)[:, None]
+
+    def crosses(room_m):
+        return any(
+            bool(
+                np.any(
+                    np.all((p := a + (b - a) * share) >= lower - room_m, axis=1) & np.all(p <= upper + room_m, axis=1)
+                )
+            )
+            for a, b in ways
+        )
+
+    out = wp.zeros(1, dtype=wp.int32, device="cpu")
+    corners = wp.array(np.stack([lower, upper]).astype(np.float32), dtype=wp.vec3, device="cpu")
+    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, corners, 1, out], device="cpu")
+    found = bool(out.numpy()[0])
+    assert found or not crosses(-1e-3)
+    assert not found or crosses(1e-3)
+
+
+def test_what_nobody_sees_changes_nothing():
+    """A speck that moves far behind a wall leaves the picture as it is, but for what cells are off by chance."""
+    world = load_world("two-boxes", resolution=SIZE)
+    speck = Instance(len(world.meshes), driven(hw.IDENTITY, ((0.0, (0, 0, -300.0)), (1.0, (1.0, 0, -300.0)))), "speck")
+    more = replace(world, meshes=(*world.meshes, shapes.box((0.01,) * 3)), instances=(*world.instances, speck))
+    times_us = [0, 8333, 16667, 25000]
+    without, with_it = (pictures(each, times_us, probe_every=16)[0] for each in (world, more))
+    change = np.abs(np.log((with_it + 1e-3).sum(axis=1) / (without + 1e-3).sum(axis=1)))
+    assert np.quantile(change, 0.99) < 0.02

@@ -1,0 +1,132 @@
+"""glTF skins and morph targets against independent arithmetic."""
+
+from itertools import pairwise
+
+import numpy as np
+import pygltflib
+import pytest
+from scipy.spatial.transform import Rotation, Slerp
+
+from clsim.errors import InputError
+from clsim.scene import load_world
+from clsim.scene.gltf.scene import load_gltf
+from tests.scene.gltf.gltf_files import (
+    ASSETS,
+    CORNERS,
+    add,
+    animate,
+    decoded,
+    gltf,
+    needs_assets,
+    with_camera,
+    write_gltf,
+)
+
+
+def test_morph_targets_move_by_their_weights(tmp_path):
+    tree = with_camera(gltf())
+    a, b = add(tree, [(0, 0, 1), (0, 0, 0), (0, 0, 0)]), add(tree, [(0, 0, 0), (0, 3, 0), (0, 0, 0)])
+    tree["meshes"] = [
+        {
+            "primitives": [{"attributes": {"POSITION": 0}, "targets": [{"POSITION": a}, {"POSITION": b}]}],
+            "weights": [1, 0],
+        }
+    ]
+    still = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    assert still.deformation is None
+    np.testing.assert_allclose(still.vertices, np.add(CORNERS, [(0, 0, 1), (0, 0, 0), (0, 0, 0)]))
+    animate(tree, (0, "weights", [0, 2], [0, 0, 1, 0.5], "LINEAR"))
+    moving = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    vertices, normals = moving.deformation.vertices_at(1.0)
+    assert normals is None
+    np.testing.assert_allclose(vertices, np.add(CORNERS, [(0, 0, 0.5), (0, 0.75, 0), (0, 0, 0)]))
+    assert moving.deformation.duration_s == 2
+
+
+def test_a_skin_in_its_bind_pose_changes_nothing_and_ignores_its_own_node(tmp_path):
+    tree = with_camera(gltf(nodes=[{"mesh": 0, "skin": 0, "translation": [50, 0, 0]}, {"translation": [1, 2, 3]}]))
+    tree["scenes"][0]["nodes"] = [0, 1, 2]
+    bind = np.eye(4)
+    bind[:3, 3] = (-1, -2, -3)
+    attributes = {
+        "POSITION": 0,
+        "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
+        "WEIGHTS_0": add(tree, [(2, 0, 0, 0)] * 3),
+    }
+    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
+    tree["skins"] = [{"joints": [1], "inverseBindMatrices": add(tree, [bind.T.ravel()])}]
+    world = load_gltf(write_gltf(tmp_path, tree))
+    np.testing.assert_allclose(world.meshes[0].vertices, CORNERS, atol=1e-6)
+    np.testing.assert_array_equal(world.instances[0].motion.pose(0.0), np.eye(4))
+    tree["skins"][0]["joints"] = [9]
+    with pytest.raises(InputError, match="uses node 9"):
+        load_gltf(write_gltf(tmp_path, tree))
+
+
+@needs_assets
+@pytest.mark.parametrize("time_s", [0.0, 0.1234, 0.5])
+def test_fox_walks_as_scipy_says(time_s):
+    """Joint by joint and vertex by vertex, in loops, from the file as another library reads it."""
+    source = pygltflib.GLTF2().load(str(ASSETS / "Fox.glb"))
+    animation = next(a for a in source.animations if a.name == "Walk")
+    local = {}
+    for i, node in enumerate(source.nodes):
+        local[i] = [node.translation or [0, 0, 0], Rotation.from_quat(node.rotation or [0, 0, 0, 1])]
+    for channel in animation.channels:
+        sampler = animation.samplers[channel.sampler]
+        times, values = decoded(source, sampler.input)[:, 0].astype(float), decoded(source, sampler.output)
+        if channel.target.path == "rotation":
+            local[channel.target.node][1] = Slerp(times, Rotation.from_quat(values))(
+                np.clip(time_s, times[0], times[-1])
+            )
+        else:
+            assert channel.target.path == "translation"
+            local[channel.target.node][0] = [np.interp(time_s, times, values[:, k]) for k in range(3)]
+
+    def world_of(index):
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = local[index][1].as_matrix(), local[index][0]
+        parents = [i for i, node in enumerate(source.nodes) if index in (node.children or [])]
+        return world_of(parents[0]) @ matrix if parents else matrix
+
+    skin, attributes = source.skins[0], source.meshes[0].primitives[0].attributes
+    binds = decoded(source, skin.inverseBindMatrices).reshape(-1, 4, 4).transpose(0, 2, 1)
+    joints = [world_of(joint) @ bind for joint, bind in zip(skin.joints, binds, strict=True)]
+    points = decoded(source, attributes.POSITION)
+    indices, weights = decoded(source, attributes.JOINTS_0), decoded(source, attributes.WEIGHTS_0)
+    expected = [
+        sum(w * (joints[j] @ (*point, 1))[:3] for j, w in zip(js, ws, strict=True))
+        for point, js, ws in zip(points, indices, weights, strict=True)
+    ]
+    mesh = load_world(f"{ASSETS / 'Fox.glb'}#Walk").meshes[0]
+    np.testing.assert_allclose(mesh.deformation.vertices_at(time_s)[0], expected, atol=2e-3)  # of 155 units
+
+
+@needs_assets
+def test_fox_stays_in_view_and_moves():
+    world = load_world(ASSETS / "Fox.glb")
+    deformation = world.meshes[0].deformation
+    moments = [deformation.vertices_at(t)[0] for t in np.linspace(0, deformation.duration_s, 7)]
+    assert all(40 < np.ptp(v, axis=0).max() < 200 for v in moments)
+    assert all(np.abs(b - a).max() > 1 for a, b in pairwise(moments))
+    assert world.meshes[0].normals is None
+    assert not world.warnings
+
+
+def test_normals_of_a_skin_that_stretches_stay_across_their_triangle(tmp_path):
+    """The slanted triangle's normal is wrong by 37° where it is stretched as its corners are."""
+    slanted = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 1)], float)
+    tree = with_camera(gltf(points=slanted, nodes=[{"mesh": 0, "skin": 0}, {"scale": [1, 3, 1]}]))
+    tree["scenes"][0]["nodes"] = [0, 1, 2]
+    attributes = {
+        "POSITION": 0,
+        "NORMAL": add(tree, [(0, -np.sqrt(0.5), np.sqrt(0.5))] * 3),
+        "JOINTS_0": add(tree, [(0, 0, 0, 0)] * 3, "u1"),
+        "WEIGHTS_0": add(tree, [(1, 0, 0, 0)] * 3),
+    }
+    tree["meshes"] = [{"primitives": [{"attributes": attributes}]}]
+    tree["skins"] = [{"joints": [1], "inverseBindMatrices": add(tree, [np.eye(4).ravel()])}]
+    mesh = load_gltf(write_gltf(tmp_path, tree)).meshes[0]
+    np.testing.assert_allclose(mesh.vertices, slanted * (1, 3, 1), atol=1e-6)
+    across = np.cross(mesh.vertices[1] - mesh.vertices[0], mesh.vertices[2] - mesh.vertices[0])
+    np.testing.assert_allclose(mesh.normals, [across / np.linalg.norm(across)] * 3, atol=1e-6)

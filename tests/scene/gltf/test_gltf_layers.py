@@ -1,0 +1,51 @@
+"""Layers of glTF's materials for which other properties stand in: brushed grooves and thin films."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clsim.scene.gltf.layers import reflected_by_film, roughness_between
+from clsim.scene.gltf.scene import load_gltf
+from tests.scene.gltf.gltf_files import gltf, write_gltf
+
+
+def test_a_film_reflects_as_the_closed_forms_say() -> None:
+    """None of a quarter of a wave at the root of the index below; twice that thickness, and none, change nothing."""
+    below = 1.69
+    bare = ((below - 1) / (below + 1)) ** 2
+    quarter_nm = 550.0 / (4 * 1.3)
+    assert reflected_by_film((bare,) * 3, 1.0, 1.3, quarter_nm)[1] == pytest.approx(0.0, abs=1e-12)
+    assert reflected_by_film((bare,) * 3, 1.0, 1.3, 2 * quarter_nm)[1] == pytest.approx(bare)
+    assert reflected_by_film((bare,) * 3, 1.0, 1.3, 0.0) == pytest.approx((bare,) * 3)
+    # At a quarter of a wave it is ((n² − n₃) / (n² + n₃))², with n the film's index.
+    much = reflected_by_film((bare,) * 3, 1.0, 2.0, 550.0 / 8.0)[1]
+    assert much == pytest.approx(((4.0 - below) / (4.0 + below)) ** 2)
+    assert reflected_by_film((bare,) * 3, 0.25, 2.0, 550.0 / 8.0)[1] == pytest.approx(bare + 0.25 * (much - bare))
+
+
+def test_grooves_are_as_rough_as_the_mean_of_both_ways() -> None:
+    assert roughness_between(0.09, 0.0) == pytest.approx(0.09)
+    assert roughness_between(0.09, 1.0) == pytest.approx(0.3)
+
+
+def test_a_file_has_them_with_a_warning(tmp_path: Path) -> None:
+    film = {"iridescenceFactor": 1.0, "iridescenceIor": 2.0, "iridescenceThicknessMaximum": 550.0 / 8.0}
+    layers = {"KHR_materials_iridescence": film, "KHR_materials_anisotropy": {"anisotropyStrength": 1.0}}
+    tree = gltf(
+        materials=[
+            {
+                "name": "shell",
+                "pbrMetallicRoughness": {"roughnessFactor": 0.3, "metallicFactor": 0.0},
+                "extensions": layers,
+            }
+        ]
+    )
+    tree["meshes"][0]["primitives"][0]["material"] = 0
+    world = load_gltf(write_gltf(tmp_path, tree))
+    material = world.materials[0]
+    highest = ((material.ior - 1) / (material.ior + 1)) ** 2
+    assert highest * material.specular_color[1] == pytest.approx(reflected_by_film((0.04,) * 3, 1.0, 2.0, 68.75)[1])
+    assert material.alpha == pytest.approx(roughness_between(0.09, 1.0))
+    assert sum("of shell" in text and ("films" in text or "anisotropy" in text) for text in world.warnings) == 2

@@ -1,0 +1,149 @@
+"""Models of MuJoCo's from files, against its own steps and a body's free fall."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clsim.errors import InputError
+from clsim.scene import World, load_world
+from clsim.scene.mujoco import course as mujoco_course
+from clsim.scene.mujoco.scene import is_mjcf
+
+mujoco = pytest.importorskip("mujoco", reason="mujoco is not installed")
+PENDULUM = """<mujoco><worldbody><light pos="0 0 3"/><geom type="plane" size="2 2 .1"/>
+    <body name="rod" pos="0 0 1"><joint axis="0 1 0"/><geom size=".05 .3" pos=".3 0 0" type="capsule"/>
+    <camera pos="0 -2 0" xyaxes="1 0 0 0 0 1"/><light name="torch" pos="0 -1 1"/></body></worldbody></mujoco>"""
+FALL = """<mujoco><worldbody><light pos="0 0 3"/><body name="ball" pos=".1 .2 9"><freejoint/><geom size=".1"/></body>
+    </worldbody></mujoco>"""
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+
+
+def saved(folder: Path, text: str) -> Path:
+    path = folder / "robot.xml"
+    path.write_text(text)
+    return path
+
+
+def load(folder: Path, text: str) -> World:
+    return load_world(saved(folder, text))
+
+
+def test_a_ball_falls_as_newton_says(tmp_path: Path) -> None:
+    world = load(tmp_path, FALL)
+    (ball,) = world.instances
+    assert world.duration_s == 5.0 and world.camera.motion.duration_s == 0
+    for time_s in (0.0, 0.1, 0.4321, 1.0):
+        # The step's own error is first order: g/2 · timestep · t, with MuJoCo's 2 ms.
+        height_m = 9.0 - 9.81 / 2 * time_s * (time_s + 0.002)
+        assert ball.motion.pose(time_s)[:3, 3] == pytest.approx([0.1, height_m, -0.2], abs=1e-5)
+
+
+@pytest.mark.slow
+def test_all_is_where_mujocos_steps_lead(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mujoco_course, "_SPANS", 2)
+    world = load(tmp_path, PENDULUM)
+    rod = next(each for each in world.instances if each.name.startswith("rod/"))
+    torch = next(each for each in world.punctual_lights if each.name == "light:torch")
+    model = mujoco.MjModel.from_xml_string(PENDULUM)
+    data = mujoco.MjData(model)
+    times, found, seen, lit = [], [], [], []
+    for step in range(3000):
+        mujoco.mj_forward(model, data)
+        if step % 250 == 130:
+            times.append(0.002 * step)
+            found.append(UP @ data.geom_xpos[1])
+            seen.append(UP @ data.cam_xmat[0].reshape(3, 3))
+            lit.append(UP @ data.light_xpos[1])
+        mujoco.mj_step(model, data)
+    assert np.ptp(found, axis=0).max() > 0.3, "it swings"
+    poses = [rod.motion.pose(time_s) for time_s in times]
+    assert np.array([pose[:3, 3] for pose in poses]) == pytest.approx(np.array(found), abs=1e-9)
+    camera = [world.camera.motion.pose(time_s)[:3, :3] for time_s in times]
+    assert np.array(camera) == pytest.approx(np.array(seen), abs=1e-9)
+    lamps = [torch.motion.pose(time_s)[:3, 3] for time_s in times]
+    assert np.array(lamps) == pytest.approx(np.array(lit), abs=1e-9)
+    backwards = [rod.motion.pose(time_s) for time_s in times[::-1]]
+    assert np.array_equal(poses, backwards[::-1]), "what was let go of is found again, bit for bit"
+
+
+def test_between_steps_things_go_straight(tmp_path: Path) -> None:
+    rod = load(tmp_path, PENDULUM).instances[1].motion
+    before, middle, after = (rod.pose(0.002 * step)[:3, 3] for step in (200, 200.5, 201))
+    assert np.linalg.norm(after - before) > 1e-3
+    assert middle == pytest.approx((before + after) / 2, abs=1e-5)
+
+
+def test_where_nothing_moves_the_camera_circles(tmp_path: Path) -> None:
+    world = load(tmp_path, PENDULUM.replace('axis="0 1 0"', 'axis="0 0 1"'))
+    assert "nothing moves in robot: its camera circles" in world.notes[0]
+    assert world.instances[1].motion.duration_s == 0
+
+
+def test_physics_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    stiff = FALL.replace("<mujoco>", '<mujoco><option timestep=".05" integrator="Euler"/>').replace(
+        "<freejoint/>", '<joint type="slide" axis="0 0 1" stiffness="1e9"/>'
+    )
+    with pytest.raises(InputError, match=r"robot\.xml: its physics is unstable at 0\.\d+ s; expected a smaller"):
+        load(tmp_path, stiff)
+    assert not (tmp_path / "MUJOCO_LOG.TXT").exists()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("<mujoco><worldbody><geom/></worldbody></mujoco>", r"robot\.xml: MuJoCo cannot load it \(.*size"),
+        ("<mujoco><worldbody>", r"robot\.xml: MuJoCo cannot load it \("),
+        ("<mujoco/>", "has no triangles"),
+    ],
+)
+def test_what_mujoco_refuses_is_one_sentence(tmp_path: Path, text: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence) as refused:
+        load(tmp_path, text)
+    assert "\n" not in str(refused.value)
+
+
+def test_what_mujocos_compiler_says_is_noted_and_refuses_nothing(tmp_path: Path) -> None:
+    odd = FALL.replace("<mujoco>", '<mujoco><compiler settotalmass="3"/>')
+    world = load_world(saved(tmp_path, odd), strict=True)
+    assert not world.warnings and all(note.startswith("mujoco: ") for note in world.notes)
+
+
+def test_colours_above_1_are_1(tmp_path: Path) -> None:
+    """Models in use have them, written as if of 255."""
+    (tmp_path / "m.xml").write_text(
+        '<mujoco><worldbody><light pos="0 0 3"/><geom size=".1" rgba="22 0.5 -1 7"/></worldbody></mujoco>'
+    )
+    world = load_world(tmp_path / "m.xml")
+    material = world.materials[world.meshes[0].material_ids[0]]
+    assert material.color == pytest.approx((1.0, 0.214, 0.0), abs=1e-3) and material.opacity == 1
+
+
+def test_no_parameters(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="models of MuJoCo's have no parameters"):
+        load_world(f"{saved(tmp_path, FALL)}#a=1")
+
+
+def test_without_mujoco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"need mujoco; install it with: pip install 'clsim\[mujoco\]'"):
+        load(tmp_path, FALL)
+
+
+@pytest.mark.parametrize(
+    ("data", "model"),
+    [
+        (b"\xef\xbb\xbf<?xml version='1.0'?>\n<!-- <scene> -->\n<mujoco model='a'>", True),
+        ("<mujoco/>".encode("utf-16"), True),
+        (b"<scene version='3.0.0'><mujoco/></scene>", False),
+        (b"<!DOCTYPE mujoco SYSTEM 'a.dtd'><scene/>", False),
+        (b"", False),
+        (b"<<mujoco>", False),
+        (b"<?xml version='1.0' encoding='none'?><mujoco/>", False),
+    ],
+)
+def test_a_model_is_told_by_its_first_element(tmp_path: Path, data: bytes, model: bool) -> None:
+    path = tmp_path / "a.xml"
+    path.write_bytes(data)
+    assert is_mjcf(path) is model

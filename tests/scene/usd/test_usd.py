@@ -1,0 +1,443 @@
+"""USD files: where things are and how they move, against usd-core's own evaluation, and what a hostile file is told."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pxr import Usd, UsdGeom, UsdUtils
+
+from clsim.errors import InputError
+from clsim.scene import load_world
+from tests.scene.usd.usd_files import CENTIMETRES_Z_UP, METRES, SECONDS, mesh, placed, usda
+
+CAMERA = 'def Camera "eye"\n{\n' + placed("double3 xformOp:translate = (0, 0, 9)") + "}\n"
+ARM = placed(
+    "double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 34: (3, 2, 1) }",
+    "float xformOp:rotateZ.timeSamples = { 10: 0, 22: 720, 34: 90 }",
+    "float3 xformOp:scale = (2, 2, 2)",
+)
+HAND = placed(
+    "double3 xformOp:translate = (1, 2, 3)",
+    "float3 xformOp:rotateXYZ.timeSamples = { 15: (0, 0, 0), 30: (40, 100, 10) }",
+)
+
+HOT = 'def SphereLight "bulb" { bool inputs:enableColorTemperature = 1\n float inputs:colorTemperature = nan }'
+RED = """def Material "red" { token outputs:surface.connect = </red/it.outputs:surface>
+def Shader "it" { uniform token info:id = "UsdPreviewSurface"\n token outputs:surface
+string inputs:diffuseColor = "red" } }"""
+VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
+point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
+
+TIMED = f"{METRES}\n    {SECONDS}"
+MOVING_COPIES = VANISHING.replace("[(1, 2, 3)]", "[(1, 2, 3), (3, 2, 1)]")
+
+
+def moving(inside):
+    return f'def Xform "arm" {{ {ARM}\ndef Xform "hand" {{ {HAND}\n{inside} }} }}\n'
+
+
+def points_at(world, instance, time_s):
+    mesh = world.meshes[instance.mesh]
+    vertices = mesh.vertices if mesh.deformation is None else mesh.deformation.vertices_at(time_s)[0]
+    pose = instance.motion.pose(time_s)
+    return vertices @ pose[:3, :3].T + pose[:3, 3]
+
+
+def points_of_usd(path, prim, code, unit=1.0):
+    """Return a mesh's points in a world with +y up, as usd-core evaluates them."""
+    stage = Usd.Stage.Open(str(path))
+    shape = UsdGeom.Mesh(stage.GetPrimAtPath(prim))
+    matrix = np.array(shape.ComputeLocalToWorldTransform(code))
+    points = np.array(shape.GetPointsAttr().Get(code), np.float64)
+    return (points @ matrix[:3, :3] + matrix[3, :3]) * unit
+
+
+@pytest.mark.parametrize("scale", ["(1, 1, 1)", "(1, 3, -1)"], ids=["rigid", "stretched"])
+def test_things_move_as_usd_moves_them_at_all_times(tmp_path, scale):
+    text = moving(mesh(placed(f"float3 xformOp:scale = {scale}"))) + CAMERA
+    path = usda(tmp_path, text, TIMED)
+    world = load_world(path)
+    (instance,) = world.instances
+    assert world.duration_s == 1.0
+    for code in np.linspace(10, 34, 97):
+        expected = points_of_usd(path, "/arm/hand/square", code)
+        assert np.abs(points_at(world, instance, (code - 10) / 24) - expected).max() < 2e-3
+
+
+def test_whole_turns_between_two_samples_are_turns(tmp_path):
+    turning = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 720 }")
+    path = usda(tmp_path, mesh(turning) + CAMERA, TIMED)
+    world = load_world(path)
+    for code in (10, 13, 16, 22, 28):
+        expected = points_of_usd(path, "/square", code)
+        assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-3
+
+
+def test_what_shears_in_time_is_a_deformation(tmp_path):
+    shearing = placed("float3 xformOp:scale.timeSamples = { 10: (1, 1, 1), 34: (1, 4, 0.5) }")
+    path = usda(tmp_path, moving(mesh(shearing)) + CAMERA, TIMED)
+    world = load_world(path)
+    for code in (10, 22, 34):
+        expected = points_of_usd(path, "/arm/hand/square", code)
+        assert np.abs(points_at(world, world.instances[0], (code - 10) / 24) - expected).max() < 1e-5
+
+
+def test_units_are_metres_and_y_is_up(tmp_path):
+    path = usda(tmp_path, mesh(placed("double3 xformOp:translate = (100, 200, 300)")), CENTIMETRES_Z_UP)
+    world = load_world(path)
+    x, y, z = points_of_usd(path, "/square", 0, 0.01).T
+    assert np.allclose(points_at(world, world.instances[0], 0.0), np.stack([x, z, -y], 1), atol=1e-6)
+
+
+def test_a_camera_has_its_field_of_view_and_its_place(tmp_path):
+    lens = "\n".join(
+        f"float {name} = {value}"
+        for name, value in (
+            ("horizontalAperture", 36),
+            ("verticalAperture", 24),
+            ("focalLength", 18),
+            ("fStop", 2),
+            ("focusDistance", 400),
+        )
+    )
+    eye = f'def Camera "eye" {{ {lens}\n{placed("double3 xformOp:translate = (0, 0, 900)")} }}'
+    camera = load_world(usda(tmp_path, mesh() + eye, METRES.replace("= 1", "= 0.01"))).camera
+    assert camera.fov_deg == pytest.approx(90)
+    assert camera.width / camera.height == pytest.approx(1.5, abs=0.01)
+    assert camera.motion.pose(0.0)[:3, 3] == pytest.approx((0, 0, 9))
+    assert camera.lens.focus_distance_m == pytest.approx(4.0)
+    assert camera.lens.aperture_radius_m == pytest.approx(18 / 10 * 0.01 / 2 / 2)
+
+
+def test_points_that_move_are_joined_by_lines_and_keep_corners_apart(tmp_path):
+    shape = """
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+    point3f[] points.timeSamples = {
+        0: [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)],
+        12: [(0, 0, 5), (1, 0, 0), (3, 1, 0), (0, 1, 0)]
+    }
+    uniform token subdivisionScheme = "none"
+    texCoord2f[] primvars:st = [(0, 0), (1, 0), (1, 1), (.5, 0), (.5, 1), (0, 1)] (interpolation = "faceVarying")
+    """
+    path = usda(tmp_path, mesh(shape=shape) + CAMERA, f"{METRES}\n startTimeCode = 0\n endTimeCode = 24")
+    world = load_world(path)
+    (found,) = world.meshes
+    assert found.uvs.tolist() == [[0, 0], [1, 0], [1, 1], [0.5, 0], [0.5, 1], [0, 1]]
+    for code in (0, 3, 12, 20):
+        expected = points_of_usd(path, "/square", code)[[0, 1, 2, 0, 2, 3]]
+        assert np.allclose(found.deformation.vertices_at(code / 24)[0], expected, atol=1e-6)
+    assert world.duration_s == 1.0
+
+
+def test_instances_share_triangles(tmp_path):
+    text = f'class "made" {{ {mesh()} }}\n' + "".join(
+        f'def Xform "{name}" (instanceable = true\n references = </made>)\n'
+        f"{{ {placed(f'double3 xformOp:translate = ({x}, 0, 0)')} }}\n"
+        for name, x in (("a", 1), ("b", 5))
+    )
+    world = load_world(usda(tmp_path, text))
+    assert len(world.meshes) == 1
+    assert [instance.motion.pose(0.0)[0, 3] for instance in world.instances] == [1, 5]
+
+
+def test_copies_stand_where_usd_puts_them(tmp_path):
+    larger = placed("float3 xformOp:scale = (2, 2, 2)")
+    text = f"""
+    def PointInstancer "many"
+    {{
+        int[] protoIndices = [0, 1, 0]
+        point3f[] positions.timeSamples = {{
+            10: [(0, 0, 0), (5, 0, 0), (9, 1, 0)],
+            34: [(0, 3, 0), (5, 0, 0), (9, 1, 4)]
+        }}
+        quath[] orientations = [(1, 0, 0, 0), (0.7071, 0, 0.7071, 0), (1, 0, 0, 0)]
+        float3[] scales = [(1, 1, 1), (2, 2, 2), (1, 3, 1)]
+        rel prototypes = [</many/kinds/a>, </many/kinds/b>]
+        {placed("double3 xformOp:translate = (0, 7, 0)")}
+        def "kinds" {{ {mesh(name="a")} def Xform "b" {{ {larger} {mesh(name="inner")} }} }}
+    }}
+    """
+    path = usda(tmp_path, text + CAMERA, TIMED)
+    world = load_world(path)
+    assert sorted(instance.name for instance in world.instances) == ["many/0/a", "many/1/inner", "many/2/a"]
+    stage = Usd.Stage.Open(str(path))
+    many = UsdGeom.PointInstancer(stage.GetPrimAtPath("/many"))
+    square = np.array([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)])
+    for code in (10, 19, 34):
+        matrices = np.array(many.ComputeInstanceTransformsAtTime(code, code))  # with each prototype's own
+        for instance in world.instances:
+            matrix = matrices[int(instance.name.split("/")[1])]
+            expected = square @ matrix[:3, :3] + matrix[3, :3] + (0, 7, 0)
+            assert np.allclose(points_at(world, instance, (code - 10) / 24), expected, atol=2e-3)
+
+
+def test_skins_are_followed(tmp_path):
+    weights = """
+    int[] primvars:skel:jointIndices = [0, 0, 0, 0] (interpolation = "vertex"\n elementSize = 1)
+    float[] primvars:skel:jointWeights = [1, 1, 1, 1] (interpolation = "vertex"\n elementSize = 1)
+    rel skel:skeleton = </root/bones>
+    """
+    api = '(prepend apiSchemas = ["SkelBindingAPI"])'
+    skinned = mesh(weights).replace('"square"', f'"square" {api}')
+    rest = "[((1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1))]"
+    rig = f"""
+    def SkelRoot "root"
+    {{
+        {skinned}
+        def Skeleton "bones" {api}
+        {{
+            uniform token[] joints = ["bone"]
+            uniform matrix4d[] bindTransforms = {rest}
+            uniform matrix4d[] restTransforms = {rest}
+            rel skel:animationSource = </root/bones/moves>
+            def SkelAnimation "moves"
+            {{
+                uniform token[] joints = ["bone"]
+                float3[] translations.timeSamples = {{ 10: [(0, 0, 0)], 34: [(0, 4, 0)] }}
+                quatf[] rotations = [(1, 0, 0, 0)]
+                half3[] scales = [(1, 1, 1)]
+            }}
+        }}
+    }}
+    """
+    world = load_world(usda(tmp_path, rig + CAMERA, TIMED))
+    assert points_at(world, world.instances[0], 0.5)[:, 1] == pytest.approx(2.0)
+
+
+def test_packages_and_binaries_are_read(tmp_path):
+    text = usda(tmp_path, mesh())
+    binary, package = tmp_path / "scene.usdc", tmp_path / "scene.usdz"
+    Usd.Stage.Open(str(text)).Export(str(binary))
+    assert UsdUtils.CreateNewUsdzPackage(str(binary), str(package))
+    for path in (binary, package):
+        world = load_world(path)
+        assert len(world.meshes[0].triangles) == 2
+
+
+def test_a_usd_as_part_of_a_toml_and_as_a_path(tmp_path):
+    lamp = 'def SphereLight "bulb" { float inputs:radius = 1\n float inputs:intensity = 3 }\n'
+    text = mesh(placed("double3 xformOp:translate = (100, 0, 0)")) + lamp + CAMERA.replace("9)", "900)")
+    usda(tmp_path, text, METRES.replace("= 1", "= 0.01"), "part.usda")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        '[camera]\ntrajectory = "part.usda"\n[[objects]]\nfile = "part.usda"\nname = "it"\nscale = 3.0\n'
+        "position = [0.0, 1.0, 0.0]\n"
+    )
+    world = load_world(scene)
+    assert world.camera.motion.pose(0.0)[:3, 3] == pytest.approx((0, 0, 9))
+    (instance,), (bulb,) = world.instances, world.sphere_lights
+    assert points_at(world, instance, 0.0).mean(axis=0) == pytest.approx((3, 1, 0))
+    assert (instance.name, bulb.name, bulb.radius_m) == ("it/square", "it/bulb", pytest.approx(0.03))
+
+
+def test_a_missing_library_is_told_with_what_to_install(tmp_path, monkeypatch):
+    path = usda(tmp_path, mesh())
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InputError, match=r"pip install 'clsim\[usd\]'"):
+        load_world(path)
+
+
+def test_a_package_that_is_none_is_told(tmp_path):
+    path = tmp_path / "bad.usdz"
+    path.write_bytes(b"hello")
+    with pytest.raises(InputError) as caught:
+        load_world(path)
+    assert str(caught.value).startswith(f"{path}: cannot be read as USD (")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (b"#usda 1.0\ndef Mesh {", "cannot be read as USD"),
+        (b"PXR-USDC\0\0\0", "cannot be read as USD"),
+        (b"", "cannot be read as USD"),
+        (b'#usda 1.0\n(metersPerUnit = 0)\ndef Xform "a" {}', "metersPerUnit is 0"),
+        (b'#usda 1.0\ndef Xform "a" {}', "has no triangles"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_told_in_one_sentence(tmp_path, text, said):
+    path = tmp_path / "bad.usda"
+    path.write_bytes(text)
+    with pytest.raises(InputError) as caught:
+        load_world(path)
+    assert str(caught.value).startswith(str(path)) and said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("shape", "said"),
+    [
+        (
+            "int[] faceVertexCounts = [4]\n int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0,0,0)]",
+            "4 corners",
+        ),
+        (
+            "int[] faceVertexCounts = [-3]\n int[] faceVertexIndices = [0, 1, 2]\n point3f[] points = [(0,0,0)]",
+            "corners",
+        ),
+        (
+            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 1, 7]\n point3f[] points = [(0,0,0)]",
+            "point 7",
+        ),
+        (
+            "int[] faceVertexCounts = [3]\n int[] faceVertexIndices = [0, 0, 0]\n point3f[] points = [(0,0,inf)]",
+            "finite",
+        ),
+    ],
+)
+def test_damaged_meshes_are_left_out_with_a_word(tmp_path, shape, said):
+    world = load_world(usda(tmp_path, mesh() + mesh(name="bad", shape=shape)))
+    assert [instance.name for instance in world.instances] == ["square"]
+    assert any(said in warning and "bad" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (mesh(placed("double3 xformOp:translate = (inf, 0, 0)")), "/square stands at a place that is not finite"),
+        (mesh() + 'def Camera "eye" { float focalLength = 0 }', "/eye has an aperture or a focal length"),
+        (mesh() + 'def Camera "eye" { float verticalAperture = inf }', "/eye has an aperture or a focal length"),
+        (mesh() + 'def SphereLight "bulb" { string inputs:radius = "wide" }', "/bulb has a value that cannot be used"),
+        (mesh() + 'def SphereLight "bulb" { float inputs:color = 3 }', "/bulb has a value that cannot be used"),
+        (mesh() + HOT, "/bulb has a value that cannot be used (a colour temperature of nan K)"),
+        ('def Capsule "pill" { double radius = nan }', "/pill has a value that cannot be used (a radius of nan)"),
+        (mesh('uniform token[] xformOpOrder = ["odd"]'), "/square has a value that cannot be used (Invalid xform op"),
+        (mesh("rel material:binding = </red>") + RED, "/red has a value that cannot be used"),
+        (mesh() + VANISHING, "/twice has other than its 2 copies' places at time 34"),
+    ],
+)
+def test_prims_with_numbers_that_cannot_be_are_left_out_with_a_word(tmp_path, text, said):
+    world = load_world(usda(tmp_path, mesh(name="whole") + text, TIMED))
+    assert "whole" in [instance.name for instance in world.instances]
+    assert sum(said in warning for warning in world.warnings) == 1
+    assert all("\n" not in warning for warning in world.warnings)
+    if not text.startswith(mesh()):  # and it alone is nothing, which says why
+        with pytest.raises(InputError) as caught:
+            load_world(usda(tmp_path, text, TIMED, "alone.usda"))
+        assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_what_has_no_extent_is_told(tmp_path):
+    with pytest.raises(InputError, match="has no extent"):
+        load_world(usda(tmp_path, 'def Capsule "pill" { double radius = 0\n double height = 0 }', TIMED))
+
+
+CASE = Path(__file__).resolve().parents[4] / "shared" / "cases" / "float_metres.usdc"
+
+
+@pytest.mark.skipif(not CASE.is_file(), reason="the file is not beside this checkout")
+def test_metres_may_be_float_for_double():
+    """A file in which a number has another type than the schema's, as some exporters write it."""
+    from pxr import Usd
+
+    from clsim.scene.usd.stage import Stage
+
+    told = Usd.Stage.Open(str(CASE)).GetMetadata("metersPerUnit")
+    assert Stage(CASE, print).metres == pytest.approx(told)
+    assert load_world(CASE).instances
+
+
+def test_copies_within_copies(tmp_path):
+    """Two rows of three boxes 4 apart, 10 above each other; an instancer may itself be what is copied."""
+    inner = """def PointInstancer "inner" {
+        point3f[] positions = [(-4, 0, 0), (0, 0, 0), (4, 0, 0)]
+        int[] protoIndices = [0, 0, 0]
+        rel prototypes = </outer/PLACE/box>
+        def Cube "box" { double size = 1 } }"""
+    outer = """def PointInstancer "outer" {
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        int[] protoIndices = [0, 0]
+        rel prototypes = </outer/TARGET>
+        BODY }"""
+    for target, place in (("row", "row/inner"), ("inner", "inner")):
+        part = inner.replace("PLACE", place)
+        body = part if target == "inner" else f'def Xform "row" {{ {part} }}'
+        text = outer.replace("TARGET", target).replace("BODY", body)
+        world = load_world(usda(tmp_path, text, METRES, f"{target}.usda"))
+        found = sorted(tuple(each.motion.pose(0.0)[:3, 3].tolist()) for each in world.instances)
+        assert found == [(x, y, 0.0) for x in (-4.0, 0.0, 4.0) for y in (0.0, 10.0)]
+        assert not world.warnings
+
+
+def test_copies_that_hold_themselves_end(tmp_path):
+    text = """def PointInstancer "outer" {
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        int[] protoIndices = [0, 0]
+        rel prototypes = </outer/row>
+        def Xform "row" { def PointInstancer "again" {
+            point3f[] positions = [(1, 0, 0)]
+            int[] protoIndices = [0]
+            rel prototypes = </outer/row> }
+            def Cube "box" {} } }"""
+    world = load_world(usda(tmp_path, text))
+    assert any("levels deep" in warning for warning in world.warnings) and len(world.instances) < 20
+
+
+def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
+    path = usda(tmp_path, mesh() + MOVING_COPIES, TIMED)
+    for most, count in ((512, 3), (511, 1)):
+        monkeypatch.setattr("clsim.scene.usd.stage.MAX_BYTES", most)
+        world = load_world(path)
+        assert len(world.instances) == count
+    assert any("the copies of twice are left out: their places" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize("moving", ["square", "all"])
+def test_parts_that_move_within_copies_are_told(tmp_path, moving):
+    """What the prototype is in moves it too, but not its copies."""
+    turn = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }")
+    inner, outer = (turn, "") if moving == "square" else ("", turn)
+    text = f'def Xform "all" {{ {outer}\n{mesh(inner)} }}\n' + MOVING_COPIES.replace("</square>", "</all/square>")
+    world = load_world(usda(tmp_path, text, TIMED))
+    told = [warning for warning in world.warnings if "parts that move within copies" in warning]
+    assert len(told) == (moving == "square")
+
+
+def test_what_is_missing_or_hidden_is_not_there(tmp_path):
+    text = mesh() + mesh('uniform token purpose = "guide"', "guide") + mesh('token visibility = "invisible"', "gone")
+    world = load_world(usda(tmp_path, text + 'def "lost" (references = @nowhere.usda@) {}'))
+    assert [instance.name for instance in world.instances] == ["square"]
+    assert any("nowhere.usda" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('def Mesh "bare" {}', "bare has no faces that can be shown"),
+        (mesh('token visibility = "invisible"'), "square is hidden, or a guide or a proxy"),
+        (mesh('uniform token purpose = "guide"'), "square is hidden, or a guide or a proxy"),
+        ('def BasisCurves "hair" { point3f[] points = [(0, 0, 0)] }', "BasisCurves is left out (first hair)"),
+        ('def Scope "nothing" {}', "expected a mesh"),
+    ],
+)
+def test_files_without_triangles_say_why(tmp_path, text, why):
+    with pytest.raises(InputError) as caught:
+        load_world(usda(tmp_path, text))
+    assert "has no triangles" in str(caught.value) and why in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_points_are_small_spheres(tmp_path):
+    """With their widths and colours; where they tell no width, apart from each other."""
+    body = """def Points "dots" {
+        point3f[] points = [(0, 0, 0), (3, 0, 0), (0, 3, 0)]
+        float[] widths = [0.2, 0.4, 1.0]
+        color3f[] primvars:displayColor = [(1, 0, 0), (0, 1, 0), (0, 0, 1)] (interpolation = "vertex") }
+    """
+    world = load_world(usda(tmp_path, body))
+    (made,) = world.meshes
+    thirds = np.split(made.vertices, 3)
+    for vertices, centre, width in zip(thirds, [(0, 0, 0), (3, 0, 0), (0, 3, 0)], (0.2, 0.4, 1.0), strict=True):
+        np.testing.assert_allclose(np.linalg.norm(vertices - centre, axis=1), width / 2, rtol=1e-5)
+    np.testing.assert_array_equal(made.colors[:: len(thirds[0])], np.eye(3))
+    assert world.materials[made.material_ids[0]].color == (1, 1, 1) and not world.warnings
+    bare = load_world(usda(tmp_path, body.replace("float[] widths = [0.2, 0.4, 1.0]", ""), name="bare.usda"))
+    assert 0 < np.ptp(np.split(bare.meshes[0].vertices, 3)[0][:, 0]) < 3
+    assert any("tell no widths" in text for text in bare.warnings)
+
+
+@pytest.mark.parametrize(("sides", "told"), [("uniform bool doubleSided = 0", True), ("", False)])
+def test_faces_that_should_show_on_one_side_are_told(tmp_path, sides, told):
+    world = load_world(usda(tmp_path, mesh(sides, "wall") + mesh(sides, "floor")))
+    assert sum("doubleSided is false of wall" in note for note in world.notes) == told
+    assert not any("doubleSided" in warning for warning in world.warnings)

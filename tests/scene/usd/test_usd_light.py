@@ -1,0 +1,236 @@
+"""Materials and lamps of USD files: what they are in clsim."""
+
+import math
+
+import numpy as np
+import PIL.Image
+import pytest
+from pxr import UsdLux
+
+from clsim.scene import load_world
+from tests.scene.usd.usd_files import METRES, SECONDS, mesh, usda
+
+SURFACE = """
+def Material "paint"
+{
+    token outputs:surface.connect = </paint/surface.outputs:surface>
+    def Shader "surface"
+    {
+        uniform token info:id = "UsdPreviewSurface"
+        %s
+        token outputs:surface
+    }
+    def Shader "reader"
+    {
+        uniform token info:id = "UsdPrimvarReader_float2"
+        string inputs:varname = "map1"
+        float2 outputs:result
+    }
+    def Shader "turned"
+    {
+        uniform token info:id = "UsdTransform2d"
+        float2 inputs:in.connect = </paint/reader.outputs:result>
+        float inputs:rotation = 90
+        float2 inputs:scale = (2, 3)
+        float2 inputs:translation = (.25, .5)
+        float2 outputs:result
+    }
+    def Shader "picture"
+    {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @picture.png@
+        token inputs:sourceColorSpace = "%s"
+        token inputs:wrapS = "mirror"
+        float4 inputs:scale = (2, 2, 2, 1)
+        float2 inputs:st.connect = </paint/turned.outputs:result>
+        float3 outputs:rgb
+        float outputs:r
+        float outputs:g
+        float outputs:a
+    }
+}
+"""
+BOUND = "rel material:binding = </paint>\n"
+UV = 'texCoord2f[] primvars:map1 = [(0, 0), (1, 0), (1, 1), (0, 1)] (interpolation = "vertex")\n'
+API = '(prepend apiSchemas = ["MaterialBindingAPI"])'
+
+
+def surface(tmp_path, inputs, space="raw", extra=""):
+    """Return the world of a square of that material, and the material."""
+    pixels = np.array([[(0, 64, 128, 255), (255, 32, 16, 0)]], np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "picture.png")
+    painted = mesh(BOUND + UV + extra).replace('"square"', f'"square" {API}')
+    world = load_world(usda(tmp_path, SURFACE % (inputs, space) + painted))
+    return world, world.materials[world.meshes[0].material_ids[0]]
+
+
+def lamps(tmp_path, text, meta=METRES):
+    return load_world(usda(tmp_path, mesh() + text, meta))
+
+
+def test_preview_surfaces_are_principled(tmp_path):
+    inputs = """
+    color3f inputs:diffuseColor = (.1, .2, .3)
+    color3f inputs:emissiveColor = (0, 3, 0)
+    float inputs:roughness = .4
+    float inputs:metallic = .75
+    float inputs:ior = 1.8
+    float inputs:clearcoat = .5
+    float inputs:clearcoatRoughness = .3
+    float inputs:opacity = .6
+    """
+    _, found = surface(tmp_path, inputs)
+    assert (found.kind, found.metallic, found.clearcoat, found.alpha_mode) == ("principled", 0.75, 0.5, "blend")
+    assert found.color == pytest.approx((0.1, 0.2, 0.3))
+    assert found.emission == (0, 3, 0)
+    assert (found.alpha, found.clearcoat_alpha) == pytest.approx((0.16, 0.09))
+    assert (found.ior, found.opacity) == pytest.approx((1.8, 0.6))
+
+
+def test_specular_colours_are_reflected_at_right_angles(tmp_path):
+    _, found = surface(
+        tmp_path,
+        "float inputs:metallic = 1\nint inputs:useSpecularWorkflow = 1\ncolor3f inputs:specularColor = (.16, .08, .04)",
+    )
+    least = ((found.ior - 1) / (found.ior + 1)) ** 2
+    assert np.array(found.specular_color) * least == pytest.approx((0.16, 0.08, 0.04))
+    assert found.metallic == 0
+
+
+def test_pictures_keep_their_place_their_factor_and_their_curve(tmp_path):
+    world, found = surface(tmp_path, "color3f inputs:emissiveColor.connect = </paint/picture.outputs:rgb>", "sRGB")
+    texture = world.textures[found.emission_texture]
+    assert texture.srgb and found.emission == (2, 2, 2)
+    assert (texture.wrap_u, texture.wrap_v) == ("mirror", "repeat")
+    # (1, 0), twice as long, turned to (0, 2), then shifted.
+    assert np.array(texture.uv_matrix) @ (1, 0, 1) == pytest.approx((0.25, 2.5))
+    assert np.array(texture.uv_matrix) @ (0, 1, 1) == pytest.approx((-2.75, 0.5))
+    assert world.meshes[0].uvs.tolist() == [[0, 0], [1, 0], [1, 1], [0, 1]]
+
+
+def test_roughness_metalness_and_opacity_take_their_channels(tmp_path):
+    inputs = """
+    float inputs:roughness.connect = </paint/picture.outputs:g>
+    float inputs:metallic.connect = </paint/picture.outputs:r>
+    float inputs:opacity.connect = </paint/picture.outputs:a>
+    float inputs:opacityThreshold = .5
+    """
+    world, found = surface(tmp_path, inputs)
+    rough = world.textures[found.roughness_texture].pixels
+    assert rough[0, :, 1].tolist() == [128, 64]  # times the scale of 2
+    assert rough[0, :, 2].tolist() == [0, 255]
+    assert (found.alpha, found.metallic, found.alpha_mode, found.alpha_cutoff) == (1, 1, "mask", 0.5)
+    assert world.textures[found.opacity_texture].pixels[0, :, 3].tolist() == [255, 0]
+
+
+def test_subsets_have_materials_of_their_own_and_others_their_colour(tmp_path):
+    subset = """
+    color3f[] primvars:displayColor = [(.1, .7, .2)]
+    def GeomSubset "part" (prepend apiSchemas = ["MaterialBindingAPI"])
+    {
+        uniform token elementType = "face"
+        uniform token familyName = "materialBind"
+        int[] indices = [1]
+        rel material:binding = </paint>
+    }
+    """
+    shape = """
+    int[] faceVertexCounts = [3, 3]
+    int[] faceVertexIndices = [0, 1, 2, 0, 2, 3]
+    point3f[] points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    """
+    world = load_world(usda(tmp_path, SURFACE % ("", "raw") + mesh(subset, shape=shape)))
+    first, second = (world.materials[k] for k in world.meshes[0].material_ids)
+    assert first.color == pytest.approx((0.1, 0.7, 0.2))
+    assert (second.kind, second.name) == ("principled", "paint")
+
+
+def test_lamps_have_their_sizes_and_their_radiance(tmp_path):
+    text = """
+    def SphereLight "bulb" { float inputs:radius = 50
+        float inputs:intensity = 3
+        float inputs:exposure = 2
+        color3f inputs:color = (1, .5, .25) }
+    def SphereLight "normal" { float inputs:radius = 50
+        float inputs:intensity = 12
+        bool inputs:normalize = 1 }
+    def SphereLight "dot" { bool treatAsPoint = 1
+        float inputs:radius = 2
+        float inputs:intensity = 8
+        bool inputs:normalize = 1 }
+    def DistantLight "far" { float inputs:angle = 0
+        float inputs:intensity = 7 }
+    def DistantLight "sun" { float inputs:angle = 2
+        float inputs:intensity = 5
+        bool inputs:normalize = 1 }
+    def RectLight "panel" { float inputs:width = 200
+        float inputs:height = 100
+        float inputs:intensity = 20000
+        bool inputs:normalize = 1
+        bool inputs:enableColorTemperature = 1
+        float inputs:colorTemperature = 3000 }
+    def DomeLight "sky" { float inputs:intensity = .5 }
+    """
+    world = lamps(tmp_path, text, METRES.replace("= 1", "= 0.01"))
+    bulb, normal, sun = world.sphere_lights
+    assert (bulb.radius_m, bulb.radiance) == (pytest.approx(0.5), pytest.approx((12, 6, 3)))
+    assert normal.radiance == pytest.approx((12 / (4 * math.pi * 2500),) * 3)
+    # A disk of the radiance 5 / (π·sin²(1°)) gives 5 on what faces it.
+    pose = sun.motion.pose(0.0)
+    away, seen = np.linalg.norm(pose[:3, 3]), sun.radius_m / np.linalg.norm(pose[:3, 3])
+    assert seen == pytest.approx(math.sin(math.radians(1)), rel=1e-3)
+    assert sun.radiance[0] * math.pi * seen**2 == pytest.approx(5, rel=1e-3)
+    assert pose[:3, 3] / away == pytest.approx((0, 0, 1), abs=1e-3)
+    dot, far = world.punctual_lights
+    assert dot.intensity == pytest.approx((8 / 4 * 1e-4,) * 3)
+    assert (far.kind, far.intensity) == ("directional", (7, 7, 7))
+    panel = next(material for material in world.materials if material.name == "panel")
+    assert panel.emission == pytest.approx(tuple(UsdLux.BlackbodyTemperatureAsRgb(3000)))
+    assert not panel.emits_behind
+    assert world.environment == pytest.approx((0.5, 0.5, 0.5))
+
+
+@pytest.mark.parametrize("kind", ["RectLight", "DiskLight"])
+def test_panels_shine_along_minus_z_with_their_whole_area(tmp_path, kind):
+    world = lamps(
+        tmp_path, f'def {kind} "lamp" {{ float inputs:width = 2\nfloat inputs:height = 3\nfloat inputs:radius = 2 }}'
+    )
+    panel = world.meshes[-1]
+    a, b, c = (panel.vertices[panel.triangles[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a).sum(axis=0) / 2
+    assert area == pytest.approx((0, 0, -6 if kind == "RectLight" else -4 * math.pi), rel=1e-6)
+
+
+def test_light_changes_with_its_samples(tmp_path):
+    text = 'def SphereLight "blink" { float inputs:intensity.timeSamples = { 10: 2, 22: 8, 34: 0 } }\ndef Camera "c" {}'
+    world = lamps(tmp_path, text, f"{METRES}\n    {SECONDS}")
+    (lamp,) = world.sphere_lights
+    for time_s, intensity in ((0.0, 2), (0.25, 5), (0.5, 8), (0.75, 4)):
+        assert lamp.radiance[0] * lamp.modulation.mean(time_s, time_s)[0] == pytest.approx(intensity)
+    assert world.duration_s == 1.0
+
+
+def test_the_dome_shows_each_direction_what_usd_says(tmp_path):
+    pixels = np.zeros((2, 4, 3), np.uint8)
+    pixels[0], pixels[1, 2] = (0, 0, 255), (255, 0, 0)  # blue above; red from +z to −x below
+    PIL.Image.fromarray(pixels).save(tmp_path / "sky.png")
+    dome = 'def DomeLight%s "sky" { asset inputs:texture:file = @sky.png@ }'
+    world = lamps(tmp_path, dome % "")
+    assert world.environment_map.to_world == pytest.approx(np.eye(3))
+    turned = lamps(tmp_path, dome % "_1", METRES.replace('"Y"', '"Z"')).environment_map.to_world
+    # The stage's +z, our +y, is the pole; the picture's middle lies towards its −y, our +z.
+    assert turned == pytest.approx(np.eye(3), abs=1e-12)
+
+
+def test_what_is_lacking_is_told_once(tmp_path):
+    text = """
+    def BasisCurves "hair" {}
+    def PortalLight "door" {}
+    def SphereLight "spot" (prepend apiSchemas = ["ShapingAPI"]) { float inputs:shaping:cone:angle = 30 }
+    """
+    world = lamps(tmp_path, text)
+    said = "\n".join(world.warnings)
+    assert all(word in said for word in ("BasisCurves", "PortalLight", "spots without size"))
+    (spot,) = world.punctual_lights
+    assert spot.intensity[0] == pytest.approx(math.pi * 0.25)
+    assert spot.outer_deg == 30

@@ -1,0 +1,178 @@
+"""Materials of USD that are told by MaterialX, and colours that meshes give them."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from clsim.scene import load_world
+from tests.scene.usd.usd_files import mesh, usda
+
+
+def materials_of(tmp_path, kind, inputs, *, nodes="", output="mtlx:surface", extra=""):
+    """The world of a square with a surface of that kind, and its material."""
+    listed = "\n".join(inputs)
+    material = f"""def Material "M" {{
+        token outputs:{output}.connect = </M/S.outputs:surface>
+        def Shader "S" {{
+            uniform token info:id = "{kind}"
+            {listed}
+            token outputs:surface }}
+        {nodes} }}
+"""
+    square = mesh("rel material:binding = </M>\n" + extra).replace(
+        'def Mesh "square"', 'def Mesh "square" (prepend apiSchemas = ["MaterialBindingAPI"])'
+    )
+    world = load_world(usda(tmp_path, square + material))
+    return world, world.materials[world.meshes[0].material_ids[0]]
+
+
+def test_standard_surface(tmp_path):
+    inputs = [
+        "float inputs:base = 0.5",
+        "color3f inputs:base_color = (0.8, 0.6, 0.4)",
+        "float inputs:metalness = 0.25",
+        "float inputs:specular_roughness = 0.4",
+        "float inputs:specular_IOR = 1.8",
+        "float inputs:specular = 0.7",
+        "float inputs:coat = 0.3",
+        "float inputs:coat_roughness = 0.2",
+        "float inputs:transmission = 0.1",
+        "float inputs:emission = 2",
+        "color3f inputs:emission_color = (1, 0.5, 0.25)",
+        "color3f inputs:opacity = (0.5, 0.5, 0.5)",
+        "float inputs:sheen = 0.6",
+    ]
+    world, made = materials_of(tmp_path, "ND_standard_surface_surfaceshader", inputs)
+    assert made.color == pytest.approx((0.4, 0.3, 0.2)) and made.metallic == 0.25
+    assert made.alpha == pytest.approx(0.16) and made.ior == pytest.approx(1.8)
+    assert made.specular_color == pytest.approx((0.7,) * 3)
+    assert (made.clearcoat, made.clearcoat_alpha, made.transmission) == pytest.approx((0.3, 0.04, 0.1))
+    assert made.emission == pytest.approx((2, 1, 0.5)) and made.opacity == pytest.approx(0.5)
+    assert made.alpha_mode == "blend" and any("sheen of materials is left out" in text for text in world.warnings)
+
+
+@pytest.mark.parametrize(
+    ("kind", "color", "roughness"),
+    [
+        ("ND_standard_surface_surfaceshader", 0.8, 0.2),
+        ("ND_open_pbr_surface_surfaceshader", 0.8, 0.3),
+        ("ND_gltf_pbr_surfaceshader", 1.0, 1.0),
+        ("ND_UsdPreviewSurface_surfaceshader", 0.18, 0.5),
+    ],
+)
+def test_defaults_are_those_of_each_specification(tmp_path, kind, color, roughness):
+    world, made = materials_of(tmp_path, kind, [])
+    assert made.color == pytest.approx((color,) * 3) and made.alpha == pytest.approx(roughness**2)
+    assert made.emission == (0, 0, 0) and made.opacity == 1 and not world.warnings
+
+
+def test_open_pbr_shines_in_candelas_a_square_metre(tmp_path):
+    inputs = ["float inputs:emission_luminance = 1366", "float inputs:geometry_opacity = 0.25"]
+    _, made = materials_of(tmp_path, "ND_open_pbr_surface_surfaceshader", inputs)
+    assert made.emission == pytest.approx((2, 2, 2)) and made.opacity == 0.25
+
+
+@pytest.mark.parametrize(
+    ("space", "srgb"), [('colorSpace = "srgb_texture"', True), ('colorSpace = "lin_rec709"', False)]
+)
+def test_pictures_of_materialx(tmp_path, space, srgb):
+    Image.fromarray(np.full((2, 2, 3), 128, np.uint8)).save(tmp_path / "a.png")
+    nodes = f"""def Shader "P" {{
+        uniform token info:id = "ND_image_color3"
+        asset inputs:file = @a.png@ ({space})
+        string inputs:uaddressmode = "clamp"
+        float2 inputs:texcoord.connect = </M/T.outputs:out>
+        color3f outputs:out }}
+    def Shader "T" {{
+        uniform token info:id = "ND_geompropvalue_vector2"
+        string inputs:geomprop = "map1"
+        float2 outputs:out }}
+    def Shader "N" {{
+        uniform token info:id = "ND_normalmap"
+        float3 inputs:in.connect = </M/Q.outputs:out>
+        float3 outputs:out }}
+    def Shader "Q" {{
+        uniform token info:id = "ND_image_vector3"
+        asset inputs:file = @a.png@
+        float3 outputs:out }}"""
+    inputs = [
+        "color3f inputs:base_color.connect = </M/P.outputs:out>",
+        "float3 inputs:normal.connect = </M/N.outputs:out>",
+    ]
+    uvs = 'texCoord2f[] primvars:map1 = [(0, 0), (3, 0), (3, 3), (0, 3)] (interpolation = "vertex")'
+    world, made = materials_of(tmp_path, "ND_standard_surface_surfaceshader", inputs, nodes=nodes, extra=uvs)
+    picture = world.textures[made.texture]
+    assert picture.srgb == srgb and (picture.wrap_u, picture.wrap_v) == ("clamp", "repeat")
+    assert not world.textures[made.normal_texture].srgb
+    assert world.meshes[0].uvs.max() == 3 and not world.warnings
+
+
+def test_a_coloured_coat_tints_what_lies_below(tmp_path):
+    inputs = [
+        "float inputs:coat = 0.5",
+        "color3f inputs:coat_color = (1, 0.5, 0)",
+        "color3f inputs:base_color = (1, 1, 1)",
+    ]
+    _, made = materials_of(tmp_path, "ND_standard_surface_surfaceshader", inputs)
+    assert made.color == pytest.approx((1, 0.75, 0.5))
+
+
+def test_a_warning_names_the_first_alone(tmp_path):
+    curves = 'def BasisCurves "{}" {{ point3f[] points = [(0, 0, 0)] }}\n'
+    world = load_world(usda(tmp_path, mesh() + curves.format("a") + curves.format("b")))
+    assert [text for text in world.warnings if "BasisCurves" in text] == [
+        "scene.usda: BasisCurves is left out (first a)"
+    ]
+
+
+def test_a_picture_for_a_number_counts_by_its_mean(tmp_path):
+    Image.fromarray(np.repeat(np.array([[0, 255], [255, 255]], np.uint8)[..., None], 3, 2)).save(tmp_path / "a.png")
+    nodes = """def Shader "P" {
+        uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @a.png@
+        token inputs:sourceColorSpace = "raw"
+        float outputs:r }"""
+    inputs = ["float inputs:clearcoat.connect = </M/P.outputs:r>"]
+    world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, nodes=nodes, output="surface")
+    assert made.clearcoat == pytest.approx(0.75)
+    assert any("the mean of clearcoat textures" in text for text in world.warnings)
+
+
+def test_mtlx_files_are_told_once(tmp_path):
+    (tmp_path / "a.mtlx").write_text("<materialx/>")
+    parts = "".join(f'def Material "M{k}" (references = @a.mtlx@</MaterialX>) {{}}\n' for k in range(3))
+    world = load_world(usda(tmp_path, mesh() + parts))
+    assert len(world.warnings) == 1 and "(first a.mtlx)" in world.warnings[0] and "--flatten" in world.warnings[0]
+
+
+def test_usd_core_does_not_write_past_clsim(tmp_path, capfd):
+    """A material that is bound without saying so is used; usd-core would tell it on standard error, for each prim."""
+    material = 'def Material "M" { token outputs:surface.connect = </M/S.outputs:surface>\n def Shader "S" { '
+    material += 'uniform token info:id = "UsdPreviewSurface"\n color3f inputs:diffuseColor = (1, 0, 0)\n '
+    material += "token outputs:surface } }\n"
+    world = load_world(usda(tmp_path, mesh("rel material:binding = </M>") + material))
+    assert world.materials[world.meshes[0].material_ids[0]].color == (1, 0, 0) and not world.warnings
+    assert capfd.readouterr().err == ""
+
+
+COLORS = 'color3f[] primvars:{} = [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)] (interpolation = "vertex")'
+
+
+def test_colours_of_a_mesh_reach_its_material(tmp_path):
+    nodes = """def Shader "R" {
+        uniform token info:id = "UsdPrimvarReader_float3"
+        string inputs:varname = "tint"
+        float3 outputs:result }"""
+    inputs = ["color3f inputs:diffuseColor.connect = </M/R.outputs:result>"]
+    extra = COLORS.format("tint") + "\n" + COLORS.format("displayColor").replace("(1, 0, 0)", "(0, 0, 0)")
+    world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, nodes=nodes, output="surface", extra=extra)
+    assert made.color == (1, 1, 1) and world.meshes[0].colors[0].tolist() == [1, 0, 0] and not world.warnings
+
+
+def test_a_material_of_its_own_hides_the_colours_of_a_mesh(tmp_path):
+    """As in usdview: they are for what has no material."""
+    inputs = ["color3f inputs:diffuseColor = (0.5, 0.5, 0.5)"]
+    extra = COLORS.format("displayColor")
+    world, made = materials_of(tmp_path, "UsdPreviewSurface", inputs, output="surface", extra=extra)
+    assert made.color == (0.5, 0.5, 0.5) and world.meshes[0].colors is None
+    assert load_world(usda(tmp_path, mesh(extra), name="bare.usda")).meshes[0].colors[0].tolist() == [1, 0, 0]

@@ -1,0 +1,261 @@
+"""Recordings of clsim's own sensors are fitted back to what made them."""
+
+import json
+import math
+import sys
+
+import numpy as np
+import pytest
+
+import clsim
+from clsim.cli import main
+from clsim.errors import InputError
+from clsim.events import empty_batch
+from clsim.sensor import SensorSettings, load_sensor
+from clsim.sensor.fit.fitted import fitted_rows, sensor_file
+from clsim.sensor.fit.flicker import fit_flicker
+from clsim.sensor.fit.still import Counts, fit_still
+from clsim.sensor.lab import Lab
+from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
+
+WIDTH, HEIGHT = 80, 60
+CONTRAST, LAMP_HZ = 0.6, 5.0
+TRUE = SensorSettings(
+    threshold=Threshold(0.2, 0.25, mismatch=0.03),
+    noise=Noise(0.05, 0.05, spread_decades=0.25),
+    leak=Leak(0.2, 0.25),
+    defects=Defects(hot_share=0.004, hot_hz=80.0, hot_spread_decades=0.3, dead_share=0.01),
+    refractory=Refractory(300.0),
+)
+
+
+def still_scene(settings, seconds, steps):
+    lab = Lab(settings, WIDTH, HEIGHT)
+    return [lab.to(round(1e6 * seconds * step / steps), 0.0).events for step in range(steps + 1)]
+
+
+def lamp(settings, seconds, parts=160):
+    """Return what fires under a lamp whose sine is made of so many lines a period."""
+    lab = Lab(settings, WIDTH, HEIGHT, lux=1000.0)
+    times_us = [round(1e6 * step / (LAMP_HZ * parts)) for step in range(round(seconds * LAMP_HZ * parts) + 1)]
+    levels = [math.log1p(CONTRAST * math.sin(2 * math.pi * LAMP_HZ * t * 1e-6 + 1.0)) for t in times_us]
+    return [lab.to(time, level).events for time, level in zip(times_us, levels, strict=True)]
+
+
+def counted(batches):
+    counts = Counts.of_size(WIDTH, HEIGHT)
+    counts.add(batches)
+    return counts
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    return still_scene(TRUE, 100.0, 20), lamp(TRUE, 1.2)
+
+
+@pytest.fixture(scope="module")
+def still(recorded):
+    return fit_still(counted(recorded[0]))
+
+
+@pytest.fixture(scope="module")
+def flicker(recorded, still):
+    return fit_flicker(recorded[1], WIDTH, HEIGHT, CONTRAST, ~still.hot)
+
+
+def near(found, true, *, rel=0.0):
+    """Whether a number is the true one, within 4 of its standard errors, and the error no excuse."""
+    value, error = found
+    return abs(value - true) <= 4 * error + rel * true and 0 < error < 0.2 * true
+
+
+@pytest.mark.slow
+def test_rates_and_their_spread_are_found(still):
+    assert near(still.noise_hz, 0.05, rel=0.02) and near(still.noise_decades, 0.25, rel=0.03)
+    assert near(still.leak_hz, 0.2, rel=0.03)
+    # Thresholds that differ by 0.03 of 0.2 add to the spread of leaks.
+    assert near(still.leak_decades, math.hypot(0.25, 0.15 / math.log(10)), rel=0.03)
+
+
+def test_hot_pixels_are_found(still):
+    share, _ = still.hot_share
+    assert share == pytest.approx(0.004 * 0.99, abs=4 * math.sqrt(0.004 / (WIDTH * HEIGHT)))
+    # Some twenty pixels tell.
+    assert abs(still.hot_hz[0] - 80) < 4 * still.hot_hz[1] < 80
+    assert abs(still.hot_decades[0] - 0.3) < 4 * still.hot_decades[1] < 0.3
+
+
+def test_hot_pixels_are_found_in_half_a_second():
+    # Pixels fire once in ten seconds, and 20 of them 200 times a second: most never fire.
+    generator, shape = np.random.default_rng(2), (100, 200)
+    rates = 0.1 * 10 ** generator.normal(0, 0.25, shape)
+    rates[::5, ::200] = 200.0
+    found = fit_still(Counts(*generator.poisson(0.3 * rates, (2, *shape)), 0.6))
+    np.testing.assert_array_equal(found.hot, rates == 200)
+    assert found.noise_hz[0] == pytest.approx(0.05, rel=0.3) and found.hot_hz[0] == pytest.approx(200, rel=0.1)
+
+
+def test_a_leak_is_found_in_less_than_its_period():
+    # 0.1 Hz over 0.6 s: one pixel in seventeen fires once.
+    settings = SensorSettings(noise=Noise(0.005, 0.005), leak=Leak(0.1, 0.25))
+    counts = Counts.of_size(240, 180)
+    lab = Lab(settings, 240, 180)
+    counts.add([lab.to(t, 0.0).events for t in (0, 600_000)])
+    found = fit_still(counts)
+    assert found.leak_hz[0] == pytest.approx(0.1, rel=0.08) and near(found.noise_hz, 0.005, rel=0.05)
+    # Every pixel fires once or not at all: how rates spread is taken to be as usual, and its error is as large.
+    assert found.leak_decades == pytest.approx((0.25, 0.25))
+
+
+@pytest.mark.parametrize("periods", [1.05, 2.0])
+def test_a_spread_of_leaks_is_found_in_periods_of_any_number(periods):
+    generator, shape = np.random.default_rng(3), (150, 200)
+    ended = periods * 10 ** generator.normal(0, 0.05, shape) + generator.uniform(size=shape)
+    found = fit_still(Counts(np.floor(ended).astype(int), np.zeros(shape, int), 10.0))
+    assert near(found.leak_hz, periods / 10, rel=0.005) and near(found.leak_decades, 0.05, rel=0.01)
+
+
+def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
+    found = flicker
+    assert found.frequency_hz == pytest.approx(LAMP_HZ, rel=1e-4)
+    assert near(found.on, 0.2, rel=0.005) and near(found.off, 0.25, rel=0.005)
+    assert near(found.mismatch, 0.03, rel=0.02)
+    assert found.rest_us[0] == pytest.approx(300, rel=0.02)
+    assert found.silent_share[0] == pytest.approx(0.01, abs=4 * math.sqrt(0.01 / (WIDTH * HEIGHT)))
+
+
+def test_what_is_fitted_makes_the_file_of_a_sensor(still, flicker, tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text(sensor_file("mine", (WIDTH, HEIGHT), list(fitted_rows(still, flicker)), 'a "b".raw', "davis346"))
+    mine = load_sensor(str(file))
+    assert mine.name == "mine" and mine.optics.width == WIDTH and mine.front_end == load_sensor("davis346").front_end
+    assert mine.threshold.off == pytest.approx(0.25, rel=0.01) and mine.leak.hz == pytest.approx(0.2, rel=0.05)
+    # The spread that thresholds add is taken away again.
+    assert mine.leak.spread_decades == pytest.approx(0.25, abs=0.015)
+    assert mine.sources["leak.hz"].startswith("± ") and mine.sources["leak.hz"].endswith('still scene; a "b".raw')
+
+
+def test_a_sensor_without_leak_and_defects_has_none():
+    quiet = SensorSettings(noise=Noise(0.5, 0.5, spread_decades=0.1), threshold=TRUE.threshold)
+    found = fit_still(counted(still_scene(quiet, 20.0, 2)))
+    rows = {name: number for name, number, _ in fitted_rows(found, None)}
+    assert rows["leak.hz"] is None and rows["defects.hot_share"] is None and rows["defects.hot_hz"] is None
+    assert near(rows["noise.on_hz"], 0.5, rel=0.02)
+
+
+def test_recordings_add_up(recorded):
+    batches = recorded[0]
+    twice = counted(batches)
+    twice.add(batches)
+    once = counted(batches)
+    assert twice.seconds == pytest.approx(2 * once.seconds)
+    np.testing.assert_array_equal(twice.on, 2 * once.on)
+    assert once.on.sum() + once.off.sum() == sum(map(len, batches))
+
+
+def events(times_us, x=0, on=True):
+    batch = empty_batch(len(times_us))
+    batch["t"], batch["x"], batch["y"], batch["on"] = times_us, x, 0, on
+    return batch
+
+
+def test_what_cannot_be_fitted_is_told():
+    with pytest.raises(InputError, match="needs 100 events of a still scene at least, got 3; record longer"):
+        fit_still(counted([events([1, 2, 3])]))
+    with pytest.raises(InputError, match="`resolution` is 80x60, but there is an event at x 80, y 0"):
+        counted([events([1], x=80)])
+    with pytest.raises(InputError, match=r"`contrast` must lie between 0 and 1, got 1\.5"):
+        fit_flicker([], 2, 2, 1.5)
+    with pytest.raises(InputError, match="there is none in this one: it is too short"):
+        fit_flicker([], 2, 2, 0.5)
+    with pytest.raises(InputError, match=r"expected 1000: record longer"):
+        fit_flicker([events(np.arange(0, 10**6, 5000))], 1, 1, 0.5)
+
+
+def run(monkeypatch, *words):
+    monkeypatch.setattr(sys, "argv", ["clsim", *map(str, words)])
+    with pytest.raises(SystemExit) as end:
+        main()
+    return end.value.code
+
+
+def test_the_command_fits_files(recorded, tmp_path, monkeypatch, capsys):
+    names = tmp_path / "still.npz", tmp_path / "lamp.npz"
+    for name, batches in zip(names, recorded, strict=True):
+        with clsim.write(name, WIDTH, HEIGHT) as out:
+            for batch in batches:
+                if len(batch):
+                    out.write(batch, int(batch["t"][-1]) + 1)
+    file = tmp_path / "mine.toml"
+    words = "sensor", "fit", names[0], "--out", file
+    assert run(monkeypatch, *words, "--lamp", names[1], "--contrast", CONTRAST, "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["threshold.on"][0] == pytest.approx(0.2, rel=0.01)
+    assert load_sensor(str(file)).threshold.mismatch == pytest.approx(told["threshold.mismatch"][0], rel=1e-3)
+    before = file.read_text()
+    assert run(monkeypatch, *words, "--lamp", names[1]) == 2
+    assert "--lamp and --contrast belong together" in capsys.readouterr().err
+    assert run(monkeypatch, *words, "--resolution", "4x4") == 2
+    assert "--resolution is 4x4, but there is an event" in capsys.readouterr().err
+    assert file.read_text() == before and [each.name for each in tmp_path.glob(".*")] == []
+
+
+def test_a_base_that_is_not_there_is_told(recorded, tmp_path, monkeypatch, capsys):
+    words = "sensor", "fit", "no.npz", "--out", tmp_path / "a.toml", "--base", "davis3"
+    assert run(monkeypatch, *words) == 2
+    assert capsys.readouterr().err == "clsim: --base: there is no sensor 'davis3'; did you mean davis346?\n"
+
+
+def test_files_that_would_be_lost_are_not_written_over(tmp_path, monkeypatch, capsys):
+    still, mine = tmp_path / "still.txt", tmp_path / "mine.toml"
+    still.write_text("1 2 3 1\n")
+    mine.write_text("[threshold]\non = 0.3\n")
+    for words, said in (
+        (("fit", still, "--out", still), "the ending is wrong; expected NAME.toml"),
+        (("fit", still, "--out", mine, "--base", mine), "is the file that --base names; choose another name"),
+        (("plot", mine, "--out", still), "the ending is wrong; expected NAME.png"),
+    ):
+        assert run(monkeypatch, "sensor", *words) == 2 and said in capsys.readouterr().err
+    assert still.read_text() == "1 2 3 1\n" and mine.read_text() == "[threshold]\non = 0.3\n"
+
+
+def test_a_lamp_that_does_not_flicker_is_told(recorded, tmp_path, monkeypatch, capsys):
+    name = tmp_path / "still.npz"
+    with clsim.write(name, WIDTH, HEIGHT) as out:
+        for batch in recorded[0][:5]:
+            out.write(batch, int(batch["t"][-1]) + 1 if len(batch) else 0)
+    words = "sensor", "fit", name, "--out", tmp_path / "a.toml", "--lamp", name, "--contrast", CONTRAST
+    assert run(monkeypatch, *words) == 2
+    assert "still.npz: is no recording of a lamp whose light is a sine" in capsys.readouterr().err
+    assert not (tmp_path / "a.toml").exists()
+
+
+@pytest.mark.slow
+def test_fits_do_not_hang_on_a_front_end(still):
+    davis = SensorSettings(
+        threshold=Threshold(0.2, 0.2, mismatch=0.03),
+        front_end=FrontEnd(dark_lux=0.1, receptor_hz_per_lux=300.0, follower_hz=3000.0),
+        noise=Noise(0.01, 0.01, spread_decades=0.25),
+        leak=Leak(0.08, 0.25),
+        defects=TRUE.defects,
+        refractory=Refractory(250.0),
+    )
+    found = fit_flicker(lamp(davis, 1.0, 400), WIDTH, HEIGHT, CONTRAST, ~still.hot)
+    assert found.on[0] == pytest.approx(0.2, rel=0.01) and found.off[0] == pytest.approx(0.2, rel=0.01)
+    # Of a float64 pixel the fit finds 252.0 under these 400 lines a period, 251.4 under a true sine, and 250.0 where
+    # there is no dark current either. Of 100 lines it finds 260.8: chords of a sine lie inside it.
+    assert found.rest_us[0] == pytest.approx(252, rel=0.01)
+
+
+def test_what_was_looked_for_and_not_seen_is_not_the_bases(tmp_path):
+    clean = SensorSettings(noise=Noise(0.5, 0.5, spread_decades=0.25))
+    rows = list(fitted_rows(fit_still(counted(still_scene(clean, 40.0, 8))), None))
+    assert {name for name, number, _ in rows if number is None} >= {"leak.hz", "defects.hot_share"}
+    file = tmp_path / "mine.toml"
+    file.write_text(sensor_file("mine", (WIDTH, HEIGHT), rows, "still.npz", "davis346"))
+    found, base = load_sensor(str(file)), load_sensor("davis346")
+    assert found.leak.hz == 0 < base.leak.hz and found.defects.hot_share == 0
+    assert found.threshold == base.threshold and found.refractory == base.refractory
+    assert found.sources["leak.hz"] == "none seen; still scene; still.npz"
+    file.write_text(sensor_file("mine", (WIDTH, HEIGHT), rows, "still.npz"))
+    assert "leak" not in file.read_text()
