@@ -222,7 +222,8 @@ class LightKeeper:
         self._gathering: Any = Gathering()
         last = self._frames + 1 >= self._passes
         # Nobody sees the first frame before it is rendered for the last time: it is not looked at, but for paths.
-        self._gathering.looks = looks_of(effort.first_hit_rays, self._sight, kept=True) if last else Looks()
+        rays, moves = effort.first_hit_rays, self._store is not None
+        self._gathering.looks = looks_of(rays, self._sight, kept=True, moves=moves) if last else Looks()
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.turn = self._frames
         if last:

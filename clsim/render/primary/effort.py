@@ -30,8 +30,9 @@ _IN_SHADOW = 8
 """Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
 _MOST_IN_SHADOW = 2
 """They are no more than so many times those."""
-_IN_SHADOW_KEPT = 3
-"""Rays by that root where other light is kept on surfaces, and such pixels take much of the time."""
+_IN_SHADOW_STILL = 3
+"""Rays by that root where other light is kept on surfaces and shadows lie still: such pixels take much of the time, and
+what fires is where shadows move."""
 _AT_CONTRAST = 16
 """Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
 _ENOUGH_FOR_CONTRAST = 16
@@ -60,7 +61,7 @@ class Effort:
             numbers make them the first of ``spp``.
         first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
             they find light straight from lamps, at least eight times the root of that look into a part-lit pixel, but
-            no more than twice as many (three times the root where light is kept on surfaces).
+            no more than twice as many (three times the root where light is kept on surfaces and shadows lie still).
         every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
     """
 
@@ -99,13 +100,14 @@ class Sight:
     lamps: bool = False
 
 
-def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
+def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False, moves: bool = True) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
         sight: what they see.
         kept: whether light is kept on surfaces.
+        moves: whether shadows may move over these.
     """
     looks: Any = Looks()
     looks.most, looks.pixel = first_hit_rays, wp.vec2(*sight.pixel)
@@ -115,8 +117,8 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False) -> Any:
     if first_hit_rays >= _ENOUGH_TO_LOOK_CLOSER:
         looks.at_event = min((_AT_EVENT_KEPT if kept else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
     looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
-    in_shadow = round((_IN_SHADOW_KEPT if kept else _IN_SHADOW) * first_hit_rays**0.5)
-    looks.in_shadow = in_shadow if kept else min(in_shadow, _MOST_IN_SHADOW * first_hit_rays)
+    by_root = _IN_SHADOW_STILL if kept and not moves else _IN_SHADOW
+    looks.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
     if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if sight.lamps else first_hit_rays
         looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

@@ -188,4 +188,5 @@ def test_a_map_that_the_same_thread_has_not_published_is_told_of():
 def test_few_first_hit_rays_look_into_part_lit_pixels_no_more_than_twice_as_often() -> None:
     sight = Sight((0.01, 0.0), sharp=True, lamps=True)
     assert [looks_of(rays, sight).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
-    assert looks_of(8, sight, kept=True).in_shadow == 8
+    assert looks_of(64, sight, kept=True).in_shadow == 64
+    assert looks_of(8, sight, kept=True, moves=False).in_shadow == 8
