@@ -22,6 +22,8 @@ T = TypeVar("T")
 _DECLARING = threading.RLock()
 _LAUNCHED = 256
 """Threads of a block on a GPU, where a launch does not say."""
+_MISTAKEN = "recursion depth mismatch"
+_TRIES = 5
 
 
 def kernel_options() -> dict[str, Any]:
@@ -42,7 +44,23 @@ def compile_together(kernels: Sequence[Any], device: Any) -> None:
     """
     modules = [kernel.module for kernel in kernels]
     # A block as launches ask for it; a CPU's has one thread all the same.
-    wp.force_load(device, modules, block_dim=_LAUNCHED, max_workers=min(2, len(kernels)))
+    parsing_again(
+        lambda: wp.force_load(device, modules, block_dim=_LAUNCHED, max_workers=min(2, len(kernels))),
+    )
+
+
+def parsing_again(build: Callable[[], T]) -> T:
+    """Return what a function returns that parses Python, as Warp does; it is called again where Python is mistaken.
+
+    Before 3.13, Python counts how deep a syntax tree is for all threads together, and may find in one what another did.
+    """
+    for _ in range(_TRIES - 1):
+        try:
+            return build()
+        except SystemError as error:
+            if _MISTAKEN not in str(error):
+                raise
+    return build()
 
 
 def one_at_a_time(build: Callable[P, T]) -> Built[P, T]:
@@ -66,7 +84,7 @@ class Built(Generic[P, T]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> T:
         """Return the kernels for these arguments, which are hashable."""
         with _DECLARING:
-            return self._known(*args, **kwargs)  # type: ignore[arg-type]
+            return parsing_again(lambda: self._known(*args, **kwargs))  # type: ignore[arg-type]
 
 
 def keep_headers() -> None:

@@ -120,3 +120,26 @@ def test_kernels_are_whole(time: str, tmp_path: Path) -> None:
     for kernel in kernels:
         assert re.search(rb"_Z\w*Scene_", kernel), "its symbols tell the types of arguments"
         assert re.findall(rb"_ZL\w*Scene_\w*", kernel) == []
+
+
+def test_what_python_parsed_by_mistake_is_parsed_again() -> None:
+    """Of two threads that parse at a time, one may be told that its tree is as deep as the other's."""
+    told = [SystemError("AST constructor recursion depth mismatch (before=72, after=83)")] * 2
+    asked = []
+
+    @one_at_a_time
+    def declare(number: int) -> int:
+        asked.append(number)
+        if told:
+            raise told.pop()
+        return number
+
+    assert declare(7) == 7 and asked == [7, 7, 7]
+    told += [SystemError("AST constructor recursion depth mismatch (before=72, after=83)")] * 9
+    with pytest.raises(SystemError, match="mismatch"):
+        declare(8)
+    told[:] = [SystemError("something else")]
+    asked.clear()
+    with pytest.raises(SystemError, match="else"):
+        declare(9)
+    assert asked == [9]
