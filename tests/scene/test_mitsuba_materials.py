@@ -285,3 +285,14 @@ def test_phong_tells_that_the_texture_of_its_exponent_is_left_out(tmp_path):
     found, world = material(tmp_path, f'<bsdf type="phong">{texture}</bsdf>', "0.6.0")
     assert world.materials[found.blend_with].alpha == pytest.approx(np.sqrt(2 / 122))
     assert any("exponent" in warning and "30 stands in" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize("across", ["repeat", "mirror", "clamp"])
+@pytest.mark.parametrize("along", ["repeat", "mirror", "clamp"])
+def test_each_direction_of_a_texture_has_its_own_wrap_mode(tmp_path, across, along):
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    modes = f'<string name="wrap_mode_u" value="{across}"/><string name="wrap_mode_v" value="{along}"/>'
+    bitmap = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{modes}</texture>'
+    found, world = material(tmp_path, f'<bsdf type="diffuse">{bitmap}</bsdf>')
+    texture = world.textures[found.texture]
+    assert (texture.wrap_u, texture.wrap_v) == (across, along)
