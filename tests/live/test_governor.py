@@ -228,3 +228,20 @@ def test_failures_are_forgotten_for_good_as_soon_as_the_load_falls() -> None:
             waited = next(k for k in range(1000) if governor.observe(0.35 * BUDGET_S))
             assert waited >= 20 << failures
     assert 20 <= next(k for k in range(1000) if governor.observe(0.1 * BUDGET_S)) < 30
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45, 0.55, 0.75, 0.95])
+def test_it_begins_and_falls_as_low_as_it_must_and_no_lower(share: float) -> None:
+    """The best level that leaves a third of the time free; after a fall, the best that leaves a fifth."""
+    for level in range(len(LEVELS)):
+        load = share * BUDGET_S / costs()[level]
+        governor = Governor(costs(), BUDGET_S)
+        governor.begin(load * costs()[MEASURED], MEASURED)
+        fits = [k for k, cost in enumerate(costs()) if load * cost <= 0.6 * BUDGET_S * (1 + 1e-9)]
+        assert governor.level == min(fits, default=len(LEVELS) - 1)
+        governor = Governor(costs(), BUDGET_S)
+        if level == 0 or load * costs()[0] <= BUDGET_S:
+            continue
+        fallen = next((k for k in range(10) if governor.observe(load * costs()[0])), None)
+        fits = [k for k, cost in enumerate(costs()) if k > 0 and load * cost <= 0.8 * BUDGET_S * (1 + 1e-9)]
+        assert fallen is not None and governor.level == min(fits, default=len(LEVELS) - 1)

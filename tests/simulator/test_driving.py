@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import clsim
 from clsim.driving import Driving
@@ -17,6 +19,7 @@ from clsim.scene import Camera, Material, load_world
 from clsim.scene.driven import Driven, place_of, placed
 from clsim.scene.motion import Static, compose, look_at, rotation_matrix
 from clsim.scene.shapes import box
+from clsim.stepping import StepClock
 from tests.simulator.stage import KEYS, keyframed, scene, simulator
 
 POSES = {round(t * 1e6): (position, quaternion) for t, position, quaternion in KEYS}
@@ -322,3 +325,36 @@ def test_light_that_is_kept_is_found_anew_once_a_lamp_is_set() -> None:
         events = run.step(15_000)
         assert run.frame().planes[:3].mean() < 0.7 * before
         assert len(events) > 300 and not events["on"].mean() > 0.1
+
+
+def test_a_reset_forgets_poses_that_were_set_for_later(tmp_path: Path) -> None:
+    """Those for the end of the next step, and those for a time."""
+    with simulator(tmp_path) as run:
+        run.step(5_000)
+        first = run.frame().planes
+        run.reset()
+        for at_us in (None, 3_000, 90_000):
+            run.set_pose("box", compose((0.5, 0.0, 0.0), np.eye(3)), at_us)
+            run.reset()
+            run.step(5_000)
+            assert (run.pose("box") == np.eye(4)).all()
+            assert (run.frame().planes == first).all()
+            run.reset()
+
+
+@given(
+    st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6)
+)
+def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(fps: float, steps: list[int]) -> None:
+    clock, number, passed_us = StepClock("caller", fps), 0, 0
+    for length_us in steps:
+        times = clock.frame_times(number, passed_us, passed_us + length_us)
+        assert (times[0] == 0) == (number == 0) if times else length_us == 0
+        parts = times[1:] if number == 0 else times
+        count = max(1, len(parts))
+        # Rounded to whole microseconds, and as few as there can be.
+        assert all(abs(t - passed_us - length_us * (k + 1) / count) <= 0.5 for k, t in enumerate(parts))
+        assert count - 1 < length_us * fps / 1e6 + 1e-3 and length_us * fps / 1e6 <= count + 1e-3
+        if length_us:
+            assert parts[-1] == passed_us + length_us
+        number, passed_us = number + len(times), passed_us + length_us
