@@ -53,6 +53,7 @@ class Stage:
         try:
             layer = check_bounds(path)
             self.usd: Any = Usd.Stage.Open(layer or str(path))
+            self.usd.Reload()  # what it refers to may have changed too
         except Tf.ErrorException as error:
             raise InputError(f"{path}: cannot be read as USD ({_reason(error)})") from None
         finally:
