@@ -65,3 +65,32 @@ def test_flipped_normals_turn_triangles_and_normals(tmp_path) -> None:
     for before, after in zip(plain.triangles, flipped.triangles, strict=True):
         a, b = (np.cross(*(mesh[1:] - mesh[0])) for mesh in (plain.vertices[before], flipped.vertices[after]))
         np.testing.assert_allclose(a, -b)
+
+
+PLY = """ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z
+property float u\nproperty float v\nelement face 1\nproperty list uchar int vertex_indices\nend_header
+0 0 0 .1 .2\n1 0 0 .3 .4\n0 1 0 .5 .9\n3 0 1 2\n"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt .1 .2\nvt .3 .4\nvt .5 .9\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+@pytest.mark.parametrize("told", [None, "true", "false"])
+def test_which_way_v_runs_is_the_shapes_to_say(tmp_path, kind: str, told: str | None) -> None:
+    """Mitsuba's pictures begin on top, and flip_tex_coords turns v round: by default in OBJ, and not in PLY."""
+    (tmp_path / f"a.{kind}").write_text(OBJ if kind == "obj" else PLY)
+    more = "" if told is None else f'<boolean name="flip_tex_coords" value="{told}"/>'
+    mesh = load(tmp_path, f'<shape type="{kind}"><string name="filename" value="a.{kind}"/>{more}</shape>').meshes[0]
+    flipped = kind == "obj" if told is None else told == "true"
+    from_top = {0.2: 0.2, 0.4: 0.4, 0.9: 0.9} if not flipped else {0.2: 0.8, 0.4: 0.6, 0.9: 0.1}
+    found = dict(zip(map(tuple, mesh.vertices.tolist()), mesh.uvs.tolist(), strict=True))
+    for place, u, v in (((0, 0, 0), 0.1, 0.2), ((1, 0, 0), 0.3, 0.4), ((0, 1, 0), 0.5, 0.9)):
+        assert found[place] == pytest.approx((u, 1 - from_top[v]))
+
+
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_spheres_have_their_radius_about_their_centre(tmp_path, radius: float) -> None:
+    told = f'<point name="center" x="1" y="2" z="3"/><float name="radius" value="{radius}"/>'
+    world = load(tmp_path, f'<shape type="sphere">{told}</shape>')
+    pose = world.instances[0].motion.pose(0.0)
+    away = world.meshes[0].vertices @ pose[:3, :3].T + pose[:3, 3] - (1, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), radius, rtol=1e-5)

@@ -38,7 +38,9 @@ number = st.integers(-50, 50).map(lambda n: n / 10)
 def test_an_orbit_looks_at_its_own_point_else_at_the_cameras_else_at_its_centre(tmp_path_factory, own, other, told):
     """Ten times around, whichever of both points is told."""
     center, radius_m, height_m = np.array((0.5, 0.1, -0.25)), 7.77, 1.23
-    orbit = f"center = {center.tolist()}, radius_m = {radius_m}, height_m = {height_m}, period_s = 2.0, start_deg = 30.0"
+    orbit = (
+        f"center = {center.tolist()}, radius_m = {radius_m}, height_m = {height_m}, period_s = 2.0, start_deg = 30.0"
+    )
     folder = tmp_path_factory.mktemp("orbit")
     cases = (
         (f"orbit = {{ {orbit}, look_at = {list(own)} }}\n" + (f"look_at = {list(other)}" if told else ""), own),
@@ -56,9 +58,15 @@ def test_an_orbit_looks_at_its_own_point_else_at_the_cameras_else_at_its_centre(
 
 
 def test_keyframes_look_at_their_own_points_and_where_they_have_none_at_the_cameras(tmp_path):
-    keys = "keyframes = [{ time_s = 0, position = [0, 0, 4], look_at = [1, 0, 0] }, { time_s = 1, position = [0, 0, 6] }]"
+    keys = (
+        "keyframes = [{ time_s = 0, position = [0, 0, 4], look_at = [1, 0, 0] }, { time_s = 1, position = [0, 0, 6] }]"
+    )
     motion = world(tmp_path, f"{keys}\nlook_at = [0, 2, 0]").camera.motion
-    for time_s, position, target in ((0.0, (0, 0, 4), (1, 0, 0)), (0.5, (0, 0, 5), (0.5, 1, 0)), (1, (0, 0, 6), (0, 2, 0))):
+    for time_s, position, target in (
+        (0.0, (0, 0, 4), (1, 0, 0)),
+        (0.5, (0, 0, 5), (0.5, 1, 0)),
+        (1, (0, 0, 6), (0, 2, 0)),
+    ):
         way = np.subtract(target, position)
         np.testing.assert_allclose(-motion.pose(time_s)[:3, 2], way / np.linalg.norm(way), atol=1e-12)
 

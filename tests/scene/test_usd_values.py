@@ -117,7 +117,9 @@ def test_bodies_reach_as_far_as_usd_says(tmp_path, kind, sizes, axis):
 @pytest.mark.parametrize(("exposure", "intensity"), [(0, 1.0), (3, 0.5), (-2, 8.0)])
 def test_exposure_counts_in_stops(tmp_path, exposure, intensity):
     """UsdLux: intensity · 2^exposure · colour."""
-    told = f"float inputs:exposure = {exposure}\nfloat inputs:intensity = {intensity}\ncolor3f inputs:color = (1, .5, 0)"
+    told = (
+        f"float inputs:exposure = {exposure}\nfloat inputs:intensity = {intensity}\ncolor3f inputs:color = (1, .5, 0)"
+    )
     (lamp,) = world_of(tmp_path, mesh() + f'def SphereLight "lamp" {{ {told} }}\n').sphere_lights
     assert lamp.radiance == pytest.approx(tuple(intensity * 2.0**exposure * c for c in (1, 0.5, 0)))
 
@@ -169,7 +171,9 @@ def Material "paint" { token outputs:surface.connect = </paint/it.outputs:surfac
         float3 outputs:rgb
         float outputs:a } }
 """
-BOUND = 'rel material:binding = </paint>\ntexCoord2f[] primvars:st = [(0,0),(1,0),(1,1),(0,1)] (interpolation = "vertex")'
+BOUND = (
+    'rel material:binding = </paint>\ntexCoord2f[] primvars:st = [(0,0),(1,0),(1,1),(0,1)] (interpolation = "vertex")'
+)
 
 
 def painted(tmp_path, inputs=""):

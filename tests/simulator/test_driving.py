@@ -342,10 +342,10 @@ def test_a_reset_forgets_poses_that_were_set_for_later(tmp_path: Path) -> None:
             run.reset()
 
 
-@given(
-    st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6)
-)
-def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(fps: float, steps: list[int]) -> None:
+@given(st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6))
+def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(
+    fps: float, steps: list[int]
+) -> None:
     clock, number, passed_us = StepClock("caller", fps), 0, 0
     for length_us in steps:
         times = clock.frame_times(number, passed_us, passed_us + length_us)

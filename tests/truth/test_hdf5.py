@@ -154,7 +154,10 @@ def test_what_comes_after_the_last_frame_is_there_when_the_file_is_closed(tmp_pa
     given = recordings.feed(layout, close=False)
     end_us = recordings.SHOTS * recordings.STEP_US
     times_us = np.arange(given.tracks["camera"].times_us[-1] + 5000, end_us, 5000)
-    late = {name: track(name, motion, times_us) for name, motion in (("camera", recordings.ORBIT), ("ball", recordings.BALL))}
+    late = {
+        name: track(name, motion, times_us)
+        for name, motion in (("camera", recordings.ORBIT), ("ball", recordings.BALL))
+    }
     for chunk in late.values():
         layout.track(chunk)
     samples = ImuChunk(times_us, np.random.default_rng(1).normal(size=(len(times_us), 3)), np.ones((len(times_us), 3)))
