@@ -165,3 +165,64 @@ def test_ambient_light_is_that_of_all_lamps_that_shine() -> None:
     shining, off = (MujocoScene(*load(text.format(on=on)), resolution=(8, 6)).world for on in (1, 0))
     assert shining.environment == pytest.approx((0.31, 0.22, 0.33))
     assert off.environment == pytest.approx((0.21, 0.02, 0.03))
+
+
+def test_height_fields_are_as_high_as_mujocos_rays_find_them() -> None:
+    """No two corners are alike, and no row is the mirror of another."""
+    text = """<mujoco><asset><hfield name="h" nrow="3" ncol="3" size=".4 .3 .2 .1" elevation="0 1 2 6 4 7 3 8 5"/></asset>
+      <worldbody><geom type="hfield" hfield="h"/></worldbody></mujoco>"""
+    model, data = load(text)
+    (hill,) = MujocoScene(model, data, resolution=(8, 6)).world.meshes
+    assert len(hill.vertices) == 9 and np.ptp(hill.vertices, axis=0) == pytest.approx((0.8, 0.6, 0.2))
+    for x, y, z in hill.vertices.astype(np.float64) * (0.9999, 0.9999, 1.0):
+        start, down, geom = np.array((x, y, 5.0)), np.array((0.0, 0.0, -1.0)), np.zeros(1, np.int32)
+        found = mujoco.mj_ray(model, data, start, down, None, 1, -1, geom)
+        assert 5.0 - (found if isinstance(found, float) else found[0]) == pytest.approx(z, abs=1e-3)
+
+
+def test_planes_without_a_size_reach_far() -> None:
+    """XML reference: a plane of size 0 has no end in that direction."""
+    model, data = load('<mujoco><worldbody><geom type="plane" size="0 .5 .1"/></worldbody></mujoco>')
+    (plane,) = MujocoScene(model, data, resolution=(8, 6)).world.meshes
+    assert np.abs(plane.vertices[:, 0]).min() >= 9 * model.stat.extent
+    assert np.abs(plane.vertices[:, 1]) == pytest.approx(0.5)
+
+
+def test_a_meshs_own_coordinates_show_its_picture_from_the_top(tmp_path: Path) -> None:
+    """An OBJ file means by vt .2 .9 what trimesh reads of it: u to the right, and v up."""
+    import trimesh
+
+    text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt .1 .2\nvt .6 .3\nvt .2 .9\nvt .7 .8\n"
+    text += "f 1/1 3/3 2/2\nf 1/1 2/2 4/4\nf 1/1 4/4 3/3\nf 2/2 3/3 4/4\n"
+    (tmp_path / "a.obj").write_text(text)
+    named = f'<mesh name="a" file="{tmp_path / "a.obj"}" inertia="shell"/>'
+    picture = (
+        '<texture name="t" type="2d" builtin="flat" rgb1="1 1 1" width="4" height="4"/><material name="m" texture="t"/>'
+    )
+    body = '<body><geom type="mesh" mesh="a" material="m"/></body>'
+    model, data = load(f"<mujoco><asset>{named}{picture}</asset><worldbody>{body}</worldbody></mujoco>")
+    (mesh,) = MujocoScene(model, data, resolution=(8, 6)).world.meshes
+    own = trimesh.load(tmp_path / "a.obj", process=False)
+    # MuJoCo moves a mesh to its centre of mass, and turns it: edges keep their lengths.
+    length = {tuple(np.round(uv, 4)): point for uv, point in zip(mesh.uvs.tolist(), mesh.vertices, strict=True)}
+    place = {tuple(np.round(uv, 4)): point for uv, point in zip(own.visual.uv.tolist(), own.vertices, strict=True)}
+    assert set(length) == set(place) == {(0.1, 0.2), (0.6, 0.3), (0.2, 0.9), (0.7, 0.8)}
+    for a in place:
+        for b in place:
+            assert np.linalg.norm(length[a] - length[b]) == pytest.approx(np.linalg.norm(place[a] - place[b]), abs=1e-5)
+
+
+def test_where_time_goes_back_it_begins_at_0_again() -> None:
+    """As in mj_resetDataKeyframe, which may leave another time than 0."""
+    model, data = load(MOVING)
+    data.time = 5.0
+    scene = MujocoScene(model, data, resolution=(8, 6))
+    with clsim.Simulator(scene.world, clock="caller", quality="draft") as run:
+        mujoco.mj_step(model, data)
+        assert scene.follow(run) == 1000
+        mujoco.mj_resetData(model, data)
+        data.time = 2.0
+        run.reset()
+        assert scene.follow(run) == 0
+        mujoco.mj_step(model, data)
+        assert scene.follow(run) == 1000
