@@ -16,23 +16,7 @@ from tests.simulator.stage import scene, simulator
 gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
 
 from clsim.bridges.gymnasium import EventObservation  # noqa: E402
-
-
-class Slide(gymnasium.Env):  # type: ignore[misc, name-defined]
-    """A box on a line; an action is its speed [m/s], a step lasts 10 ms."""
-
-    observation_space = gymnasium.spaces.Box(-2.0, 2.0, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-20.0, 20.0, (1,), np.float64)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        self.steps, self.x = 0, float(self.np_random.uniform(-0.1, 0.1))
-        return np.array([self.x]), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.steps += 1
-        self.x = float(np.clip(self.x + 0.01 * action[0], -1.0, 1.0))
-        return np.array([self.x]), -abs(self.x), False, self.steps >= 20, {"x": self.x}
+from tests.bridges.slide import Slide  # noqa: E402
 
 
 def wrapped(run: clsim.Simulator, **options: Any) -> EventObservation:

@@ -1,4 +1,4 @@
-"""What MuJoCo's models are in clsim, value by value: MuJoCo's own data, its documentation, and glTF as another reader."""
+"""MuJoCo's models in clsim, value by value: against its own data, its documentation, and glTF as another reader."""
 
 import math
 from pathlib import Path
@@ -25,7 +25,8 @@ MOVING = """<mujoco><option timestep=".001"/><worldbody>
     <body name="tip" pos=".1 0 -.9" euler="0 40 0"><joint axis="0 1 1"/><geom size=".1"/></body></body>
   <body name="free" pos=".9 -.3 .5"><freejoint/><geom type="ellipsoid" size=".1 .2 .3"/></body>
   <body name="ghost" mocap="true" pos="1 1 1"><geom size=".15"/></body>
-  <body name="held" mocap="true" pos="1 1 2"><body name="in hand" pos="0 .2 .1" euler="5 6 7"><geom size=".1"/></body></body>
+  <body name="held" mocap="true" pos="1 1 2">
+    <body name="in hand" pos="0 .2 .1" euler="5 6 7"><geom size=".1"/></body></body>
 </worldbody></mujoco>"""
 
 
@@ -169,8 +170,9 @@ def test_ambient_light_is_that_of_all_lamps_that_shine() -> None:
 
 def test_height_fields_are_as_high_as_mujocos_rays_find_them() -> None:
     """No two corners are alike, and no row is the mirror of another."""
-    text = """<mujoco><asset><hfield name="h" nrow="3" ncol="3" size=".4 .3 .2 .1" elevation="0 1 2 6 4 7 3 8 5"/></asset>
-      <worldbody><geom type="hfield" hfield="h"/></worldbody></mujoco>"""
+    text = """<mujoco><asset>
+      <hfield name="h" nrow="3" ncol="3" size=".4 .3 .2 .1" elevation="0 1 2 6 4 7 3 8 5"/></asset><worldbody>
+      <geom type="hfield" hfield="h"/></worldbody></mujoco>"""
     model, data = load(text)
     (hill,) = MujocoScene(model, data, resolution=(8, 6)).world.meshes
     assert len(hill.vertices) == 9 and np.ptp(hill.vertices, axis=0) == pytest.approx((0.8, 0.6, 0.2))

@@ -66,7 +66,7 @@ def test_spheres_are_parametrised_by_their_angles(tmp_path, radius):
     away = np.hypot(x, y) > 0.05
     turned = mesh.uvs[away, 0] - np.arctan2(y[away], x[away]) / (2 * np.pi)
     np.testing.assert_allclose(turned, np.round(turned), atol=1e-3)
-    assert 0 <= mesh.uvs.min() and mesh.uvs.max() <= 1 + 1e-6 and np.ptp(mesh.uvs[:, 0]) == pytest.approx(1, abs=0.02)
+    assert mesh.uvs.min() >= 0 and mesh.uvs.max() <= 1 + 1e-6 and np.ptp(mesh.uvs[:, 0]) == pytest.approx(1, abs=0.02)
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.5])
