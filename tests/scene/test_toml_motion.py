@@ -51,7 +51,7 @@ def test_an_orbit_looks_at_its_own_point_else_at_the_cameras_else_at_its_centre(
         motion = world(folder, camera).camera.motion
         for time_s in np.linspace(0.0, 2.0, 10):
             pose, angle = motion.pose(time_s), math.radians(30 + 180 * time_s)
-            place = (*center, radius_m * math.sin(angle), height_m, radius_m * math.cos(angle))
+            place = np.add(center, (radius_m * math.sin(angle), height_m, radius_m * math.cos(angle)))
             np.testing.assert_allclose(pose[:3, 3], place, atol=1e-9)
             way = np.asarray(target) - place
             np.testing.assert_allclose(-pose[:3, 2], way / np.linalg.norm(way), atol=1e-9)
