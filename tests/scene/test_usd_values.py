@@ -6,12 +6,10 @@ import numpy as np
 import PIL.Image
 import pytest
 from pxr import Usd, UsdGeom, UsdLux
-from usd_files import METRES, mesh, placed, usda
+from usd_files import CAMERA, METRES, mesh, placed, usda
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-
-CAMERA = 'def Camera "eye"\n{\n' + placed("double3 xformOp:translate = (0, 0, 9)") + "}\n"
 
 
 def world_of(tmp_path, text, meta=METRES):
