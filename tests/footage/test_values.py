@@ -158,3 +158,15 @@ def test_times_before_0_begin_at_0(tmp_path: Path) -> None:
             times.append(frame.time_us)
         early.close()
     assert times == [0, 40_000, 80_000]
+
+
+def test_footages_unit_of_light_is_told_by_scale_or_by_lux() -> None:
+    """The same light in units four times as large: a sensor that reads light fires the same, bit by bit."""
+    rng = np.random.default_rng(5)
+    frames = [rng.uniform(0.1, 1.0, (8, 16)).astype(np.float32) for _ in range(4)]
+    found = []
+    for unit in (1.0, 0.25):
+        seen = [frame / np.float32(unit) for frame in frames]
+        options = {"sensor": "davis346", "fps": 100.0, "scale": unit, "lux_per_unit": 100.0 * unit}
+        found.append(np.concatenate(list(clsim.events_from(seen, **options))))
+    assert len(found[0]) > 200 and found[0].tobytes() == found[1].tobytes()
