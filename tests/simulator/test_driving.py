@@ -358,3 +358,31 @@ def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_fr
         if length_us:
             assert parts[-1] == passed_us + length_us
         number, passed_us = number + len(times), passed_us + length_us
+
+
+def test_a_way_that_begins_later_begins_where_the_scenes_own_motion_has_led(tmp_path: Path) -> None:
+    """The box goes by its keyframes until it is set; from there the way is straight, and the rest of the keys void."""
+    with clsim.Simulator(scene(tmp_path, keyframed()), time="fixed") as run:
+        own = [run.pose("box", time_us) for time_us in (12_000, 20_000)]
+        np.testing.assert_allclose(own[0][:3, 3], KEYS[1][1], atol=1e-12)
+        run.step(20_000)
+        end = compose((-0.4, 0.1, 0.2), np.eye(3))
+        run.set_pose("box", end, 40_000)
+        for time_us, share in ((20_000, 0.0), (25_000, 0.25), (40_000, 1.0), (70_000, 1.0)):
+            expected = (1 - share) * own[1][:3, 3] + share * end[:3, 3]
+            np.testing.assert_allclose(run.pose("box", time_us)[:3, 3], expected, atol=1e-9)
+        np.testing.assert_allclose(run.pose("box", 20_000), own[1], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_flow_leads_on_by_the_time_of_a_frame(tmp_path: Path) -> None:
+    """The box goes sideways at 1 m/s: its front, 2.6 m away, by focal length · 1/fps ÷ depth."""
+    keys = "keyframes = [{ time_s = 0, position = [0, 0, 0] }, { time_s = 1, position = [1, 0, 0] }]"
+    for fps in (200.0, 50.0):
+        with clsim.Simulator(scene(tmp_path, keys), truth=("depth", "flow"), fps=fps, clock="caller") as run:
+            run.step(0)
+            known = run.truth()
+        front = np.abs(known["depth"] - 2.6) < 1e-5
+        expected = 16 / np.tan(np.radians(25)) / fps / 2.6
+        assert front.sum() > 20
+        np.testing.assert_allclose(known["flow"][front][:, :2], np.tile((expected, 0.0), (front.sum(), 1)), atol=1e-4)
