@@ -3,12 +3,14 @@
 from fractions import Fraction
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from clsim.live.schedule import Continuity, Schedule, plan
 
 
+@example(29, 100.0)  # .29 · 100 is less than 29
+@example(4530, 29.97)
 @given(st.integers(1, 5000), st.sampled_from([1.0, 24.0, 30.0, 60.0, 100.0, 120.0, 29.97, 240.0, 1000.0]))
 def test_a_duration_of_so_many_frames_has_one_more(count: int, fps: float) -> None:
     """Whatever a time in seconds rounds to: .29 s at 100 frames a second are 30 frames, from 0 to .29 s."""
