@@ -21,8 +21,6 @@ from clsim.truth.layouts import LAYOUTS, open_layout
 from clsim.truth.png import write_png
 from clsim.truth.recording import convert_recording, read_recording
 
-FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
-
 
 def recorded(path: Path, lens: Lens | None = None) -> recordings.Given:
     return recordings.feed(open_layout(str(path), recordings.about(lens)))
