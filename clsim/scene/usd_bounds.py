@@ -37,7 +37,6 @@ def check_bounds(path: Path) -> Any:
 
     Raises:
         InputError: it takes too much to open.
-        Tf.ErrorException: it was read before, and cannot be read any more.
     """
     parsed = _may_be_deep(path)
     if parsed:
@@ -46,8 +45,6 @@ def check_bounds(path: Path) -> Any:
         layer = Sdf.Layer.FindOrOpen(str(path))
     except Tf.ErrorException:
         return None  # it says why when the file is opened as a stage
-    if layer is not None:
-        layer.Reload()  # usd-core has it from before where it is still in use somewhere, and the file may have changed
     if not parsed and layer is not None and _refers(layer):
         _try_to_open(path)
     return layer

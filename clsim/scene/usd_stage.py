@@ -53,7 +53,6 @@ class Stage:
         try:
             layer = check_bounds(path)
             self.usd: Any = Usd.Stage.Open(layer or str(path))
-            self.usd.Reload()  # what it refers to may have changed too
         except Tf.ErrorException as error:
             raise InputError(f"{path}: cannot be read as USD ({_reason(error)})") from None
         finally:
@@ -169,6 +168,10 @@ class Stage:
         if sampled is None:
             return []
         return [self.start, *(code for code in sampled if self.start < code < self.end), self.end]
+
+    def release(self) -> None:
+        """Let go of the file, once all is read: usd-core would not read it again while anybody holds it."""
+        self.usd = self._cache = None
 
     def claim(self, size: int) -> bool:
         """Take memory for what changes; False where there would be too much in all."""
