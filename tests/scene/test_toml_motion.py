@@ -96,3 +96,13 @@ def test_a_lens_of_so_many_millimetres_sees_what_its_sensor_covers(tmp_path):
     """A 50 mm lens before a sensor 36 mm wide sees 36/50 of the distance."""
     camera = world(tmp_path, "position = [0, 0, 9]\nfocal_length_mm = 50.0\nsensor_width_mm = 36.0").camera
     assert 2 * math.tan(math.radians(camera.fov_deg) / 2) == pytest.approx(36 / 50)
+
+
+def test_what_a_camera_of_a_rig_does_not_say_is_the_rigs(tmp_path):
+    more = "resolution = [4, 2]\nfov_deg = 33.0\nshutter_s = 0.02"
+    cameras = f'[[cameras]]\nname = "a"\n[[cameras]]\nname = "b"\nposition = [0.5, 0.0, 0.0]\n{more}\n'
+    found = world(tmp_path, f"position = [1, 2, 3]\nfov_deg = 70.0\nshutter_s = 0.01\n{cameras}")
+    own, other = (mount.camera(found.camera) for mount in found.rig)
+    assert (own.width, own.height, own.fov_deg, own.shutter_s) == (8, 6, 70.0, 0.01)
+    assert (other.width, other.height, other.fov_deg, other.shutter_s) == (4, 2, 33.0, 0.02)
+    assert other.motion.pose(0.0)[:3, 3] == pytest.approx((1.5, 2, 3))
