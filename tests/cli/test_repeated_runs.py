@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from clsim.cli.options.shared.config import live_options
 
 from clsim import scenes
 from clsim.cli.commands.detect import detector_config
+from clsim.cli.options.config import live_options
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.frames import Frame

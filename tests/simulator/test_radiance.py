@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
-from clsim.simulator.simulator.radiance import on_host
 
 import clsim
 from clsim.errors import Error, InputError
 from clsim.sensor import load_sensor
 from clsim.sensor.pixel_stages import Threshold
 from clsim.sensor.settings import Optics
+from clsim.simulator.radiance import on_host
 
 WIDTH, HEIGHT = 12, 8
 
@@ -22,7 +22,7 @@ def ramp(gain: float) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(grey, (3, HEIGHT, WIDTH)), np.float32)
 
 
-def camera(**options: object) -> clsim.simulator.simulator.radiance.RadianceCamera:
+def camera(**options: object) -> clsim.simulator.radiance.RadianceCamera:
     return clsim.Simulator.from_radiance(WIDTH, HEIGHT, **options)
 
 

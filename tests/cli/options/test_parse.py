@@ -1,6 +1,6 @@
 import pytest
 
-from clsim.cli.options.shared import parse
+from clsim.cli.options import parse
 from clsim.errors import InputError
 
 
