@@ -37,7 +37,7 @@ class Simulator(Driver):
             step, and evenly between where a step is longer than 1/fps.
         fps: frames per simulated second [1/s]; None takes the scene's.
         resolution: width and height [pixels]; None takes the sensor's, or the scene's.
-        camera_path: a file of poses that the camera follows, see `clsim.scene.read_path`; None takes the scene's motion.
+        camera_path: a file of poses that the camera follows (see `clsim.scene.read_path`); None takes the scene's.
         camera_axes: of that file. "opencv": +z ahead and +y down. "opengl": −z ahead and +y up.
         camera_interpolation: how its poses are joined. "linear": straight, and turns by slerp. "cubic": along splines.
         threshold: contrast thresholds of ON and OFF events [natural-log units], or one for both; None takes the
@@ -48,8 +48,8 @@ class Simulator(Driver):
         seed: of all random numbers, 0 or more.
         spp: light paths per pixel and frame, at most. This and what follows take the place of the quality's own; None
             leaves it.
-        sampling: which pixels get light paths: "uniform", "adaptive" (where an event is near) or "cached" (light is kept
-            on surfaces).
+        sampling: which pixels get light paths: "uniform", "adaptive" (where an event is near), or "cached" (light is
+            kept on surfaces).
         probe_spp: light paths that every pixel gets, where sampling is not uniform.
         probe_every: frames in which the light of all pixels is found once.
         first_hit_rays: rays per pixel and frame that only find what it shows, at most; 0 is none.

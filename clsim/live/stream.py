@@ -187,10 +187,11 @@ def stream(
         duration_s: simulated time [s]; None plays the motion once.
         frame_count: number of frames, instead of a duration.
         loop: start the motion anew at its end, for ever or until ``duration_s``.
-        fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp, sampling,
-            probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window, history, confidence,
-            follow_specular, max_depth, threads, render_device, opencl, strict, time, time_tolerance_us: as in
-            `clsim.Simulator`.
+        fps, resolution, camera_path, camera_axes, camera_interpolation: as in `clsim.Simulator`.
+        threshold, sensor, quality, seed, spp, sampling, probe_spp, probe_every: as there.
+        first_hit_rays, sampler, noise, method, gate, event_rule, window, history: as there.
+        confidence, follow_specular, max_depth, threads, render_device, opencl, strict: as there.
+        time, time_tolerance_us: as there.
         outputs: files and addresses that receive the events as well.
         files: how files are written.
         pace: "max": as fast as frames can be made; "real": no faster than the wall clock.

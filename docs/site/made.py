@@ -1,6 +1,7 @@
 """Pages made from the code: a comment ``<!-- made: WHAT -->`` in a page is replaced by what the code tells.
 
-``commands`` are all commands of the command line, from its own parser. ``api MODULE`` is what a module exports.
+``commands`` are all commands of the command line, from its own parser. ``api MODULE`` is what a module exports. ``source FILE`` is
+the text of a file.
 """
 
 from __future__ import annotations
@@ -18,12 +19,19 @@ from sphinx.errors import PycodeError
 from sphinx.ext.autodoc.mock import mock
 from sphinx.pycode import ModuleAnalyzer
 
-MARK = re.compile(r"<!-- made: (commands|api) ?([\w.]*) ?(#*) -->")
+MARK = re.compile(r"<!-- made: (commands|api|source) ?([\w./]*) ?(#*) -->")
+_ROOT = Path(__file__).parents[2]
 
 
 def filled(text: str) -> str:
     """Return a page with its marks replaced."""
-    return MARK.sub(lambda mark: commands() if mark[1] == "commands" else api(mark[2], mark[3]), text)
+    return MARK.sub(_made, text)
+
+
+def _made(mark: re.Match[str]) -> str:
+    if mark[1] == "source":
+        return f"```python\n{(_ROOT / mark[2]).read_text(encoding='utf-8')}```"
+    return commands() if mark[1] == "commands" else api(mark[2], mark[3])
 
 
 def commands() -> str:
