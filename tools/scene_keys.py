@@ -12,8 +12,8 @@ from clsim.scene.schema import key_table
 
 INTRODUCTION = """# Keys of a scene file
 
-All that a scene's `.toml` may hold; [scenes](../scenes.md) shows how. Unknown keys are errors. Lengths are metres, times seconds, angles
-degrees, colours linear Rec. 709, radiance W·sr⁻¹·m⁻².
+All that a scene's `.toml` may hold; [scenes](../scenes.md) shows how. Unknown keys are errors. Lengths are metres,
+times seconds, angles degrees, colours linear Rec. 709, radiance W·sr⁻¹·m⁻².
 """
 
 

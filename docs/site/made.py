@@ -1,7 +1,7 @@
 """Pages made from the code: a comment ``<!-- made: WHAT -->`` in a page is replaced by what the code tells.
 
-``commands`` are all commands of the command line, from its own parser. ``api MODULE`` is what a module exports. ``source FILE`` is
-the text of a file.
+``commands`` are all commands of the command line, from its own parser. ``api MODULE`` is what a module exports.
+``source FILE`` is the text of a file.
 """
 
 from __future__ import annotations
@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
 import typer.main
-from sphinx.errors import PycodeError
-from sphinx.ext.autodoc.mock import mock
-from sphinx.pycode import ModuleAnalyzer
 
 MARK = re.compile(r"<!-- made: (commands|api|source) ?([\w./]*) ?(#*) -->")
 _ROOT = Path(__file__).parents[2]
@@ -48,6 +45,8 @@ def api(module: str, heading: str) -> str:
         module: its full name.
         heading: signs before the name of each export.
     """
+    from sphinx.ext.autodoc.mock import mock
+
     with mock(["torch"]):
         found = import_module(module)
     names = getattr(found, "__all__", None)
@@ -131,6 +130,9 @@ def _export(name: str, value: Any) -> str:
 
 def _comment(name: str) -> str:
     """Return the text below the line that defines a constant, or a name for a type."""
+    from sphinx.errors import PycodeError
+    from sphinx.pycode import ModuleAnalyzer
+
     for module in [module for module in sys.modules if module.startswith("clsim.")]:
         try:
             told = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", name))
