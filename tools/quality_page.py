@@ -64,7 +64,7 @@ def measure(room: str, cache: Path) -> None:
         for name, point in zip(QUALITIES, results["points"], strict=True):
             mismatch = point["equivalent_mismatch"]
             print(
-                f"| {title} | {name} | {point['events']}, {results['reference']['events']} | "
+                f"| {title} | {name} | {point['events']}, {results['reference']['events']['interpolated']} | "
                 f"{point['f1_within_1ms']:.2f} | {point['strict_f1']:.2f} | "
                 f"{'-' if mismatch is None else f'{100 * mismatch:.1f} %'} | "
                 f"{point['cpu_us_per_pixel_second']:.0f} |",
@@ -114,7 +114,7 @@ def _quaternion(pose: npt.NDArray[np.float64]) -> tuple[float, float, float, flo
     return float(x), float(y), float(z), float(w)
 
 
-def _events(world: World, quality: Any) -> clsim.EVENT_DTYPE:
+def _events(world: World, quality: Any) -> Any:
     with clsim.stream(world, fps=120.0, frame_count=13, quality=quality) as run:
         events = gather(np.array(batch, copy=True) for batch in run)
     return events[events["t"] > events["t"].max() - _SHOWN_US]

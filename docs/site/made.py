@@ -120,9 +120,10 @@ def _words(each: Any) -> str:
 def _export(name: str, value: Any) -> str:
     """Return what documents one export, by the place where it is defined."""
     if inspect.isclass(value):
-        kind = "autoexception" if issubclass(value, BaseException) else "autoclass"
-        more = "\n   :members:\n   :inherited-members: Exception, Sequence, Iterator, Protocol, ABC, object"
-        return _rst(f".. {kind}:: {value.__module__}.{value.__qualname__}{more}\n   :no-index:")
+        where = f"{value.__module__}.{value.__qualname__}\n   :no-index:\n   :members:"
+        if issubclass(value, BaseException):
+            return _rst(f".. autoexception:: {where}")
+        return _rst(f".. autoclass:: {where}\n   :inherited-members: Sequence, Iterator, Protocol, ABC, object")
     if inspect.isroutine(value):
         return _rst(f".. autofunction:: {value.__module__}.{value.__qualname__}\n   :no-index:")
     return _rst(_comment(name) or f"A constant of type `{type(value).__name__}`.")
