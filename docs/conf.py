@@ -24,6 +24,7 @@ myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
 exclude_patterns = ["images", "site"]
 default_role = "code"
+smartquotes = False  # two dashes are an option
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"

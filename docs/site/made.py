@@ -103,7 +103,7 @@ def _values(option: Any) -> str:
     if option.is_flag:
         return ""
     if option.metavar:
-        return f"`{option.metavar}`"
+        return f"`{option.metavar}`".replace("|", "\\|")
     kind = option.type_descriptor.annotation
     if get_origin(kind) is Literal:
         return ", ".join(f"`{each}`" for each in get_args(kind))
