@@ -114,10 +114,10 @@ def detect(
     from clsim.cli.status import run_session
     from clsim.events.address import is_standard_output
 
-    if not out:
-        raise InputError("where shall the events go? Give --out a file or an address")
     if frames is None and config is None:
         raise InputError("which frames? Name a video or a folder of pictures, or a --config")
+    if not out:
+        raise InputError("where shall the events go? Give --out a file or an address")
     if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
     return run_session(_open(given) if config is None else _repeat(config, given), as_json=as_json)
