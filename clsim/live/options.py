@@ -17,11 +17,11 @@ from clsim.live.pacing.schedule import LARGEST_FPS, LONGEST_S
 from clsim.live.pacing.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
-    ANEW,
     DEFAULT,
     FOLLOWED,
     PLAIN,
     QUALITIES,
+    UNCACHED,
     Noise,
     Point,
     Quality,
@@ -194,10 +194,10 @@ class LiveOptions:
         """
         basis = self.basis
         plain = self.noise == "independent" or self.first_hit_rays == 0
-        anew = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
+        uncached = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
         # Evidence wants the error of each pixel, which light that is kept does not tell.
-        anew = anew or self.confidence > 0
-        named = PLAIN if basis is None else (QUALITIES | ANEW if anew else QUALITIES)[basis]
+        uncached = uncached or self.confidence > 0
+        named = PLAIN if basis is None else (QUALITIES | UNCACHED if uncached else QUALITIES)[basis]
         if self.quality is None and plain:
             named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})

@@ -32,7 +32,7 @@ from clsim.frames import (
     SourceEnded,
 )
 from clsim.frames.frame import FloatArray
-from clsim.live.noise.second_look import Looks
+from clsim.live.noise.duplicate_sampling import DuplicateSampling
 from clsim.live.noise.significance import Significance, TellsError
 from clsim.live.outputs.delivery import Delivery, Output
 from clsim.live.pacing.clock import FrameClock
@@ -118,10 +118,10 @@ class TellsCauses(Protocol):
         ...
 
 
-class SeesTwice(Protocol):
+class SamplesTwice(Protocol):
     """A source that looks at some pixels a second time."""
 
-    def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
+    def sampled_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
         """Return what is seen there, ``[2, …]``: as in ``frame``, the last one, and as seen again."""
         ...
 
@@ -188,7 +188,7 @@ class Pipeline:
         governed: what sets the source's effort at the pace of the wall clock.
         share_cores: whether source and detector compute on the same cores.
         significance: what judges events, if the detector knows errors.
-        second_look: what is told of pixels that are seen twice, if the source sees any so.
+        duplicates: what gets pixels that are sampled twice, if the source samples any so.
         in_step: whether the source waits with each frame until the last one's events are found.
     """
 
@@ -207,7 +207,7 @@ class Pipeline:
         governed: Governed | None = None,
         share_cores: bool = True,
         in_step: bool = False,
-        second_look: Looks | None = None,
+        duplicates: DuplicateSampling | None = None,
         significance: Significance | None = None,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
@@ -221,7 +221,7 @@ class Pipeline:
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
         self._board, self._governed, self._in_step = board, governed, in_step
-        self._second_look, self._significance = second_look, significance
+        self._duplicates, self._significance = duplicates, significance
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
         self._detector: object = None
@@ -312,8 +312,8 @@ class Pipeline:
                 frame = self._ring.acquire()
                 if self._governed is not None and self._governed.apply(cast(Steerable, source)):
                     self._continuity.restart_at(index)
-                    if self._second_look is not None:
-                        self._second_look.begin_anew()
+                    if self._duplicates is not None:
+                        self._duplicates.restart()
                 shown = schedule.source_index(index)
                 if renoising is not None:
                     renoising.noise_offset = index - shown
@@ -322,8 +322,8 @@ class Pipeline:
                         source.fill(shown, frame)
                     except SourceEnded:
                         break
-                if self._second_look is not None:
-                    self._second_look.take(cast(SeesTwice, source).seen_twice(frame), frame.time_us)
+                if self._duplicates is not None:
+                    self._duplicates.take(cast(SamplesTwice, source).sampled_twice(frame), frame.time_us)
                 frame.index = index
                 if not schedule.recorded_times:
                     frame.time_us = schedule.time_us(index)
@@ -333,8 +333,8 @@ class Pipeline:
                 index += 1
             self._ring.close()
         finally:
-            if self._second_look is not None:
-                self.progress.noise_share = self._second_look.noise_share
+            if self._duplicates is not None:
+                self.progress.noise_share = self._duplicates.noise_share
             source.close()
 
     def _consume(self) -> None:
@@ -367,7 +367,7 @@ class Pipeline:
         if self._continuity.breaks(frame.index):
             detector.reset()
             if self._significance is not None:
-                self._significance.begin_anew()
+                self._significance.restart()
         events = detector.step(frame)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, detector).interest())

@@ -122,7 +122,7 @@ QUALITIES: dict[Quality, Point] = {
         event_rule="frame",
     ),
 }
-ANEW: dict[Quality, Point] = {
+UNCACHED: dict[Quality, Point] = {
     "draft": replace(_adaptive(1, 1, 2, 8), sampling="uniform"),
     "balanced": _adaptive(8, 1, 2, 12),
     "accurate": _adaptive(64, 4, 1, 64),

@@ -99,13 +99,13 @@ class RenderOptions:
 
     Where light is kept on surfaces, more first-hit rays look at pixels that are about to fire, and fewer elsewhere.
     """
-    look_again: int = 0
+    duplicate_every: int = 0
     """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
 
-    Needs ``light_cache`` or no first-hit rays; `View.seen_twice` has what was seen.
+    Needs ``light_cache`` or no first-hit rays; `View.sampled_twice` has what was seen.
     """
-    look_again_in: Patches | None = None
-    """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``look_again``."""
+    duplicate_in: Patches | None = None
+    """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``duplicate_every``."""
     truth: tuple[str, ...] = ()
     """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
@@ -161,12 +161,12 @@ class RenderOptions:
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
         if self.fires_at is not None and (not self.light_cache or self.light_hz is not None or min(self.fires_at) <= 0):
             raise InputError(f"`fires_at` {self.fires_at} needs positive thresholds, `light_cache` and no `light_hz`")
-        if self.look_again < 0:
-            raise InputError(f"`look_again` must not be negative, got {self.look_again}")
-        if self.look_again and self.first_hit_rays and not self.light_cache:
-            raise InputError(f"`look_again` {self.look_again} needs `light_cache` or no `first_hit_rays`")
-        if self.look_again_in is not None and (self.look_again or self.first_hit_rays):
-            raise InputError("`look_again_in` needs no `look_again` and no `first_hit_rays`")
+        if self.duplicate_every < 0:
+            raise InputError(f"`duplicate_every` must not be negative, got {self.duplicate_every}")
+        if self.duplicate_every and self.first_hit_rays and not self.light_cache:
+            raise InputError(f"`duplicate_every` {self.duplicate_every} needs `light_cache` or no `first_hit_rays`")
+        if self.duplicate_in is not None and (self.duplicate_every or self.first_hit_rays):
+            raise InputError("`duplicate_in` needs no `duplicate_every` and no `first_hit_rays`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 

@@ -144,7 +144,7 @@ class SceneData:
             self._lights.update(times_s)
             self._time_s = time_s
 
-    def move_anew(self) -> None:
+    def restart_motion(self) -> None:
         """Let the next `move` move everything, whatever its time: motions themselves have changed."""
         self._time_s = None
 

@@ -40,7 +40,7 @@ class SharedScene:
             shining = self.driving.shining() | self.driving.light
             for name in self._lit:
                 self.data.set_light(name, shining[name])
-        self.data.move_anew()
+        self.data.restart_motion()
 
 
 class Turn:

@@ -131,7 +131,7 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
 def test_noise_is_what_another_seed_does_not_fire(
     monkeypatch: pytest.MonkeyPatch, scene: str, quality: str, time: str
 ) -> None:
-    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
     given = {"sampling": None, "quality": quality, "frame_count": 8, "time": time}
     told = summary_of(scene, **given, fps=60.0)["noise_share"]
     runs = (events_of(scene, **given, seed=seed) for seed in (0, 1))
@@ -141,7 +141,7 @@ def test_noise_is_what_another_seed_does_not_fire(
 
 def test_of_a_real_sensor_noise_is_told_as_ideal_pixels_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under another name, for its events are not those."""
-    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
     given = {"sampling": None, "quality": "draft", "frame_count": 8, "fps": 60.0, "threshold": (0.2, 0.2)}
     ideal, real = (summary_of("two-boxes", sensor=sensor, **given) for sensor in (None, "davis346"))
     assert ideal["events"] != real["events"]

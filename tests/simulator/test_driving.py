@@ -150,7 +150,7 @@ def test_frames_can_be_seen(tmp_path: Path) -> None:
             run.frame()
         run.step(5_000)
         frame = run.frame()
-        assert frame.time_us == 5_000 and frame.planes is not run._eye._frame.planes
+        assert frame.time_us == 5_000 and frame.planes is not run._camera_pipeline._frame.planes
         assert frame.plane("G").mean() > 0.05
 
 

@@ -119,10 +119,10 @@ def test_settings_reach_the_stages() -> None:
 def test_a_reset_lets_go_of_what_was_built() -> None:
     with simulator("two-boxes") as run:
         run.step(0)
-        before = run._eye.view
+        before = run._camera_pipeline.view
         run.reset()
         with pytest.raises(RenderCancelled):
-            before.fill(1, run._eye._frame)
+            before.fill(1, run._camera_pipeline._frame)
 
 
 def test_what_could_not_be_built_is_told_and_built_by_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:

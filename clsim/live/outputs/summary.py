@@ -20,7 +20,7 @@ class Summary:
         steep_pixels: pixels that crossed more than 3 thresholds in one step, summed over steps.
         most_crossings: the largest number of thresholds that a pixel crossed in one step.
         capped_events: events not written because a pixel had too many in one step.
-        noise_share: share of the events that is likely noise of the rendering (see `clsim.live.noise.second_look`);
+        noise_share: share of the events that is likely noise of the rendering (`clsim.live.noise.duplicate_sampling`);
             None where that is not measured.
         ideal_noise_share: the same of what ideal pixels would fire in place of a real sensor; None where it is ideal.
         lost_events: events that the sensor's readout had no time for.

@@ -101,7 +101,7 @@ class Followed:
 
 
 @wp.struct
-class Kept:
+class CachedLight:
     """What the cells know of the light at a point.
 
     Attributes:
@@ -120,7 +120,7 @@ class Kept:
     known: float
     before: wp.vec3
     known_before: bool
-    finely: float
+    in_finest: float
     off: float
     off_before: float
     factor: wp.vec3
@@ -265,12 +265,12 @@ def look_up(
     layer: int,
     smooth: bool,
     width_m: float,
-) -> Kept:
+) -> CachedLight:
     """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
 
     The ``layer`` is one of `layer_of`. ``smooth`` is as in `Asked`.
     """
-    kept = Kept()
+    cached = CachedLight()
     least = wp.where(smooth, asked.finest_if_smooth, 0)
     finest = wp.max(asked.finest, least)
     finest_before = wp.max(asked.finest_before, least)
@@ -330,7 +330,7 @@ def look_up(
         # By the same rule in both, so that what was known before is what the last frame showed.
         if level >= finest:
             whole = _finer(whole, sums)
-            kept.finely = sums.paths
+            cached.in_finest = sums.paths
         if level >= finest_before:
             whole_before = _finer(whole_before, sums_before)
         if paths > 0.0:
@@ -340,21 +340,21 @@ def look_up(
             told += paths
         side_m = side_m * 0.5
         level = level - 1
-    kept.known = whole.paths
-    kept.factor = factor
-    kept.more = more
-    kept.light = wp.cw_mul(whole.light, factor) + more
-    kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
-    kept.known_before = whole_before.paths > 0.0
-    kept.before = wp.cw_mul(whole_before.light, factor) + more
-    kept.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
-    return kept
+    cached.known = whole.paths
+    cached.factor = factor
+    cached.more = more
+    cached.light = wp.cw_mul(whole.light, factor) + more
+    cached.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
+    cached.known_before = whole_before.paths > 0.0
+    cached.before = wp.cw_mul(whole_before.light, factor) + more
+    cached.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
+    return cached
 
 
 @wp.func
 def look_up_at(
     cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
-) -> Kept:
+) -> CachedLight:
     """Return what is known where a path began: its position and normal are as `light_updates.open_cells` takes them."""
     place = wp.vec3(position[0], position[1], position[2])
     facing = wp.vec3(normal[0], normal[1], normal[2])
@@ -363,15 +363,15 @@ def look_up_at(
 
 
 @wp.func
-def tells_before(kept: Kept) -> bool:
+def tells_before(cached: CachedLight) -> bool:
     """Whether light there tells what it was before it changed: what is dark now tells nothing."""
-    return kept.factor[0] + kept.factor[1] + kept.factor[2] > _LEAST_FACTOR
+    return cached.factor[0] + cached.factor[1] + cached.factor[2] > _LEAST_FACTOR
 
 
 @wp.func
-def before_change(kept: Kept, light: wp.vec3) -> wp.vec3:
+def before_change(cached: CachedLight, light: wp.vec3) -> wp.vec3:
     """Return what that light was before it changed."""
     before = wp.vec3()
     for c in range(3):
-        before[c] = wp.max(light[c] - kept.more[c], 0.0) / wp.max(kept.factor[c], _LEAST_FACTOR)
+        before[c] = wp.max(light[c] - cached.more[c], 0.0) / wp.max(cached.factor[c], _LEAST_FACTOR)
     return before

@@ -101,9 +101,9 @@ def add_to_cells(
             light = lights[i, pixel]
             known = bool(True)
             if asked.follows:
-                kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
-                known = tells_before(kept)
-                light = before_change(kept, light)
+                cached = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                known = tells_before(cached)
+                light = before_change(cached, light)
             p = positions[i, pixel]
             n = normals[i, pixel]
             axis = face_of(wp.vec3(n[0], n[1], n[2])) // 2

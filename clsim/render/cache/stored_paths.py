@@ -20,9 +20,9 @@ from clsim.render.accel.geometry import make_placement, transform_vector
 from clsim.render.cache.light_cache import (
     LEVELS,
     Asked,
+    CachedLight,
     Cell,
     Followed,
-    Kept,
     before_change,
     look_up_at,
     tells_before,
@@ -31,7 +31,7 @@ from clsim.render.cache.trails import trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.primary.lamp_light import AT_NONE
-from clsim.render.primary.things import lit_albedo
+from clsim.render.primary.seen_surfaces import lit_albedo
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
@@ -140,11 +140,11 @@ def choose_paths(
                 wanted = float(most) * _unevenness(cells[row]) - float(sums[row, _COUNT])
                 there = cells[row].count - cells[row].count_before
                 chance = sampling.uniform_of(sampling.absorb(wp.uint64(pixel), number), 0)
-                kept = Kept()
-                kept.factor = wp.vec3(1.0, 1.0, 1.0)
+                cached = CachedLight()
+                cached.factor = wp.vec3(1.0, 1.0, 1.0)
                 if asked.follows and chance * there < wanted:
-                    kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
-                if chance * there < wanted and tells_before(kept):
+                    cached = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                if chance * there < wanted and tells_before(cached):
                     slot = wp.atomic_add(out_count, 0, 1)
                     if slot >= paths.shape[0]:
                         # They are counted, so that there is room when this is asked again.
@@ -153,7 +153,7 @@ def choose_paths(
                     path.met = met[i, pixel]
                     path.pixel = pixel
                     path.number = number
-                    path.base = before_change(kept, wp.vec3(1.0, 1.0, 1.0) + kept.more)
+                    path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0) + cached.more)
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     paths[slot] = path
 

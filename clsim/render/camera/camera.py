@@ -317,7 +317,7 @@ class CameraData:
             self._view.rotations = array(turned, wp.quat, device)
         return self._view
 
-    def stand(self, time_s: float) -> bytes:
+    def pose_key(self, time_s: float) -> bytes:
         """Return what tells where the camera stands at a time."""
         return self._stood.rows(np.array([time_s])).tobytes()
 

@@ -198,7 +198,7 @@ class Features(SceneFeatures):
         }
 
 
-def lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
+def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy) -> bool:
     """Whether light straight from lamps may be found apart from paths."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
     return plain and scene.few_lamps and scene.diffuse_lit and strategy == "mis"
@@ -218,12 +218,12 @@ def view_features(
     replay: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera looks at such a scene."""
-    lamp_light = first_hits and lamps_apart(scene, strategy)
+    lamp_light = first_hits and has_analytic_direct_light(scene, strategy)
     changes = light_cache and (scene.light_changes or lights_set)
-    about_kept_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
+    about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(
         # Of how many lamps there are, other kernels know nothing, and are the same ones.
-        **(vars(scene) | {"few_lamps": lamp_light} | about_kept_light),
+        **(vars(scene) | {"few_lamps": lamp_light} | about_cached_light),
         follow_specular=follow_specular and scene.mirrors,
         camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
         projection=camera.lens.model,

@@ -14,7 +14,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.primary.corners import corner_at, corner_near
 from clsim.render.primary.lamp_light import same_light, same_share
-from clsim.render.primary.things import same_colour, same_surface
+from clsim.render.primary.seen_surfaces import same_colour, same_surface
 from clsim.render.sampling import sampling
 
 _OFF_LINE_PX = wp.constant(0.05)

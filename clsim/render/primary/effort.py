@@ -10,8 +10,8 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
-from clsim.render.primary.first_hits import Looks
-from clsim.render.primary.steered import CLOSER, GRADES, Steering
+from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.steered import GRADES, REFINED, Steering
 
 NEAR = 0.1
 """Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
@@ -37,9 +37,9 @@ _AT_CONTRAST = 16
 """Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
 _ENOUGH_FOR_CONTRAST = 16
 """… if there are so many of these rays …"""
-_ENOUGH_TO_LOOK_CLOSER = 12
+_ENOUGH_TO_REFINE = 12
 """First-hit rays from which on more look where an event is near: …"""
-_AT_EVENT, _AT_EVENT_KEPT = 6, 8
+_AT_EVENT, _AT_EVENT_CACHED = 6, 8
 """… at most so many times as many, or where light is kept, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
@@ -86,7 +86,7 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Sight:
+class PrimarySetup:
     """What first-hit rays see of a scene, however many there are.
 
     Attributes:
@@ -100,7 +100,7 @@ class Sight:
     lamps: bool = False
 
 
-def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False, moves: bool = True) -> Any:
+def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False, moves: bool = True) -> Any:
     """Return how many first-hit rays a pixel gets by what it shows.
 
     Args:
@@ -109,23 +109,23 @@ def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False, moves: bool 
         kept: whether light is kept on surfaces.
         moves: whether shadows may move over these.
     """
-    looks: Any = Looks()
-    looks.most, looks.pixel = first_hit_rays, wp.vec2(*sight.pixel)
-    looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
-        looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
-    if first_hit_rays >= _ENOUGH_TO_LOOK_CLOSER:
-        looks.at_event = min((_AT_EVENT_KEPT if kept else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
-    looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
-    by_root = _IN_SHADOW_STILL if kept and not moves else _IN_SHADOW
-    looks.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
-    if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        beside_corners = first_hit_rays // 4 if sight.lamps else first_hit_rays
-        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
-        looks.by_edge = first_hit_rays // 3
-        looks.steps = (first_hit_rays - 1).bit_length()
-        looks.texels = 4 * first_hit_rays
-    return looks
+    primary_rays: Any = PrimaryRays()
+    primary_rays.most, primary_rays.pixel = first_hit_rays, wp.vec2(*primary_setup.pixel)
+    primary_rays.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
+    if cached and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
+        primary_rays.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
+    if first_hit_rays >= _ENOUGH_TO_REFINE:
+        primary_rays.at_event = min((_AT_EVENT_CACHED if cached else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
+    primary_rays.few_ask = cached and first_hit_rays < _ENOUGH_TO_ASK
+    by_root = _IN_SHADOW_STILL if cached and not moves else _IN_SHADOW
+    primary_rays.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
+    if primary_setup.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
+        beside_corners = first_hit_rays // 4 if primary_setup.lamps else first_hit_rays
+        primary_rays.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
+        primary_rays.by_edge = first_hit_rays // 3
+        primary_rays.steps = (first_hit_rays - 1).bit_length()
+        primary_rays.texels = 4 * first_hit_rays
+    return primary_rays
 
 
 def largest_around(values: Any, room: Any) -> Any:
@@ -148,16 +148,22 @@ class MapReader:
     """
 
     def __init__(
-        self, width: int, height: int, effort: Effort, sight: Sight, board: InterestBoard | None, device: Any
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        primary_setup: PrimarySetup,
+        board: InterestBoard | None,
+        device: Any,
     ) -> None:
         """Begin before the first frame."""
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0
-        self._sight, self._board = sight, board
+        self._primary_setup, self._board = primary_setup, board
         self._number = 0
         self._index = -1
-        self._anew = True
+        self._restarts = True
         self._grades = np.zeros((height, width), dtype=np.uint8)
         self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
         self._spent: Any = wp.zeros((2, width * height), dtype=wp.int32, device=device)
@@ -183,21 +189,21 @@ class Steerer(MapReader):
         width: int,
         height: int,
         effort: Effort,
-        sight: Sight,
+        primary_setup: PrimarySetup,
         board: InterestBoard | None,
         device: Any,
         *,
-        looks_closer: bool = True,
+        refines: bool = True,
     ) -> None:
         """Allocate what is kept from frame to frame.
 
-        Where it never ``looks_closer``, a pixel is seen by as many rays in each frame, and between frames.
+        Where it never ``refines``, a pixel is seen by as many rays in each frame, and between frames.
         """
-        super().__init__(width, height, effort, sight, board, device)
+        super().__init__(width, height, effort, primary_setup, board, device)
         pixels = width * height
         self._before = effort
-        self._looks_closer = looks_closer
-        self._closer, self._moves = np.zeros((2, height, width), dtype=np.bool_)
+        self._refines = refines
+        self._refined, self._moves = np.zeros((2, height, width), dtype=np.bool_)
         self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._correction: Any = wp.zeros((GRADES, pixels), dtype=wp.vec3, device=device)
@@ -222,16 +228,16 @@ class Steerer(MapReader):
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self._sight)
-        steering.every, steering.turn = effort.every, self._number
+        steering.primary_rays = primary_rays_for(effort.first_hit_rays, self._primary_setup)
+        steering.every, steering.phase = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         # Where all get the same there is nothing to ask, and maybe nobody who answers.
         board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
-        if index <= self._index or self._anew:
+        if index <= self._index or self._restarts:
             # Nothing that was kept tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
-            self._closer.fill(self._looks_closer and board is not None)
+            self._refined.fill(self._refines and board is not None)
             self._correction.zero_()
             self._known.zero_()
         else:
@@ -240,22 +246,22 @@ class Steerer(MapReader):
                 self._grades.fill(0)
             else:
                 self._grade(interest, effort.top)
-                if self._looks_closer:
+                if self._refines:
                     # What stands still goes on being seen by the same rays.
                     np.not_equal(interest.change, 0, out=self._moves)
-                    np.greater(self._grades, 0, out=self._closer, where=self._moves)
-        np.bitwise_or(self._grades, CLOSER, out=self._grades, where=self._closer)
+                    np.greater(self._grades, 0, out=self._refined, where=self._moves)
+        np.bitwise_or(self._grades, REFINED, out=self._grades, where=self._refined)
         wp.copy(self._device_grades, wp.array(self._grades.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
         before = self._before
         if (before.probe_spp, before.spp) != (effort.probe_spp, effort.spp):
             steering.before = before.probe_spp
-        self._before, self._index, self._anew = effort, index, False
+        self._before, self._index, self._restarts = effort, index, False
         self._number += 1
         return {"steering": steering}, effort.spp
 
     def forget(self) -> None:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
-        self._anew = True
+        self._restarts = True
         self._irradiance.zero_()
 
     def _grade(self, interest: InterestMap, top: int) -> None:

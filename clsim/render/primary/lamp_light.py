@@ -21,7 +21,7 @@ from clsim.render.emitters.environment import STEP
 from clsim.render.emitters.lights import Lights, sphere_cone
 from clsim.render.emitters.punctual import make_punctual
 from clsim.render.features.features import Features
-from clsim.render.primary.things import Thing
+from clsim.render.primary.seen_surfaces import SeenSurface
 from clsim.render.sampling.sampling import angle_of
 
 _SMALL = wp.constant(1.0e-4)
@@ -125,7 +125,7 @@ def triangle_irradiance(a: wp.vec3, b: wp.vec3, c: wp.vec3, normal: wp.vec3) -> 
 
 
 def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
-    """Return the Warp function ``light_things(lights, geometry, materials, things, number, time)``.
+    """Return the Warp function ``light_surfaces(lights, geometry, materials, things, number, time)``.
 
     It adds to the ``emission`` of each thing that a pixel shows what light straight from lamps it reflects.
     ``on_lamp`` is of `make_lights`, which takes the same ``shining``.
@@ -191,15 +191,20 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
         return total / wp.pi
 
     @wp.func
-    def light_things(
-        lights: Lights, geometry: Geometry, materials: Any, things: wp.array(dtype=Thing), number: int, time: float
+    def light_surfaces(
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        surfaces: wp.array(dtype=SeenSurface),
+        number: int,
+        time: float,
     ):
         share = float(0.0)
         for k in range(number):
-            first = things[k].first
+            first = surfaces[k].first
             if first.lamp:
-                lit = things[k].lamp_lit
-                most = things[k].lamp_all
+                lit = surfaces[k].lamp_lit
+                most = surfaces[k].lamp_all
                 if most <= 0.0:
                     lit = first.lamp_lit
                     most = first.lamp_all
@@ -209,9 +214,9 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                     most = 1.0
                 share = lit / most
                 if lit > 0.0:
-                    normal = wp.normalize(things[k].normal)
-                    light = lamp_light(lights, geometry, materials, things[k].position, normal, time)
-                    things[k].from_lamps = wp.cw_mul(things[k].albedo, light) * (lit / most)
-                    things[k].emission += things[k].from_lamps
+                    normal = wp.normalize(surfaces[k].normal)
+                    light = lamp_light(lights, geometry, materials, surfaces[k].position, normal, time)
+                    surfaces[k].from_lamps = wp.cw_mul(surfaces[k].albedo, light) * (lit / most)
+                    surfaces[k].emission += surfaces[k].from_lamps
 
-    return light_things
+    return light_surfaces

@@ -20,7 +20,7 @@ from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.primary.corners import make_flat_surfaces
-from clsim.render.primary.things import DARK
+from clsim.render.primary.seen_surfaces import DARK
 from clsim.render.surfaces.materials import make_materials
 from clsim.render.textures.checkerboards import square_shown
 from clsim.render.textures.texture_data import Footprint, uv_in

@@ -86,7 +86,7 @@ def test_after_a_new_beginning_ideal_pixels_take_the_next_frame_for_a_first_one(
     detector = Sees(0.1, 0.1)
     judged = Significance(DetectorConfig("irradiance", threshold_on=ON, threshold_off=OFF), ideal=False)
     judged.watch(detector, events_at(on=True))
-    judged.begin_anew()
+    judged.restart()
     detector.levels += 1.0
     judged.watch(detector, events_at(on=True))
     assert judged.noise_share is None

@@ -98,7 +98,7 @@ def test_whole_pictures_and_chosen_pixels_find_the_same_events():
 
     def run(**options):
         with clsim.Simulator("two-boxes", resolution=(32, 24), **options) as simulator:
-            return simulator.step(66_667), simulator._eye.detector.between.stats
+            return simulator.step(66_667), simulator._camera_pipeline.detector.between.stats
 
     (close, many), (wide, few) = run(time="lambda=0.05"), run(time="lambda=0.5")
     chosen, _ = run(time="adaptive", time_tolerance_us=10.0)
@@ -130,7 +130,7 @@ def test_a_scene_that_stands_still_asks_for_nothing():
     assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
     with clsim.Simulator("still", **SMALL) as simulator:
         assert len(simulator.step(100_000)) == 0
-        assert simulator._eye.detector.between.stats.requests == 0
+        assert simulator._camera_pipeline.detector.between.stats.requests == 0
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
     assert run.invoke(app, asked).exit_code == 0
     with np.load(between / "between-000002.npz") as traced, clsim.Simulator("two-boxes", **SMALL) as simulator:
         simulator.step(66_667)
-        assert simulator._eye.detector.between.stats.requests > len(traced["x"]) > 100
+        assert simulator._camera_pipeline.detector.between.stats.requests > len(traced["x"]) > 100
         assert traced["planes"].shape == (len(traced["names"]), len(traced["x"]))
         assert 1 / 30 < traced["time_s"].min() < traced["time_s"].max() < 2 / 30
     for wrong, told in (

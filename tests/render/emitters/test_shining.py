@@ -10,7 +10,7 @@ import pytest
 import clsim
 from clsim.render import SceneData, light_stands_still
 from clsim.render.emitters.light_list import small_lights
-from clsim.render.primary.effort import GRADES, Effort, Sight, Steerer
+from clsim.render.primary.effort import GRADES, Effort, PrimarySetup, Steerer
 from clsim.scene import EnvironmentMap, ImageTexture, Material, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
 from clsim.scene.motion import euler_quaternion, rotation_matrix
@@ -97,7 +97,9 @@ def test_light_that_changes_does_not_stand_still() -> None:
 
 
 def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left() -> None:
-    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), Sight((0.01, 0.0), sharp=True), None, "cpu")
+    steerer = Steerer(
+        4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), PrimarySetup((0.01, 0.0), sharp=True), None, "cpu"
+    )
 
     def wanted(index: int) -> set[int]:
         steerer.arguments["correction"].fill_(7.0)

@@ -10,7 +10,7 @@ import pytest
 from clsim.errors import Error
 from clsim.frames import InterestBoard, InterestMap
 from clsim.render import Effort, RenderCancelled
-from clsim.render.primary.effort import SURE, Sight, looks_of
+from clsim.render.primary.effort import SURE, PrimarySetup, primary_rays_for
 from clsim.render.primary.steered import GRADES
 from tests.render.primary.test_steered import Run, log_brightness, textured_world, walled_world
 from tests.render.test_tracer import lit_world, moving_world
@@ -186,7 +186,7 @@ def test_a_map_that_the_same_thread_has_not_published_is_told_of():
 
 
 def test_few_first_hit_rays_look_into_part_lit_pixels_no_more_than_twice_as_often() -> None:
-    sight = Sight((0.01, 0.0), sharp=True, lamps=True)
-    assert [looks_of(rays, sight).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
-    assert looks_of(64, sight, kept=True).in_shadow == 64
-    assert looks_of(8, sight, kept=True, moves=False).in_shadow == 8
+    primary_setup = PrimarySetup((0.01, 0.0), sharp=True, lamps=True)
+    assert [primary_rays_for(rays, primary_setup).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
+    assert primary_rays_for(64, primary_setup, cached=True).in_shadow == 64
+    assert primary_rays_for(8, primary_setup, cached=True, moves=False).in_shadow == 8

@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from clsim.render.device.compiler import kernel_options
-from clsim.render.features.scene_features import light_is_found_apart
+from clsim.render.features.scene_features import direct_light_is_analytic
 from clsim.render.primary.lamp_light import sphere_irradiance, triangle_irradiance
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
@@ -164,7 +164,7 @@ def test_the_edge_of_a_sharp_cone_lies_within_pixels():
     rim = (plain > 0.02 * plain.max()) & (plain < 0.98 * plain.max())
     assert rim.sum() > 50
     assert np.abs(seen - plain)[rim].mean() < 0.02 * plain.max()
-    assert light_is_found_apart(from_above(punctual_lights=(replace(spot, inner_deg=13.0),)))
+    assert direct_light_is_analytic(from_above(punctual_lights=(replace(spot, inner_deg=13.0),)))
 
 
 @pytest.mark.slow

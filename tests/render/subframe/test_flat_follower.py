@@ -43,7 +43,7 @@ def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear, lens):
     world = replace(world, camera=replace(world.camera, lens=lens, width=SIZE[0], height=SIZE[1]))
     with clsim.Simulator(world, **options) as simulator:
         simulator.step(66_667)
-        tracer = simulator._eye.detector._tracer
+        tracer = simulator._camera_pipeline.detector._tracer
         pixels = np.flatnonzero(found[-1].known)
         fineness = Fineness(least=0.002, late=0.0, longest=0.5, finest=1e-4, linear=linear)
         light = np.zeros((6, SIZE[0] * SIZE[1]), np.float32)
@@ -76,7 +76,7 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
         options = {"resolution": SIZE, "quality": "balanced", "time": "adaptive", "time_tolerance_us": 10.0}
         with clsim.Simulator("two-boxes", fps=30.0, **options) as simulator:
             events = simulator.step(100_000)
-            return events, simulator._eye.detector.between.stats.requests
+            return events, simulator._camera_pipeline.detector.between.stats.requests
 
     find = FlatPixels.find
 

@@ -119,7 +119,7 @@ def test_first_hits_of_a_request_are_those_of_the_frame():
     assert (found[-1] > 0).mean() > 0.5
 
 
-@pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "things"])
+@pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "surfaces"])
 @pytest.mark.parametrize("rays", [0, 16])
 def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, rays):
     left_out = ("R", "G", "B", "Samples") if rays else ()

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
-SEEN_TWICE = 61
+DUPLICATE_EVERY = 61
 """One in so many pixels is looked at again."""
 ENOUGH = 20
 """Events from which on their share means something."""
@@ -44,7 +44,7 @@ def gathered(fired: Sequence[Fired]) -> Fired:
 
 
 @dataclass
-class Look:
+class IdealPixels:
     """Ideal pixels, and what they fired since it was last asked.
 
     Attributes:
@@ -81,27 +81,27 @@ class Look:
         return gathered(fired)
 
 
-class Looks(ABC):
+class DuplicateSampling(ABC):
     """Counts events of pixels that are seen twice, and those that one look alone has."""
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._events = self._alone = 0
+        self._events = self._unmatched = 0
         self._since_us = self._time_us = -1
         self._going = False
 
     def take(self, seen: F32, time_us: int) -> None:
         """Go on to a frame, of which both looks saw ``seen`` ``[2, …]``; an earlier time begins anew."""
         if time_us <= self._time_us:
-            self.begin_anew()
+            self.restart()
         if not self._going:
             self._since_us, self._going = time_us, True
         self._step(seen, time_us)
         self._time_us = time_us
-        if time_us - self._since_us >= _STRETCH_US or self._kept() > _MOST_EVENTS:
+        if time_us - self._since_us >= _STRETCH_US or self._waiting() > _MOST_EVENTS:
             self._compare()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Take the next frame for a first one, as the detector does where the samples of a pixel become others."""
         self._compare()
         self._forget()
@@ -111,14 +111,14 @@ class Looks(ABC):
     def noise_share(self) -> float | None:
         """Share of the events that one look alone has; None where there are too few to tell."""
         self._compare()
-        return self._alone / self._events if self._events >= ENOUGH else None
+        return self._unmatched / self._events if self._events >= ENOUGH else None
 
     @abstractmethod
     def _step(self, seen: F32, time_us: int) -> None:
         """Let both looks fire what they do from the last frame to this one."""
 
     @abstractmethod
-    def _kept(self) -> int:
+    def _waiting(self) -> int:
         """Return how many events wait to be compared."""
 
     @abstractmethod
@@ -132,12 +132,12 @@ class Looks(ABC):
     def _compare(self) -> None:
         first, second = self._taken()
         events = len(first[0]) + len(second[0])
-        self._alone += events - 2 * _pairs(first, second)
+        self._unmatched += events - 2 * _pairs(first, second)
         self._events += events
         self._since_us = self._time_us
 
 
-class SecondLook(Looks):
+class DuplicatePixels(DuplicateSampling):
     """Looks at single pixels, of which luminance ``[2, n]`` is seen."""
 
     def __init__(self, config: DetectorConfig) -> None:
@@ -146,27 +146,27 @@ class SecondLook(Looks):
             raise InputError(f"a second look needs `response` ln, got {config.response}")
         super().__init__()
         self._config = config
-        self._looks: list[Look] = []
+        self._replicas: list[IdealPixels] = []
 
     def _step(self, seen: F32, time_us: int) -> None:
         config = self._config
         level = np.log(np.maximum(config.scale * seen.astype(np.float64), config.floor))
-        if not self._looks:
+        if not self._replicas:
             known = np.where(np.isfinite(level), level, np.nan)
-            self._looks = [Look(each, each.copy(), []) for each in known]
+            self._replicas = [IdealPixels(each, each.copy(), []) for each in known]
             return
-        for look, each in zip(self._looks, level, strict=True):
-            look.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
+        for replica, each in zip(self._replicas, level, strict=True):
+            replica.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
 
-    def _kept(self) -> int:
-        return sum(len(stamps) for look in self._looks for _, stamps in look.fired)
+    def _waiting(self) -> int:
+        return sum(len(stamps) for replica in self._replicas for _, stamps in replica.fired)
 
     def _taken(self) -> tuple[Fired, Fired]:
-        first, second = (look.take() for look in self._looks) if self._looks else (_NOTHING, _NOTHING)
+        first, second = (replica.take() for replica in self._replicas) if self._replicas else (_NOTHING, _NOTHING)
         return first, second
 
     def _forget(self) -> None:
-        self._looks = []
+        self._replicas = []
 
 
 def _pairs(first: Fired, second: Fired) -> int:

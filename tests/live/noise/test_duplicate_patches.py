@@ -9,7 +9,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
 from clsim.frames import RADIANCE, Frame, rendered_planes
 from clsim.frames.patches import Patches
-from clsim.live.noise.patch_looks import PatchLooks, patches_for
+from clsim.live.noise.duplicate_patches import DuplicatePatches, patches_for
 from clsim.live.options import LiveOptions
 from clsim.live.session import open_live
 from clsim.opencl.device import choose_device
@@ -52,7 +52,7 @@ def test_the_share_is_that_of_two_whole_pictures_inside_the_patches(config):
     patches = patches_for(config, WIDTH, HEIGHT)
     assert patches is not None and len(patches.corners) > 1
     seeds = [pictures(seed) for seed in (1, 2)]
-    looks = PatchLooks(config, patches, NAMES, choose_device())
+    looks = DuplicatePatches(config, patches, NAMES, choose_device())
     for k in range(FRAMES):
         seen = np.stack([each[k].reshape(len(NAMES), -1)[:, patches.pixels(WIDTH)] for each in seeds])
         looks.take(seen.reshape(2, -1, *patches.shape), k * STEP_US)
@@ -69,7 +69,7 @@ def test_the_share_is_that_of_two_whole_pictures_inside_the_patches(config):
 def test_a_new_pass_begins_anew():
     config = DetectorConfig("wlr-esim", window=3)
     patches = Patches(10, ((0, 0),), 2)
-    looks = PatchLooks(config, patches, NAMES, choose_device())
+    looks = DuplicatePatches(config, patches, NAMES, choose_device())
     planes = np.full((2, len(NAMES), 10, 10), 0.5, np.float32)
     for time_us, light in ((0, 1.0), (STEP_US, 1.0), (0, 9.0), (STEP_US, 9.0)):
         planes[:, [NAMES.index(name) for name in RADIANCE]] = light

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from clsim.errors import InputError
 from clsim.frames import SAMPLES, InterestBoard, rendered_planes
 from clsim.render import RenderOptions
-from clsim.render.primary.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire
+from clsim.render.primary.refinement import SHARE_ERROR, NextEvent, error_allowed, fire
 from clsim.scene import Material
 from tests.render import hand_worlds as hw
 from tests.render.cache.test_light_cache import luminance, panning
