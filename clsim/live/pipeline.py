@@ -70,7 +70,7 @@ class Detector(Protocol):
         ...
 
     def reset(self) -> None:
-        """Let the next frame set the references anew, without events."""
+        """Let the next frame reset the references, without events."""
         ...
 
     def close(self) -> None:
@@ -119,15 +119,15 @@ class TellsCauses(Protocol):
 
 
 class SamplesTwice(Protocol):
-    """A source that looks at some pixels a second time."""
+    """A source that samples some pixels a second time."""
 
     def sampled_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return what is seen there, ``[2, …]``: as in ``frame``, the last one, and as seen again."""
+        """Return both estimates there, ``[2, …]``: that of ``frame``, the last one, and the second."""
         ...
 
 
 class FrameWatcher(Protocol):
-    """Somebody who looks at a frame now and then."""
+    """A receiver that wants a frame now and then."""
 
     def wants_frame(self) -> bool:
         """Tell whether the frame at hand should be shown; called for each, so it must be quick."""
@@ -164,7 +164,7 @@ class Progress:
     paths: int | None = None
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
-    """Rays traced so far that look for the first hit alone, if the source tells."""
+    """Primary rays traced so far, if the source tells."""
     light_s: float | None = None
     """Time that finding light again has taken so far, if the source tells."""
     fill: int = 0
@@ -230,8 +230,8 @@ class Pipeline:
         self._continuity = Continuity(schedule)
         self._error: BaseException | None = None
         self._threads = [
-            threading.Thread(target=self._guard, args=(self._produce,), name="clsim-render", daemon=True),
-            threading.Thread(target=self._guard, args=(self._consume,), name="clsim-detect", daemon=True),
+            threading.Thread(target=self._run_worker, args=(self._produce,), name="clsim-render", daemon=True),
+            threading.Thread(target=self._run_worker, args=(self._consume,), name="clsim-detect", daemon=True),
         ]
 
     @property
@@ -279,7 +279,7 @@ class Pipeline:
         closed = self._delivery.close_at_once(max(_CLOSING_S, deadline - time.monotonic()))
         return closed and not any(thread.is_alive() for thread in self._threads)
 
-    def _guard(self, run: Callable[[], None]) -> None:
+    def _run_worker(self, run: Callable[[], None]) -> None:
         try:
             run()
         except RingClosed:

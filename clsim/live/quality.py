@@ -127,7 +127,7 @@ UNCACHED: dict[Quality, Point] = {
     "balanced": _adaptive(8, 1, 2, 12),
     "accurate": _adaptive(64, 4, 1, 64),
 }
-"""What those qualities are where light is not kept but found anew in each frame, a baseline."""
+"""What those qualities are without the radiance cache, a baseline."""
 FOLLOWED: frozenset[Quality] = frozenset(("balanced", "accurate", "exact"))
 """Which of them trace pixels between frames too where things go fast, unless it is told when brightness is found."""
 DEFAULT: Quality = "balanced"

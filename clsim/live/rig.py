@@ -34,7 +34,7 @@ class SharedScene:
         self._data: SceneData | None = None
 
     def view(self, stages: Stages, board: InterestBoard | None) -> View:
-        """Return a camera's view of it; they render in turn (`SceneData.lock`)."""
+        """Return a camera's view of it; they render one at a time (`SceneData.lock`)."""
         from clsim.render import SceneData, View
 
         with self._lock:

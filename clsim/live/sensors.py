@@ -44,7 +44,7 @@ def cost_of(sensor: SensorSettings | None, width: int, height: int) -> tuple[str
 
 @dataclass(frozen=True)
 class RecordedSensor:
-    """The sensor that looks at recorded frames; they have their own size.
+    """The sensor that sees recorded frames; they have their own size.
 
     Attributes:
         sensor: also the name of a preset, or a file; None is the ideal one.

@@ -173,7 +173,7 @@ class Session:
 
 @dataclass(frozen=True)
 class RigMember:
-    """A camera's place on a rig.
+    """A camera of a rig, as its session needs it.
 
     Attributes:
         world: the scene with this camera.
@@ -219,11 +219,11 @@ def open_live(
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
-    # Pixels that share light found anew, or a window, with their neighbours need these looked at again too.
-    kept = stages.render.light_cache
+    # Pixels that share uncached light, or a window, with their neighbours need these sampled twice too.
+    cached = stages.render.light_cache
     by_paths = not stages.render.first_hit_rays
     duplicates: DuplicateSampling | None = None
-    if not config.facts.windowed and (kept or by_paths):
+    if not config.facts.windowed and (cached or by_paths):
         stages = replace(stages, render=replace(stages.render, duplicate_every=DUPLICATE_EVERY))
         duplicates = DuplicatePixels(config)
     elif by_paths and (patches := patches_for(config, camera.width, camera.height)) is not None:

@@ -62,12 +62,12 @@ class RenderOptions:
     that the planes hold the mean of two surfaces and a variance. A way that ends nowhere shows the last mirror.
     """
     first_hit_rays: int = 0
-    """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
+    """Primary rays, which find the first hit alone, in a pixel that shows more than one surface; 0 for none.
 
-    From 12 on, several times as many count what a pixel shows where it is about to fire, if anybody tells.
-    Where a few lamps shine on diffuse surfaces, they find light straight from them too, without noise where nothing
-    stands between. At least eight times the root of their number, or twice as many, then look into a pixel that is lit
-    in part.
+    From 12 on, several times as many are traced where a pixel is about to fire, if thresholds are known.
+    Where a few lamps shine on diffuse surfaces, direct light is analytic there, and its shadows are traced: without
+    noise where nothing stands between. A part-lit pixel then gets at least eight times the root of their number, or
+    twice as many.
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
     clean after few paths; frames have an emission plane then.
     """
@@ -79,35 +79,35 @@ class RenderOptions:
     Needs first-hit rays and common noise where it is more than 1.
     """
     light_cache: bool = False
-    """Whether light is kept on surfaces and becomes better from frame to frame, so that few paths will do.
+    """Whether light is cached on surfaces and becomes better from frame to frame, so that few paths will do.
 
     Needs first-hit rays and common noise. ``spp`` paths are traced where little is known, ``probe_spp`` elsewhere.
     """
     stored_paths: int = 64
     """Where more than the camera moves: paths stored in a cell of light, traced again where what they met has moved."""
     follow_every: int = 4
-    """Frames in which each of these is traced again once, in turn, where lamps move; in between it changes steadily."""
+    """Frames in which each of these is traced again once where lamps move; in between it changes steadily."""
     lights_set: bool = False
-    """Whether lights are set from outside: light that is kept follows them then, where nothing else moves too."""
+    """Whether lights are set from outside: cached light follows them then, also where nothing else moves."""
     light_hz: float | None = None
-    """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
+    """How often a second the cache is updated, whatever the frames' times; None does so in every frame.
 
-    A frame and what is traced in the step that it ends are seen in the light as it was known before.
+    A frame and what is traced in the step that it ends are shaded by the cache as it was before.
     """
     fires_at: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events, if ideal pixels see the frames; None where nobody knows when they fire.
 
-    Where light is kept on surfaces, more first-hit rays look at pixels that are about to fire, and fewer elsewhere.
+    With cached light, pixels that are about to fire get more primary rays, and others fewer.
     """
     duplicate_every: int = 0
-    """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
+    """One in so many pixels is sampled a second time with other random numbers, to measure noise; 0 for none.
 
     Needs ``light_cache`` or no first-hit rays; `View.sampled_twice` has what was seen.
     """
     duplicate_in: Patches | None = None
-    """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``duplicate_every``."""
+    """Where all pixels are sampled a second time; needs no first-hit rays, and no ``duplicate_every``."""
     truth: tuple[str, ...] = ()
-    """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
+    """Planes of truth that frames have in addition: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
     """Frames from one with truth to the next, the first being one; in the others these planes hold nothing of use."""
     tree: Tree | None = None

@@ -1,4 +1,4 @@
-"""One camera that looks at a scene: a source of frames."""
+"""A camera's view of a scene: a source of frames."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class View:
             else:
                 at_frames = options.light_hz is None
                 self._steerer = Steerer(*size, effort, primary_setup, board, self._device, refines=at_frames)
-        # A second look writes where a first one does, at the same place of planes of its own.
+        # Duplicate pixels are written at the same place of planes of their own.
         self._duplicate_pixels = self._pixels_to_duplicate() if self._steerer is None else np.zeros(0, np.int32)
         pixels = camera.width * camera.height if len(self._duplicate_pixels) else 0
         self._duplicate_planes: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
@@ -202,7 +202,7 @@ class View:
             self._render(changed | {"pixels": self._all, "out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
             if len(self._duplicate_pixels):
-                # Of no other look: the seed's complement is nobody's.
+                # Independent of the frame: the seed's complement is nobody's.
                 self._settings.stream = stream_state(~self._options.seed, noise_of)
                 duplicate_every = {"out_planes": self._duplicate_planes, "out_bits": _as_bits(self._duplicate_planes)}
                 self._render(
@@ -265,12 +265,12 @@ class View:
 
     @property
     def light_s(self) -> float:
-        """Time [s] that finding light again has taken so far, where that is kept on surfaces; 0 elsewhere."""
+        """Time [s] that updating the radiance cache has taken so far; 0 without one."""
         return 0.0 if self._steerer is None else self._steerer.light_s
 
     @property
     def light_cache_host(self) -> LightCacheHost:
-        """What keeps the light that its frames are seen in, where it is kept on surfaces."""
+        """The radiance cache that shades its frames, where there is one."""
         assert self._options.light_cache
         return cast("LightCacheHost", self._steerer)
 
@@ -281,10 +281,10 @@ class View:
         return self._corners if looked_at else None
 
     def sampled_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return what was looked at again as in its last frame, and as seen then.
+        """Return two estimates of the duplicate pixels: that of the last frame, and the second one.
 
-        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. Where
-        light is kept, one is somewhat brighter and one darker, by as much as the light is noisy.
+        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. With cached light,
+        one is raised and one lowered by the error of that light.
         """
         if self._steerer is not None:
             return cast("LightCacheHost", self._steerer).sampled_twice
@@ -296,7 +296,7 @@ class View:
         return np.stack([weights @ each[:3, :: self._options.duplicate_every] for each in planes])
 
     def forget_light(self) -> None:
-        """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""
+        """Forget, or trace again, what is cached of the light, for the next frame: lights have changed."""
         if self._steerer is not None:
             self._steerer.forget()
 
@@ -331,7 +331,7 @@ class View:
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.
 
-        What is kept from frame to frame tells nothing of another light.
+        State from earlier frames tells nothing of another light.
         """
         if not self._data.light_changes:
             return {}
@@ -363,7 +363,7 @@ class View:
             raise RenderCancelled
 
     def _pixels_to_duplicate(self) -> npt.NDArray[np.int32]:
-        """Return the numbers of the pixels that are looked at again where all light is found by paths."""
+        """Return the numbers of the duplicate pixels where all light is found by paths."""
         patches, every = self._options.duplicate_in, self._options.duplicate_every
         if patches is not None:
             return patches.pixels(self.width)

@@ -1,4 +1,4 @@
-"""One camera of a driven simulator: the stages of a live run, from its view of the scene to its events."""
+"""A camera pipeline of a driven simulator: the stages of a live run, from its view of the scene to its events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _SHARED = (SceneData, Camera, FrameMemory, Workplace)
 
 
 class CameraPipeline:
-    """Renders a camera's frames and finds its events.
+    """One camera's view, frame and detector.
 
     Attributes:
         stages: what is rendered and how, and how events are found; `connect` builds them.
@@ -71,7 +71,7 @@ class CameraPipeline:
         return events
 
     def forget_light(self) -> None:
-        """Find light anew from the next frame on, where it is kept."""
+        """Empty the radiance cache, if there is one, before the next frame."""
         if self.view is not None:
             self.view.forget_light()
 

@@ -105,7 +105,7 @@ class Driver(ABC):
         self._start(SharedScene(self.world), kind)
 
     def _start(self, scene: SharedScene, clock: Clock) -> None:
-        """Choose devices; the scene is moved in turn with others that have it."""
+        """Choose devices; drivers that share the scene move it one at a time."""
         self._camera_pipelines = {
             name: CameraPipeline(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()
         }
@@ -196,8 +196,8 @@ class Driver(ABC):
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
 
-        Where light is kept on surfaces it is found anew then, with other noise. Set one before the first step too, and
-        a named quality keeps none.
+        Where light is cached on surfaces, the cache is emptied then, and noise is another one. Set one before the first
+        step too, and a named quality caches none.
 
         Args:
             name: of a light, or of a material that emits.
@@ -250,7 +250,7 @@ class Driver(ABC):
             raise Error("there is no frame yet: step first")
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew: the next frame is at 0, and all stands and shines as in the scene, until it is set.
+        """Restart: the next frame is at 0, and all stands and shines as in the scene, until it is set.
 
         The same steps return the same events again.
 

@@ -1,4 +1,4 @@
-"""One scene on a device that several drivers move in turn, each as if it were its own."""
+"""One scene on a device that several drivers move, one at a time, each as if it were its own."""
 
 from __future__ import annotations
 

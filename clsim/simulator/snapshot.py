@@ -19,7 +19,7 @@ class Snapshot:
     """The state of some objects, and of all of clsim's own that they hold.
 
     Attributes of objects, contents of lists, dictionaries and deques, and the values of arrays on the host and on both
-    devices are kept. All else (kernels, queues, threads) is shared and left as it is.
+    devices are saved. All else (kernels, queues, threads) is shared and left as it is.
     """
 
     def __init__(self, roots: Iterable[object], queue: Any, shared: tuple[type, ...] = ()) -> None:
@@ -28,7 +28,7 @@ class Snapshot:
         Args:
             roots: the objects.
             queue: the OpenCL queue of their buffers; None where there are none.
-            apart: classes whose objects stay as they are, with all that only they hold.
+            shared: classes whose objects stay as they are, with all that only they hold.
         """
         self._queue, self._shared = queue, shared
         self._give_back: list[Callable[[], None]] = []
@@ -37,7 +37,7 @@ class Snapshot:
         while pending:
             item = pending.pop()
             if id(item) not in seen:
-                seen[id(item)] = item  # kept, so that no other gets its number
+                seen[id(item)] = item  # held, so that no other gets its number
                 pending += self._save(item)
 
     def restore(self) -> None:
@@ -46,7 +46,7 @@ class Snapshot:
             give_back()
 
     def _save(self, item: Any) -> list[Any]:
-        """Keep one object's state, and return what it holds."""
+        """Save one object's state, and return what it holds."""
         if isinstance(item, self._shared):
             return []
         if isinstance(item, np.ndarray):

@@ -24,7 +24,7 @@ from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 LONGEST_WAY_PX = 12.0
-"""Where things go farther in a step, pictures between its ends are traced, so that ways are no longer."""
+"""Where surfaces go farther in a step, pictures between its ends are traced, so that ways are no longer."""
 _MOST_PARTS = 32
 
 

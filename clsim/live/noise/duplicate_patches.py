@@ -1,4 +1,4 @@
-"""How much of a run is noise where windows mix pixels: patches of the picture are rendered and detected twice.
+"""Duplicate sampling where windows mix pixels: patches of the picture are rendered and detected twice.
 
 Events in the margins of patches do not count, as their windows see other pixels than the picture's.
 """
@@ -19,13 +19,13 @@ SHARE_IN_PATCHES = 0.125
 
 
 def patches_for(config: DetectorConfig, width: int, height: int) -> Patches | None:
-    """Return patches whose margins are as wide as ``config`` looks about; None where the picture is too small."""
+    """Return patches whose margins are as wide as the window of ``config``; None where the picture is too small."""
     reach = config.side // 2 * config.stride + config.box // 2
     return Patches.over(width, height, reach, SHARE_IN_PATCHES)
 
 
 class DuplicatePatches(DuplicateSampling):
-    """Looks at patches, of which all planes ``[2, C, rows, columns]`` are seen."""
+    """A noise meter of patches, of which all planes ``[2, C, rows, columns]`` are sampled."""
 
     def __init__(self, config: DetectorConfig, patches: Patches, names: tuple[str, ...], device: Device) -> None:
         """Prepare to find brightness as ``config`` does; ``device`` computes it."""

@@ -1,7 +1,7 @@
-"""How much of a run is noise: some pixels are looked at twice, and what one look fires and the other does not is noise.
+"""Duplicate sampling: some pixels are rendered twice, and events that only one of the two replicates has are noise.
 
-Both looks are rendered alike, with first-hit rays of their own. Where light is kept they share its paths: there one
-look is made somewhat brighter and the other darker, by how far the light might be off.
+Both replicates are rendered alike, each with its own primary rays. They share the radiance cache: one is raised and the
+other lowered by the error of its light.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
 DUPLICATE_EVERY = 61
-"""One in so many pixels is looked at again."""
+"""One in so many pixels is sampled twice."""
 ENOUGH = 20
 """Events from which on their share means something."""
 WITHIN_US = 25_000
-"""Two looks' events are fellows if they are alike, at one pixel, and at most so far apart [µs]."""
+"""Largest time between matched events, which are of the same polarity and pixel [µs]."""
 _STRETCH_US = 1_000_000
 """Events of so much time are compared at once and forgotten [µs]."""
 _MOST_EVENTS = 1 << 20
-"""Events that are kept: of more, less time is compared at once."""
+"""Events that are stored: of more, less time is compared at once."""
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor_ideal.cl)."""
 
@@ -45,7 +45,7 @@ def gathered(fired: Sequence[Fired]) -> Fired:
 
 @dataclass
 class IdealPixels:
-    """Ideal pixels, and what they fired since it was last asked.
+    """Ideal pixels, and the events that they fired since it was last asked.
 
     Attributes:
         level: of each pixel at the last frame where it was finite, NaN before the first [natural-log units].
@@ -82,7 +82,7 @@ class IdealPixels:
 
 
 class DuplicateSampling(ABC):
-    """Counts events of pixels that are seen twice, and those that one look alone has."""
+    """A noise meter: events of pixels that are sampled twice, and those that only one replicate has."""
 
     def __init__(self) -> None:
         """Begin with none."""
@@ -91,7 +91,7 @@ class DuplicateSampling(ABC):
         self._going = False
 
     def take(self, seen: F32, time_us: int) -> None:
-        """Go on to a frame, of which both looks saw ``seen`` ``[2, …]``; an earlier time begins anew."""
+        """Go on to a frame, of which the replicates are ``seen`` ``[2, …]``; an earlier time restarts."""
         if time_us <= self._time_us:
             self.restart()
         if not self._going:
@@ -109,13 +109,13 @@ class DuplicateSampling(ABC):
 
     @property
     def noise_share(self) -> float | None:
-        """Share of the events that one look alone has; None where there are too few to tell."""
+        """Share of the events that only one replicate has; None where there are too few to tell."""
         self._compare()
         return self._unmatched / self._events if self._events >= ENOUGH else None
 
     @abstractmethod
     def _step(self, seen: F32, time_us: int) -> None:
-        """Let both looks fire what they do from the last frame to this one."""
+        """Let both replicates fire their events from the last frame to this one."""
 
     @abstractmethod
     def _waiting(self) -> int:
@@ -123,11 +123,11 @@ class DuplicateSampling(ABC):
 
     @abstractmethod
     def _taken(self) -> tuple[Fired, Fired]:
-        """Return what each look fired, and forget it."""
+        """Return what each replicate fired, and forget it."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Let both looks have no past."""
+        """Let both replicates have no past."""
 
     def _compare(self) -> None:
         first, second = self._taken()
@@ -138,12 +138,12 @@ class DuplicateSampling(ABC):
 
 
 class DuplicatePixels(DuplicateSampling):
-    """Looks at single pixels, of which luminance ``[2, n]`` is seen."""
+    """A noise meter of single pixels, of which luminance ``[2, n]`` is sampled."""
 
     def __init__(self, config: DetectorConfig) -> None:
         """Prepare for brightness as ``config`` has it."""
         if config.response != "ln":
-            raise InputError(f"a second look needs `response` ln, got {config.response}")
+            raise InputError(f"duplicate pixels need `response` ln, got {config.response}")
         super().__init__()
         self._config = config
         self._replicas: list[IdealPixels] = []
@@ -170,9 +170,9 @@ class DuplicatePixels(DuplicateSampling):
 
 
 def _pairs(first: Fired, second: Fired) -> int:
-    """Return how many events of one look have a fellow of the other, at most; nobody is the fellow of two."""
+    """Return how many events match one to one between the replicates, at most."""
     stamps = np.concatenate([first[1], second[1], [0]])
-    # Pixels lie so far apart that nothing reaches from one to the next.
+    # Stamps of different pixels are so far from each other that no match reaches from one to the next.
     span = int(stamps.max() - stamps.min()) + 2 * WITHIN_US + 1
     places, others = (np.sort(pixels * span + stamps) for pixels, stamps in (first, second))
     _, begins, group = np.unique(np.sort(first[0]), return_index=True, return_inverse=True)

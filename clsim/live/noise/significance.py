@@ -1,4 +1,4 @@
-"""How much of a run is noise, from the standard errors of the brightness that events come from.
+"""A noise meter by the standard errors of the brightness that events come from.
 
 What `confidence` demands is left out: two seeds say that fewer events are noise then, but no smaller share of them.
 """
@@ -71,7 +71,7 @@ class Significance:
             self._judge(detector.error(), y, x, fired >= 0)
 
     def restart(self) -> None:
-        """Take the next frame for a first one, as the detector does where pixels are seen otherwise."""
+        """Take the next frame for a first one, as the detector does where pixels are sampled otherwise."""
         self._ideal_pixels = None
 
     def _judge(self, error: FloatArray | None, y: Whole, x: Whole, on: npt.NDArray[np.bool_]) -> None:

@@ -21,7 +21,7 @@ from clsim.truth.labels import Labeller
 
 @runtime_checkable
 class Recorder(Sink, Protocol):
-    """A sink that keeps frames beside their events."""
+    """A sink that stores frames with their events."""
 
     planes: tuple[str, ...]
     """Planes that it wants of each frame."""

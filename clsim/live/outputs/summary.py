@@ -26,7 +26,7 @@ class Summary:
         lost_events: events that the sensor's readout had no time for.
         dropped_frames, late_frames: frames lost, and frames begun more than a frame's time late, at real pace.
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.
-        light_s: time that was spent on finding kept light again, between frames; None where frames were recorded.
+        light_s: time that was spent on updating cached light, between frames; None where frames were recorded.
         effort: samples in force: ``probe_spp``, ``spp``, ``first_hit_rays``, ``every``; None for recorded frames.
         governor: what it decided; None without one.
         simulated_s: time from the first frame to the last.

@@ -84,7 +84,7 @@ class Geometry:
 
 @wp.struct
 class Hit:
-    """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
+    """The nearest surface that a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
 
     Vertices, unit normal and the largest coordinate of the vertices, ``reach_m``, are those of the triangle in its
     mesh's space: the search has them at hand. ``boxed`` is whether the ray went into the box around an instance; where

@@ -23,7 +23,7 @@ from clsim.scene.meshes.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
 _MOST_INSTANTS = 64
-"""Instants at a time where something moves: boxes of things hold all places that they have meanwhile."""
+"""Instants at a time where something moves: boxes of objects hold all places that they have meanwhile."""
 _MOST_VERTICES = 1 << 18
 """Vertices of what deforms, all its shapes together: they take memory."""
 

@@ -1,21 +1,21 @@
 # Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""Light kept on surfaces: what paths found, remembered in the cells of a hashed grid in the world.
+"""The radiance cache: means of what paths found, in the cells of a hashed grid on surfaces.
 
-Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever ended a first
-hit there may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face
-one of six ways; each path counts in such a cube and in larger ones, `LEVELS` in all. Seen from a first hit, the
-cells round it are interpolated, and where a level knows few paths the next coarser one takes part (after Binder,
-Fricke and Keller, "Massively Parallel Path Space Filtering", 2021, without its jitter).
+Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever started there
+may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face one of six
+ways; each path counts in such a cube and in larger ones, `LEVELS` in all. For a first hit, the cells around it are
+interpolated, and where a level knows few paths the next coarser one takes part (after Binder, Fricke and Keller,
+"Massively Parallel Path Space Filtering", 2021, without its jitter).
 
-The average becomes better with every frame, and so it changes; that must fire no events. Hence a cell also keeps what
-it knew before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
+The mean becomes better with every frame, and so it changes; that must fire no events. Hence a cell also holds its mean
+before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
 
-How well a cell knows its light follows from how different the paths are that it averages.
+The error of a cell's light is the standard error of its paths.
 
 Where something else than the camera moves, or light changes, cells lie on what moves, and some paths are stored in
-them and traced again (`stored_paths.py`). What these find now, beside what they found at first, tells how the light has
-changed since: `Followed` has that, and what is averaged is the light as it was then.
+them and traced again (`stored_paths.py`). The ratio of what these find now to what they found at first tells how the
+light has changed: `Followed` has that, and the mean is of the light as it was at first.
 """
 
 import warp as wp
@@ -53,7 +53,7 @@ _LEAST_FACTOR = wp.constant(0.05)
 
 @wp.struct
 class Cell:
-    """What those who look read of a cell.
+    """A cell of the cache, as shading reads it.
 
     Attributes:
         key: what tells it from others; 0 where the row is free.
@@ -102,16 +102,16 @@ class Followed:
 
 @wp.struct
 class CachedLight:
-    """What the cells know of the light at a point.
+    """The light at a point, interpolated from the cells around it.
 
     Attributes:
         light: irradiance over π, as the cells know it.
         known: number of paths that were near, in cells of all sizes.
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
-        finely: the same in the finest cells alone.
-        off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
-            chance, which is always the same. Where nobody asked, 0.
+        in_finest: number of paths in the finest cells alone.
+        off: relative error of the light: that of each cell is its standard error with a random sign, which stays the
+            same. Where nobody asked, 0.
         off_before: the same of the light before.
         factor, more: of `Followed`, 1 and 0 where no path is stored.
     """
@@ -134,7 +134,7 @@ class Asked:
     Attributes:
         finest: the first level that is asked; 0 has the finest cells.
         finest_before: the same, for the light as it was known before.
-        finest_if_smooth: no level below is asked where light is smooth, as none that is kept comes straight from lamps.
+        finest_if_smooth: no level below is looked up where light is smooth, as the cache holds no direct light there.
         last_update: what was known before is what cells knew before that update.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.

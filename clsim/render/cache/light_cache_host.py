@@ -26,8 +26,8 @@ from clsim.scene import Sensor
 KNOWN = 43.0
 """Where fewer paths than these tell of the light, a pixel traces all its paths …"""
 _KNOWN_IN_FINEST = 16.0
-"""… and where fewer tell of it in the finest cells, if light straight from lamps is kept: what comes into view is soon
-known too."""
+"""… and where fewer tell of it in the finest cells, if the cache holds direct light: what comes into view is soon known
+too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_IF_SMOOTH = 2
@@ -94,13 +94,13 @@ def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bo
 
 
 class LightCacheHost:
-    """Keeps what paths find, and tells pixels how many to trace: few where the light is known.
+    """The radiance cache's memory and launches, and how many paths pixels trace: few where the light is known.
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        first_hit_rays: first-hit rays traced so far.
+        first_hit_rays: primary rays traced so far.
         paths: paths traced so far.
-        light_s: time that keeping light and finding it again have taken so far, beside the frames.
+        light_s: time that updating the cache and tracing stored paths have taken so far, without the frames.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class LightCacheHost:
             width: of the frames [pixels].
             height: of the frames [pixels].
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
-            sight: what first-hit rays see.
+            primary_setup: what primary rays see.
             pace_hz: see `RenderOptions.light_hz`.
             event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
             duplicate_every: see there too.
@@ -167,7 +167,7 @@ class LightCacheHost:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What the kernel takes beside the scene and the frame; what `prepare` returns changes with each frame."""
+        """Arguments of the kernel without the scene and the frame; what `prepare` returns changes with each frame."""
         return {
             "steering": Gathering(),
             "cells": self._cells,
@@ -189,7 +189,7 @@ class LightCacheHost:
     def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
         """Return the arguments of the kernel that change with a frame, and the full number of paths.
 
-        What the paths of the last frame found is kept from now on. At a pace, a frame that comes too soon traces none.
+        What the paths of the last frame found is added to the cache. At a pace, a frame that is too soon traces none.
         """
         effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
@@ -221,7 +221,7 @@ class LightCacheHost:
             self._fired.fill_(math.nan)
         self._gathering: Any = Gathering()
         last = self._frames + 1 >= self._passes
-        # Nobody sees the first frame before it is rendered for the last time: it is not looked at, but for paths.
+        # Nobody sees the first frame before it is rendered for the last time: until then only its paths count.
         rays, moves = effort.first_hit_rays, self._store is not None
         self._gathering.primary_rays = (
             primary_rays_for(rays, self._primary_setup, cached=True, moves=moves) if last else PrimaryRays()
@@ -265,12 +265,12 @@ class LightCacheHost:
 
     @property
     def sampled_twice(self) -> npt.NDArray[np.float32]:
-        """Luminance of every n-th pixel in raster order, as two looks saw the last frame; see `View.sampled_twice`."""
+        """Two estimates of the luminance of every n-th pixel in raster order; see `View.sampled_twice`."""
         return np.asarray(self._sampled_twice.numpy(), np.float32)
 
     @property
     def step_us(self) -> tuple[int, int] | None:
-        """Times of the last two frames; None where there are none, or a motion has begun anew between them."""
+        """Times of the last two frames; None where there are none, or the motion was restarted between them."""
         start_us, end_us = self._times_us if len(self._times_us) == 2 else (0, 0)
         return (start_us, end_us) if start_us < end_us else None
 
@@ -315,11 +315,11 @@ class LightCacheHost:
 
     @property
     def _finds_all(self) -> bool:
-        """Whether paths find all light that is kept, and so many of them that fine cells are asked."""
+        """Whether paths find all light in the cache, and so many of them that fine cells are looked up."""
         return self._finest == 0 and not self._primary_setup.lamps
 
     def _passes_of_first(self) -> int:
-        """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
+        """Return how many times the first frame is rendered, so that memory for the paths of one pass is enough."""
         lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
         if len(lights) < _FEW:
             return _PASSES_OF_FIRST
@@ -371,7 +371,7 @@ class LightCacheHost:
         self.light_s += time.perf_counter() - begun_s
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
-        """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
+        """Return free rows: their keys, their sums, their cells, and sums and cells of stored paths."""
         keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
         sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
         cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)

@@ -145,7 +145,7 @@ def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: flo
     uv = float(sums[row, _PLACES + 4]) * each - u * v
     ub = float(sums[row, _PLACES + 5]) * each - u * bright
     vb = float(sums[row, _PLACES + 6]) * each - v * bright
-    # Paths along a line tell nothing of what is beside it.
+    # Paths along a line tell nothing of what lies off it.
     uu += _LEAST_SPREAD
     vv += _LEAST_SPREAD
     across = wp.max(uu * vv - uv * uv, _LEAST_SPREAD * _LEAST_SPREAD)

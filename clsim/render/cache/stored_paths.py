@@ -1,10 +1,10 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
-"""Paths that are stored in cells of light, and traced again with the same random numbers when what they met has moved.
+"""Stored paths: in cells of the cache, traced again with the same random numbers when what they met has moved.
 
-Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
-of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. What they find
-now, beside what they would find if light had not changed since the first frame, tells by which factor it has.
+Each begins at a place on a surface, moves along with it, and has the same random numbers in every frame. So what the
+paths of a cell find does not depend on the past: what moves and comes back gives the same bits. The ratio of what they
+find now to what they would find if light had not changed since the first frame is the factor by which it has.
 
 A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
 where lights have changed.

@@ -1,4 +1,4 @@
-"""Meshes whose vertices move: skins and morph targets, shaped anew for each frame.
+"""Meshes whose vertices move: skins and morph targets, evaluated for each frame.
 
 A deforming mesh is searched by a tree of its own, which is built anew for each frame: that costs half a microsecond a
 triangle, and a tree that is only refitted serves rays badly after large motion.

@@ -37,7 +37,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """Return the kernel ``render(scene, camera, settings, first_pixel, pixels, out_planes, out_bits)``.
 
     A thread is a pixel, or one of ``pixels`` if there are any. ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits``
-    the same memory as unsigned integers. Where first hits are sampled apart, it is the kernel of ``steered.py``, and
+    the same memory as unsigned integers. With primary rays, it is the kernel of ``steered.py`` or ``cached.py``, and
     for requests one of ``retraced.py``.
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
@@ -73,7 +73,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     weight = make_weight(features)
 
     def make_tracer(primary_only: bool) -> Any:
-        """Return the function that follows a path, or, if it shall ``primary_only``, what a first-hit ray does."""
+        """Return the function that follows a path, or, if ``primary_only``, its primary ray."""
         return make_trace(
             features,
             primary_only,
@@ -88,7 +88,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             (emitted, triangle_pdf, weight),
         )
 
-    # Twice: rays that only look go without all that paths need. Each is called from one place in a kernel.
+    # Twice: primary rays go without all that paths need. Each is called from one place in a kernel.
     shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(primary_only=False), inline=True)))
     shoot_primary_at = make_shoot_at(features, wp.func(make_tracer(primary_only=True), inline=True))
 

@@ -1,6 +1,6 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018
-"""A path from the camera through the scene, or as much of it as a ray does that only looks.
+"""A path from the camera through the scene, or its primary ray alone.
 
 Paths with next-event estimation and Russian roulette; both ways to light share by the power heuristic (Veach 1997).
 """
@@ -46,7 +46,7 @@ def make_trace(
 
     Args:
         features: what the kernel is built for.
-        only_look: end at the first surface that is no mirror, and learn what a pixel shows.
+        primary_only: end at the first surface that is no mirror, which is what a pixel shows.
         closest: finds the nearest hit that stops the ray.
         surface_of: of a hit.
         meet, colours, detailed: of `path_surfaces`.
@@ -92,7 +92,7 @@ def make_trace(
         eta2 = float(1.0)
         # Of the glass that the ray is in [m⁻¹].
         absorption = wp.vec3()
-        # Where the light of lamps is found apart.
+        # Whether direct light at the last place is analytic.
         analytic = bool(False)
         for depth in range(settings.max_depth):
             dimension = (depth + 1) * _DIMENSIONS

@@ -30,8 +30,8 @@ class Carried:
         throughput: share of light from there that reaches the camera.
         pdf: density of the direction where it was scattered last.
         alone: nothing but scattering finds light from there.
-        others: probability with which light other than the lamps' was drawn at the last place; 1 where these are not
-            found apart.
+        others: probability with which light other than the lamps' was drawn at the last place; 1 where the lamps' is
+            not analytic.
         last: that place.
     """
 
@@ -181,7 +181,7 @@ def make_asking(
                         if light.mapped:
                             sky = environment(scene.lights, point.shading_normal, light.direction)
                             value = wp.cw_mul(value, sky.radiance)
-                            # Beside a cell that is black, roundings may end in it.
+                            # Next to a cell that is black, roundings may end in it.
                             light.pdf = wp.max(sky.pdf / carried.others, 1.0e-30)
                     if wp.static(features.absorption):
                         way = absorption_towards(scene.materials, point, light.direction, absorption)

@@ -21,7 +21,7 @@ from clsim.render.surfaces.materials import Bsdf, Materials, has_details
 from clsim.render.textures.ray_footprint import patch_round
 
 _PLACES = wp.constant(8)
-"""Places round a ray that only looks, of which the mean of a texture is taken."""
+"""Places around a primary ray, of which the mean of a texture is taken."""
 
 
 def make_meet(
@@ -48,7 +48,7 @@ def make_meet(
         width: wp.vec2,
         time: float,
     ):
-        """Return the normal that light sees, the surface's material, and the normal by which light is kept.
+        """Return the normal that light sees, the surface's material, and the normal by which light is cached.
 
         Last comes the light that was asked first, where rays to lights go before textures are read. ``far`` is how far
         the ray came.
@@ -60,7 +60,7 @@ def make_meet(
             if wp.static(not primary_only):
                 chance = uniform2(stream, dimension + sampling.LOBE)[1]
             point.material = pick(scene.materials, point, chance)
-        # Light is kept by how a surface lies, without its normal map: cells know the mean of all that it bends.
+        # The cache uses the normal without its map: cells hold the mean of all that the map bends.
         kept_normal = point.shading_normal
         if wp.static(features.normal_maps and not (primary_only and features.light_cache)):
             point.shading_normal = mapped_normal(scene.materials, point, -direction)
@@ -117,7 +117,7 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
 
 
 def make_detailed(features: Features, textured: Any) -> Any:
-    """Return the Warp function ``detailed``: whether rays look there for what is finer than a pixel."""
+    """Return the Warp function ``detailed``: whether a material has detail that is finer than a pixel."""
 
     @wp.func
     def detailed(materials: Materials, material: int) -> bool:

@@ -72,7 +72,7 @@ def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: 
 def centre_surface(
     surfaces: wp.array(dtype=SeenSurface), corners: wp.array(dtype=Sample), nearest: int, row: int, coats: bool
 ):
-    """Put the one thing that a pixel shows where its corners see it on average: few rays inside are off the middle."""
+    """Put the one surface that a pixel shows at the mean of what its corners see: that of few rays is off centre."""
     if surfaces[0].rays <= 0.0:
         surfaces[0].emission = wp.vec3()
         surfaces[0].albedo = wp.vec3()

@@ -1,4 +1,4 @@
-"""How many samples pixels get: what may change from frame to frame, and what is kept between them."""
+"""The sample budget of pixels: how many paths and primary rays each gets in a frame, by interest maps."""
 
 from __future__ import annotations
 
@@ -22,31 +22,31 @@ TIMELY = 0.25
 STILL = 0.05
 """Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
 _INSIDE = 4
-"""First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at; an eighth of
-all, where that is more …"""
+"""Primary rays after which a pixel may be found to show one surface, if its corners are not sampled; an eighth of all,
+where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
-"""… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
+"""… and if they are, pairs of a number and the rays inside below it: these find what is smaller than a pixel."""
 _IN_SHADOW = 8
-"""Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
+"""Primary rays in a part-lit pixel, over the root of those in one that shows several surfaces."""
 _MOST_IN_SHADOW = 2
-"""They are no more than so many times those."""
+"""The former are at most so many times the latter."""
 _IN_SHADOW_STILL = 3
-"""Rays by that root where other light is kept on surfaces and shadows lie still: such pixels take much of the time, and
-what fires is where shadows move."""
+"""The same as `_IN_SHADOW` with cached light where shadows lie still: such pixels take much of the time, and events
+come from where shadows move."""
 _AT_CONTRAST = 16
-"""Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
+"""Largest multiple of the primary rays where surfaces differ in brightness, with cached light …"""
 _ENOUGH_FOR_CONTRAST = 16
-"""… if there are so many of these rays …"""
+"""… if there are so many of these rays."""
 _ENOUGH_TO_REFINE = 12
-"""First-hit rays from which on more look where an event is near: …"""
+"""Primary rays from which on more are used where an event is near, …"""
 _AT_EVENT, _AT_EVENT_CACHED = 6, 8
-"""… at most so many times as many, or where light is kept, …"""
+"""… at most so many times as many, the second with cached light, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
 _ENOUGH_TO_ASK = 16
-"""First-hit rays from which on each corner asks the lamps, where other light is kept."""
+"""Primary rays from which on each corner traces a shadow ray, with cached light."""
 ENOUGH_FOR_EDGES = 8
-"""First-hit rays from which on corners are looked at, and edges placed."""
+"""Primary rays from which on corners are sampled, and edges placed."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
@@ -59,10 +59,10 @@ class Effort:
         spp: paths where the most are needed to tell whether, or when, an event fires.
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
-        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
-            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel, but
-            no more than twice as many (three times the root where light is kept on surfaces and shadows lie still).
-        every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
+        first_hit_rays: primary rays where a pixel shows more than one surface. Where direct light is analytic, a
+            part-lit pixel gets at least eight times the root of that, but no more than twice as many (three times the
+            root with cached light where shadows lie still).
+        every: a pixel that needs no more is probed in every n-th frame, at another phase than its neighbours.
     """
 
     spp: int
@@ -101,12 +101,12 @@ class PrimarySetup:
 
 
 def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False, moves: bool = True) -> Any:
-    """Return how many first-hit rays a pixel gets by what it shows.
+    """Return how many primary rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
-        sight: what they see.
-        kept: whether light is kept on surfaces.
+        primary_setup: what they see.
+        cached: whether light is cached on surfaces.
         moves: whether shadows may move over these.
     """
     primary_rays: Any = PrimaryRays()
@@ -195,7 +195,7 @@ class Steerer(MapReader):
         *,
         refines: bool = True,
     ) -> None:
-        """Allocate what is kept from frame to frame.
+        """Allocate the state from frame to frame.
 
         Where it never ``refines``, a pixel is seen by as many rays in each frame, and between frames.
         """
@@ -234,7 +234,7 @@ class Steerer(MapReader):
         # Where all get the same there is nothing to ask, and maybe nobody who answers.
         board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
         if index <= self._index or self._restarts:
-            # Nothing that was kept tells of this frame.
+            # No earlier state tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
             self._refined.fill(self._refines and board is not None)

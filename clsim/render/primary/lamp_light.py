@@ -125,9 +125,9 @@ def triangle_irradiance(a: wp.vec3, b: wp.vec3, c: wp.vec3, normal: wp.vec3) -> 
 
 
 def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
-    """Return the Warp function ``light_surfaces(lights, geometry, materials, things, number, time)``.
+    """Return the Warp function ``light_surfaces(lights, geometry, materials, surfaces, number, time)``.
 
-    It adds to the ``emission`` of each thing that a pixel shows what light straight from lamps it reflects.
+    It adds to the ``emission`` of each surface of a pixel the direct light that it reflects.
     ``on_lamp`` is of `make_lights`, which takes the same ``shining``.
     """
     sphere_at = make_sphere_at(features)
@@ -209,7 +209,7 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                     lit = first.lamp_lit
                     most = first.lamp_all
                 if most <= 0.0:
-                    # Nothing was asked here: as much as of the thing before arrives.
+                    # No shadow ray started here: the visibility is that of the surface before.
                     lit = share
                     most = 1.0
                 share = lit / most

@@ -1,6 +1,6 @@
 # Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""Where on the image things go in a step of time, as Warp kernels, by single rays.
+"""The motion field: where on the image surfaces go in a step of time, by single rays, as Warp kernels.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
 pinhole or orthographic, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes
@@ -22,7 +22,7 @@ _ITERATIONS = wp.constant(4)
 _NEAR_PX = wp.constant(0.002)
 """After so small a step of Newton's method the next one would be below 10⁻⁴ pixels."""
 _FARTHEST = wp.constant(4.0)
-"""Widths of the picture beyond which it does not matter where things are."""
+"""Widths of the picture beyond which it does not matter where surfaces are."""
 _SKY_M = wp.constant(1.0e6)
 FRACTIONS = 256
 """Into how many parts a pixel is divided where lengths of ways are compared."""
@@ -32,7 +32,7 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, blocks, apart, start, at, seen, places, out_ways)``.
+    """Return the kernel ``follow(scene, camera, settings, blocks, spacing, start, at, seen, places, out_ways)``.
 
     A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``spacing`` pixels wide and
     high, and one pixel of it is followed: the first, or in every other block, as on a chessboard, the last, so that no
@@ -77,7 +77,7 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         """Return where a pinhole without distortion sees a place."""
         image = camera.images[instant]
         way = wp.inverse(wp.transpose(image)) * (place - camera.positions[instant])
-        # What is behind the camera is as far away as what is beside it.
+        # What is behind the camera counts as far away as what is at its side.
         at = wp.vec2(way[0], way[1])
         return at / wp.max(way[2], wp.length(at) / (_FARTHEST * float(width)))
 

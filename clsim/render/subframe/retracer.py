@@ -32,7 +32,7 @@ _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
 """First-hit rays at most that a pixel may get for what a path costs."""
 _POSES_REMEMBERED = 4
-"""Stands of the camera from which is kept what is seen: those of the ends of a step and of its middle, and none."""
+"""Camera poses of which the places seen are remembered: the ends of a step and its middle, and none."""
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
 
@@ -132,7 +132,7 @@ class Retracer:
         return planes
 
     def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
-        """Return how far things go on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
+        """Return how far surfaces move on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
 
         The first is the way of what a pixel sees at the start, the second that of what it sees at the end, the third
         the longest that leads over it or a neighbour. None where nothing moves meanwhile.
@@ -172,7 +172,7 @@ class Retracer:
     def bounds(self) -> npt.NDArray[np.bool_] | None:
         """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
 
-        None where that is not known, since no rays look through pixels' corners, or things move by themselves.
+        None where that is not known, since no rays go through pixels' corners, or objects move by themselves.
         """
         corners = self._corners
         if corners is None:
@@ -327,7 +327,7 @@ class Retracer:
         return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
 
     def _places_seen_from(self, pose_key: bytes | None) -> Any:
-        """Return the room for what is seen from a stand of the camera, where all else rests; None keeps nothing."""
+        """Return the array of places seen from a camera pose, where all else rests; None remembers nothing."""
         places = self._places_by_pose.pop(pose_key, None)
         if places is None and len(self._places_by_pose) >= _POSES_REMEMBERED:
             places = self._places_by_pose.pop(next(iter(self._places_by_pose)))
