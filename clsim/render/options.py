@@ -171,7 +171,7 @@ class RenderOptions:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
     def features(self, scene: SceneFeatures, camera: Camera, requests: bool = False, replay: bool = False) -> Features:
-        """Return what the kernel has with which a camera looks at such a scene, at all pixels or those of requests."""
+        """Return the features of the kernel for such a scene and camera, for all pixels or those of requests."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
         return view_features(
             scene,
@@ -188,5 +188,5 @@ class RenderOptions:
         )
 
     def features_of(self, world: World) -> Features:
-        """Return what the kernel has with which the world's own camera looks at it."""
+        """Return the features of the kernel for a world and its own camera."""
         return self.features(scene_features(world, world.camera.shutter_s), world.camera)

@@ -57,7 +57,7 @@ def test_paths_go_where_events_are_near() -> None:
     assert summary["governor"] is None
 
 
-def test_pixels_take_turns_in_a_live_run() -> None:
+def test_pixels_are_probed_at_different_phases_in_a_live_run() -> None:
     summary = summary_of(
         "moving-light", sampling="uniform", first_hit_rays=4, spp=1, probe_every=3, frame_count=10, fps=60.0
     )
@@ -107,7 +107,7 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_light_is_kept_where_only_the_camera_moves() -> None:
+def test_light_is_cached_where_only_the_camera_moves() -> None:
     """Kept light finds the events of a run with far more paths better than paths of each frame do."""
     gains = []
     for seed in range(3):

@@ -1,4 +1,4 @@
-"""Named points of speed against accuracy, and what holds beside them."""
+"""Named points of speed against accuracy, and settings that are given with them."""
 
 import json
 from dataclasses import asdict, replace
@@ -50,7 +50,7 @@ def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() ->
     assert options(quality="accurate", spp=1).point.probe_spp == 1
 
 
-def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
+def test_pixels_wait_for_their_probe_only_where_there_is_state_from_frame_to_frame() -> None:
     assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
     assert options(quality="balanced", probe_every=3).point == replace(QUALITIES["balanced"], probe_every=3)
     assert "1 to 8 spp, pixels probed each 16 frames, 32" in QUALITIES["balanced"].text()
@@ -78,7 +78,7 @@ def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
     assert options(event_rule="interpolated").point.event_rule == "interpolated"
 
 
-def test_what_rules_kept_light_out_makes_the_default_uniform() -> None:
+def test_what_rules_cached_light_out_makes_the_default_uniform() -> None:
     uniform = replace(UNCACHED["balanced"], sampling="uniform", probe_every=1)
     assert options(noise="independent").point == replace(uniform, noise="independent")
     assert options(first_hit_rays=0).point == replace(uniform, first_hit_rays=0)
@@ -256,7 +256,7 @@ def test_wrong_sampling_is_told_in_a_sentence(given: dict[str, object], message:
     assert str(caught.value) == message
 
 
-def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
+def test_cached_light_has_points_of_its_own() -> None:
     for name in UNCACHED:
         point = options(quality=name).point
         assert options(quality=name, sampling="cached").point == point
@@ -269,7 +269,7 @@ def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("given", [{"quality": "exact"}, {"first_hit_rays": 0}, {"noise": "independent"}])
-def test_light_cannot_be_kept_without_what_it_needs(given: dict[str, object]) -> None:
+def test_light_cannot_be_cached_without_what_it_needs(given: dict[str, object]) -> None:
     with pytest.raises(InputError, match=r"needs `(first_hit_rays|noise)`"):
         options(sampling="cached", **given)
 

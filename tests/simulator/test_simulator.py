@@ -51,7 +51,7 @@ def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, obje
         ("cornell", {"quality": "draft"}),
         pytest.param("moving-light", {"quality": "accurate"}, marks=pytest.mark.slow),
     ],
-    ids=["paths kept", "things go slowly", "a lamp moves"],
+    ids=["paths stored", "objects go slowly", "a lamp moves"],
 )
 def test_where_a_live_run_chooses_by_the_scene_so_does_a_simulator(scene: str, options: dict[str, object]) -> None:
     expected = live(scene, **options)

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """Meshes, instances and spheres, where they are, and points on them, as Warp functions."""
 
@@ -231,7 +230,7 @@ def make_shading_row(features: Features) -> Any:
 
 
 def make_row(features: Features) -> Any:
-    """Return the Warp function ``row_at(count, index, time)``: where a table has number ``index`` of ``count`` things.
+    """Return the Warp function ``row_at(count, index, time)``: the row of a table for item ``index`` of ``count``.
 
     A ray's ``time`` goes from 0 to 1 through the interval; where there are ``instants``, it is the instant's number.
     """

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """Where a place on a surface is while what it lies on rests: the same for all times, as a Warp function."""
 

@@ -1,4 +1,4 @@
-"""The width below which no thing in a world lies: what looks wider than a pixel hides between no corners of one.
+"""The smallest width of anything in a world: what is seen wider than a pixel hides between no corners of one.
 
 A sheet is as wide as its triangles, but not where it is seen on its edge.
 """

@@ -169,7 +169,7 @@ class GeometryData:
             self._moving_poses = poses[0, self.moving]
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
-            # A tree that is only fitted makes rays ever slower as objects disperse. To build it anew takes .4 µs an
+            # A tree that is only fitted makes rays ever slower as objects disperse. To rebuild it takes .4 µs an
             # instance, which is less than to tell whether it is worth it, and much less than to find where all are.
             self._instance_tree.rebuild()
             if self._features.motion_blur:

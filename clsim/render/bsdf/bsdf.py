@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """How surfaces scatter light: one pair of Warp functions for all scattering models that a scene has.
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046
 """The kernel that shades pixels from the radiance cache, and traces paths that refine it.
 

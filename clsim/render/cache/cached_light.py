@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """Radiance of a pixel gathered from the radiance cache (`light_cache.py`), as Warp functions.
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """The radiance cache: means of what paths found, in the cells of a hashed grid on surfaces.
 

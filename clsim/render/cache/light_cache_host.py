@@ -40,7 +40,7 @@ _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
 _NEVER = math.inf
-"""More than can be known."""
+"""A threshold that no number of paths reaches, so that all paths are traced."""
 _PASSES_OF_FIRST = 2
 """Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
 _KNOWN_AT_FIRST = 0.28

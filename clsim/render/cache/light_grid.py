@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """Where the cells of `light_cache.py` lie: cubes of a hashed grid, and the rows of a table that hold them."""
 

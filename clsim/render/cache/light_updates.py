@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """How the cells of `light_cache.py` come to know light: kernels that run between frames.
 

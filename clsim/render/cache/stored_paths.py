@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """Stored paths: in cells of the cache, traced again with the same random numbers when what they met has moved.
 
@@ -193,8 +192,8 @@ def add_paths(
 ):
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
-    A thread is a path, from ``first`` on. Where lamps move and are followed in turn, changes are ``steady``: paths that
-    were not traced again change as they did before.
+    A thread is a path, from ``first`` on. Where lamps move and each frame follows a part of the paths, changes are
+    ``steady``: paths that were not traced again change as they did before.
     """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Where a stored path goes: its places, and those of the lights that these asked, as Warp functions.
 

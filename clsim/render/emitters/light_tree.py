@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046, SIM102
 """Which of many lights is drawn for a point: by what each may send there, down a tree of lights.
 

@@ -115,7 +115,7 @@ def _groups(bounds: _Rows, order: _I64) -> _Rows:
 
 
 def _arrange(places: _F64) -> _I64:
-    """Return which light stands where in the last row, −1 for none: halves of a group lie apart along its widest axis.
+    """Return which light stands where in the last row, −1 for none: halves of a group are split along its widest axis.
 
     All groups of a row are split at once; each half gets half of the lights, so that all ways down are as long.
     """

@@ -14,7 +14,7 @@ Strategy = Literal["mis", "light", "scatter"]
 
 @dataclass(frozen=True)
 class SceneFeatures:
-    """What a world on a device has, whoever looks at it.
+    """What a world on a device has, whatever the camera.
 
     Attributes:
         two_level: something moves or deforms, and rays pass through a tree over instances; else one mesh holds all.
@@ -142,7 +142,7 @@ class Features(SceneFeatures):
 
     @property
     def shadow_rays(self) -> bool:
-        """Whether it is told which rays of a pixel reach the lamps: all do or do not, and the light is kept."""
+        """Whether kernels record which shadow rays of a pixel reach the lamps: direct light is analytic, and cached."""
         return self.light_cache and self.lamp_light and self.sharp and not self.alpha
 
     @property
@@ -217,7 +217,7 @@ def view_features(
     lights_set: bool = False,
     replay: bool = False,
 ) -> Features:
-    """Return the features of the kernel with which a camera looks at such a scene."""
+    """Return the features of the kernel with which a camera renders such a scene."""
     lamp_light = first_hits and has_analytic_direct_light(scene, strategy)
     changes = light_cache and (scene.light_changes or lights_set)
     about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}

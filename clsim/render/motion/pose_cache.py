@@ -25,7 +25,7 @@ class PoseCache:
         if found is None:
             if len(self._known) >= _MOST:
                 self._known.clear()
-            # While it is kept, nobody else has its number.
+            # While it is held, nobody else has its number.
             self._kept[id(motion)] = motion
             found = self._known[key] = motion.pose(time_s)
         return found

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 """The interval of time that a scene's data covers: what moves has poses at equal steps through it, the keys.
 
 Between two keys, positions go along the cubic with the speeds that motions have there (Hermite's), rotations by slerp,

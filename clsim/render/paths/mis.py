@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """How both ways to find light share it (Veach 1997), as a Warp function."""
 

@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """Light that a path finds: where it ends on a lamp or in the sky, and by asking a light, as Warp functions."""
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """The kernels that trace chosen pixels at chosen times, with the random numbers that these pixels have in every frame.
 

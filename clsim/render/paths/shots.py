@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """Rays of the camera, through places in a picture and in time, as Warp functions."""
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """The way from a point to a light: whether light passes there, and shadow rays that go before textures are read.
 

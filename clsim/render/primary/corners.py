@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """What a pixel's four corners tell of it, as Warp functions.
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046, SIM102
 """The straight edge that may cross a pixel: what its corners tell, and the search for where it lies, as Warp functions.
 

@@ -211,7 +211,7 @@ class Steerer(MapReader):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What the kernel takes beside the scene and the frame; ``steering`` changes with each frame."""
+        """Arguments of the kernel without the scene and the frame; ``steering`` changes with each frame."""
         return {
             "steering": Steering(),
             "grades": self._device_grades,

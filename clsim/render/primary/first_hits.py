@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, SIM102, RUF046
 """Primary rays: what a pixel shows, by the first hits alone.
 

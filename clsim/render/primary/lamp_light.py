@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018, RUF046
 """Light straight from lamps on what a pixel shows, without noise where nothing stands between, as Warp functions.
 

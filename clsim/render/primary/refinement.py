@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """Refinement of primary sampling: how many more rays a pixel gets after the first ones.
 

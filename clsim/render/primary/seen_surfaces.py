@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """The surfaces that a pixel shows, each with its share of the pixel's area, as Warp functions.
 

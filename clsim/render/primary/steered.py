@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """The kernel that spends samples where they are worth their cost.
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """The motion field: where on the image surfaces go in a step of time, by single rays, as Warp kernels.
 
@@ -83,7 +82,7 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
 
     @wp.func
     def searched(camera: CameraState, place: wp.vec3, instant: int, near: wp.vec2, width: int) -> wp.vec2:
-        """Return where a lens sees a place, looking for it from another place of the image on."""
+        """Return where a lens sees a place, by a search that begins at another place of the image."""
         at = near
         left = int(_ITERATIONS)
         while left > 0:

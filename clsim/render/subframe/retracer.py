@@ -41,7 +41,7 @@ class Retracer:
     """One camera's pixels, traced where and when somebody asks.
 
     A pixel has the same bits at a time as in the frame of that time, as far as its planes are here: of frames with
-    first-hit rays those that such rays find, and instead of radiance emission alone, unless light is kept on surfaces:
+    primary rays those that such rays find, and instead of radiance emission alone, unless light is cached on surfaces:
     then radiance is in the light of the last frame.
 
     Attributes:
@@ -63,10 +63,10 @@ class Retracer:
         Args:
             data: what is rendered, with a place for each of several instants; nothing else moves it.
             options: how it is rendered; as for the frames.
-            view: returns what renders the frames: requests have its first-hit rays, and the light that it keeps on
-                surfaces. Where it does, it must be given.
+            view: returns what renders the frames: requests have its primary rays, and its radiance cache. Where there
+                is one, it must be given.
             by_frames: whether of rays in soft shadows only those are traced that differ between the frames around,
-                where light is kept at a pace: a pixel has its brightness to about 0.1 % then.
+                where light is cached at a pace: a pixel has its brightness to about 0.1 % then.
 
         Raises:
             InputError: frames have noise of their own, or the camera exposes for a while.

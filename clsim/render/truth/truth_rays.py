@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: RUF046, SIM102, UP018
 """The kernels of truth: what the middle of each pixel shows, and where that goes.
 

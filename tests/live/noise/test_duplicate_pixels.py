@@ -1,4 +1,4 @@
-"""How much is noise by a second look: against other code that fires and matches events."""
+"""The noise share by duplicate pixels: against other code that fires and matches events."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ STEP_US = 8_333
 PIXELS = 40
 
 
-def noise_share(looks, step_us=STEP_US):
+def noise_share(replicas, step_us=STEP_US):
     """Of log luminances ``[2, T, PIXELS]``."""
     duplicates = DuplicatePixels(CONFIG)
-    for k in range(looks.shape[1]):
-        duplicates.take(np.exp(looks[:, k]).astype(np.float32), k * step_us)
+    for k in range(replicas.shape[1]):
+        duplicates.take(np.exp(replicas[:, k]).astype(np.float32), k * step_us)
     return duplicates.noise_share
 
 
@@ -38,11 +38,11 @@ def fired(levels, step_us=STEP_US):
 def test_the_share_is_that_of_events_that_an_optimal_match_leaves_alone(seed, noise, step_us):
     random = np.random.default_rng(seed)
     scene = random.normal(0, 0.15, (30, PIXELS)).cumsum(0) - 1
-    looks = scene + noise * random.normal(0, 1, (2, 30, PIXELS))
-    events = [fired(replica, step_us) for replica in looks]
+    replicas = scene + noise * random.normal(0, 1, (2, 30, PIXELS))
+    events = [fired(replica, step_us) for replica in replicas]
     pairs = len(one_to_one(*events, Sampling(PIXELS, 1, 1e6 / step_us), WITHIN_US))
     total = sum(map(len, events))
-    assert noise_share(looks, step_us) == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
+    assert noise_share(replicas, step_us) == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
 
 
 def test_few_events_tell_nothing():
@@ -53,8 +53,8 @@ def test_few_events_tell_nothing():
 
 
 @pytest.mark.parametrize("seam_us", [0, 2 * STEP_US])
-def test_a_new_pass_begins_anew(seam_us):
-    """A jump at the seam of a loop is no event of either look, nor is one where the governor changes the samples."""
+def test_a_new_pass_restarts(seam_us):
+    """A jump at a loop's seam is no event of either replicate, nor is one where the governor changes the samples."""
     duplicates = DuplicatePixels(CONFIG)
     for time_us, first in ((0, 1.0), (STEP_US, 1.0), (seam_us, 9.0), (seam_us + STEP_US, 9.0)):
         if first == 9.0 and time_us == 2 * STEP_US:

@@ -56,7 +56,7 @@ def test_a_few_frames_are_judged_and_where_nobody_knows_none():
 
 
 class Sees:
-    """A detector of 62 pixels, of which the first and the last are among those that ideal pixels look at."""
+    """A detector of 62 pixels, of which the first and the last are among those that are judged as ideal pixels."""
 
     def __init__(self, first_error, last_error):
         self.errors = np.full((2, 31), np.nan, np.float32)

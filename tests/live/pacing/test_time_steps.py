@@ -140,7 +140,7 @@ def test_light_cannot_be_set_while_time_is_adaptive():
 
 
 def test_where_lamps_move_frames_are_as_many_as_without_and_it_is_told():
-    """Light found anew knows nothing of a lamp's way between frames; kept light and whole paths do."""
+    """Uncached light knows nothing of a lamp's way between frames; cached light and whole paths do."""
     moving, kept, whole, still = (
         plan_stages(LiveOptions(scene, time="adaptive", **given))
         for scene, given in (

@@ -58,7 +58,7 @@ def test_it_is_no_more_than_a_lamps_diameter():
 
 
 @pytest.mark.usefixtures("ordinary")
-def test_no_ray_looks_for_what_cannot_be_there():
+def test_no_ray_searches_for_what_cannot_be_there():
     """A crumb behind the camera makes rays look everywhere; that costs rays, and shows nothing else."""
     scene = textured_world()
     floor, _, lamp = scene.meshes

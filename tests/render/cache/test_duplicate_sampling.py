@@ -1,4 +1,4 @@
-"""A second look by paths alone: it is what another run sees, and changes nothing."""
+"""Duplicate sampling by paths alone: it is what another run sees, and changes nothing."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("ordinary")
 
 
 @pytest.mark.parametrize("noise", ["common", "independent"])
-def test_a_second_look_is_that_of_the_complement_of_the_seed(noise):
+def test_duplicate_pixels_are_those_of_the_complement_of_the_seed(noise):
     world, given = panning(textured_world()), {"first_hit_rays": 0, "spp": 8, "noise": noise}
     once, twice = (Run(world, duplicate_every=every, **given) for every in (0, 3))
     other = Run(world, seed=2**64 - 1, **given)
@@ -39,19 +39,20 @@ def test_patches_are_those_of_the_complement_of_the_seed():
         seen, differs = twice.tracer.sampled_twice(twice.frame), other.fill(index).planes
         assert seen.shape == (2, len(twice.frame.names), 12, 4)
         for k, (x, y) in enumerate(patches.corners):
-            for look, planes in zip(seen, (twice.frame.planes, differs), strict=True):
-                np.testing.assert_array_equal(look[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
+            for estimate, planes in zip(seen, (twice.frame.planes, differs), strict=True):
+                np.testing.assert_array_equal(estimate[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
 
 
 @pytest.mark.slow
-def test_where_things_move_two_looks_differ_as_two_seeds_do():
+def test_where_objects_move_two_estimates_differ_as_two_seeds_do():
     """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
     world = load_world("cornell", resolution=(48, 36))
     given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
     primary_rays, seeds, dark = [], [], 1e-3
     for seed in range(3):
         once, twice, other = (
-            Run(world, seed=seed + apart, duplicate_every=every, **given) for every, apart in ((0, 0), (1, 0), (1, 100))
+            Run(world, seed=seed + offset, duplicate_every=every, **given)
+            for every, offset in ((0, 0), (1, 0), (1, 100))
         )
         for index in range(0, 32, 8):
             frames = [run.fill(index) for run in (once, twice, other)]
@@ -66,7 +67,7 @@ def test_where_things_move_two_looks_differ_as_two_seeds_do():
     np.testing.assert_allclose(*spread, rtol=0.35)
 
 
-def test_first_hit_rays_without_kept_light_are_not_looked_at_again():
+def test_first_hit_rays_without_cached_light_have_no_duplicates():
     with pytest.raises(InputError, match="`duplicate_every` 3 needs `light_cache` or no `first_hit_rays`"):
         RenderOptions(duplicate_every=3, first_hit_rays=8)
     for given in ({"first_hit_rays": 8}, {"duplicate_every": 3}):

@@ -1,4 +1,4 @@
-"""Light kept on surfaces: it comes to the truth, learning it is no event, and nothing moves where it is kept."""
+"""The radiance cache: it comes to the truth, learning it is no event, and nothing moves where it is used."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def test_the_light_comes_to_the_truth():
     world = textured_world()
     run = Run(world, **CACHED)
     for index in range(24):
-        kept = run.fill(index)
+        cached = run.fill(index)
     truth = hw.render(world, spp=1024, sampler="sobol")
-    ratio = luminance(kept).mean() / luminance(truth).mean()
+    ratio = luminance(cached).mean() / luminance(truth).mean()
     assert ratio == pytest.approx(1.0, abs=0.05)
 
 
@@ -103,7 +103,7 @@ def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
 
 
 @pytest.mark.parametrize("light_hz", [None, 1e6])
-def test_a_second_look_changes_nothing_and_sees_the_same_but_for_noise(light_hz):
+def test_duplicate_pixels_change_nothing_and_see_the_same_but_for_noise(light_hz):
     """Also where each frame is shown in the light as it was known before."""
     world = panning(textured_world())
     once, twice = (Run(world, duplicate_every=every, light_hz=light_hz, **CACHED) for every in (0, 3))
@@ -120,11 +120,11 @@ def test_a_second_look_changes_nothing_and_sees_the_same_but_for_noise(light_hz)
 
 
 @pytest.mark.parametrize("world", [panning(textured_world()), dim_room()], ids=["floor", "dim room"])
-def test_two_looks_differ_as_two_seeds_do(world):
-    """By the noise of first hits, which is most of it on the floor, and of the light that is kept."""
+def test_two_estimates_differ_as_two_seeds_do(world):
+    """By the noise of first hits, which is most of it on the floor, and of the cached light."""
     primary_rays, seeds, dark = [], [], 1e-3
     for seed in range(4):
-        twice, other = (Run(world, seed=seed + apart, duplicate_every=1, **CACHED) for apart in (0, 100))
+        twice, other = (Run(world, seed=seed + offset, duplicate_every=1, **CACHED) for offset in (0, 100))
         for index in range(0, 16, 4):
             seen, differs = (luminance(run.fill(index)).reshape(-1) for run in (twice, other))
             one, again = twice.tracer.sampled_twice(twice.frame)
@@ -135,7 +135,7 @@ def test_two_looks_differ_as_two_seeds_do(world):
     np.testing.assert_allclose(*spread, rtol=0.6)
 
 
-def test_two_looks_at_a_still_picture_stay_as_they_are():
+def test_two_estimates_of_a_still_picture_stay_as_they_are():
     run = Run(textured_world(), duplicate_every=1, **CACHED)
     run.fill(0)
     first = run.tracer.sampled_twice(run.frame).copy()
@@ -146,7 +146,7 @@ def test_two_looks_at_a_still_picture_stay_as_they_are():
     assert np.quantile(change, 0.95) < 0.005 and change.max() < 0.1
 
 
-def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
+def test_pixels_whose_surfaces_differ_in_brightness_get_more_rays(monkeypatch):
     """A lamp before a floor and the sky: the shares of what lies in one pixel are counted well."""
     world = textured_world()
 
@@ -164,7 +164,7 @@ def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
 
 @pytest.mark.slow
 def test_lamps_smaller_than_a_pixel_do_not_vanish():
-    """Dots between the corners of pixels, seen by the fewest rays of kept light: one looks into each pixel."""
+    """Dots between the corners of pixels, seen by the fewest rays with cached light: one inside each pixel."""
     side = 2 * np.tan(np.radians(20.0)) / 16
     lamps = [
         hw.quad(((x - 7.85) * side, (y - 7.85) * side, -1), (0.7 * side, 0, 0), (0, 0.7 * side, 0), material=1)
@@ -189,7 +189,7 @@ def test_paths_are_spent_where_little_is_known():
 
 @pytest.mark.slow
 def test_where_paths_find_all_light_most_are_traced_at_first():
-    """Two passes will do where light is even; the first looks nowhere. What comes into view is soon known as well."""
+    """Two passes will do where light is even; the first has no primary rays. What comes into view is soon known too."""
     world = textured_world()
     world = panning(replace(world, materials=(world.materials[0], hw.GREY)))
     assert not direct_light_is_analytic(world)
@@ -312,9 +312,9 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
     floor = hw.quad((-30, 0, 30), (60, 0, 0), (0, 0, -60))
     view = hw.camera(hw.look_from((0, 2, 5), (0, 0, 0)), 24, 18)
     world = hw.world(floor, materials=(coated,), view=view, environment=(1.0, 1.0, 1.0))
-    kept = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
+    cached = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
     truth = luminance(hw.render(world, spp=256, sampler="sobol"))
-    np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
+    np.testing.assert_allclose(cached.mean(axis=1), truth.mean(axis=1), rtol=0.01)
 
 
 def floor_in_lamplight(floor, *textures):
@@ -331,23 +331,23 @@ def floor_in_lamplight(floor, *textures):
 
 @pytest.mark.slow
 def test_what_is_glossy_keeps_the_shadows_of_lamps():
-    """Beside a wall for which light straight from the lamp is found apart, so that few paths would do."""
+    """Next to a wall with analytic direct light, for which few paths would do."""
     world = floor_in_lamplight(Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.8))
     assert direct_light_is_analytic(world)
     truth = log_brightness(hw.render(world, spp=2048, sampler="sobol"))
-    kept = Run(world, first_hit_rays=32, light_cache=True, spp=32, probe_spp=1).fill(0)
-    assert np.sqrt(np.mean((log_brightness(kept) - truth) ** 2)) < 0.25
+    cached = Run(world, first_hit_rays=32, light_cache=True, spp=32, probe_spp=1).fill(0)
+    assert np.sqrt(np.mean((log_brightness(cached) - truth) ** 2)) < 0.25
 
 
 def test_lamps_alone_are_nothing_to_be_lit():
-    """They count as diffuse, but no light is found apart for them."""
+    """They count as diffuse, but have no analytic direct light."""
     world = floor_in_lamplight(Material(kind="conductor", alpha=0.3))
     assert direct_light_is_analytic(world)
     assert not direct_light_is_analytic(replace(world, materials=(world.materials[2], *world.materials[1:])))
 
 
 @pytest.mark.slow
-def test_a_normal_map_is_no_edge_where_light_is_kept():
+def test_a_normal_map_is_no_edge_where_light_is_cached():
     """The cells know the mean light of all that it bends, so it takes no more rays to see."""
     rough = Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.4)
     texels = np.array([[[230, 128, 204, 255], [25, 128, 204, 255]]], np.uint8)
