@@ -23,17 +23,17 @@ class Point:
     sampling: Sampling
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
-    ``cached`` keeps light on surfaces, and paths that follow it where something moves; few will do where it is known.
+    ``cached`` has a radiance cache on surfaces, and stored paths that follow the light where something moves.
     """
     probe_spp: int
     """Light paths that every pixel gets, where sampling is adaptive or cached."""
     spp: int
     """Light paths per pixel and frame; where sampling is adaptive or cached, at most."""
     first_hit_rays: int
-    """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
+    """Largest number of primary rays per pixel, which find the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
     probe_every: int = 1
-    """Frames in which the light of all pixels is found once, in turn; in each where it may decide about an event."""
+    """Frames in which the light of each pixel is found once; in each frame where it may decide about an event."""
     noise: Noise = "common"
     """Whether every frame has the same random numbers, so that noise cancels in differences, or its own."""
     gate: Gate = "radiance"

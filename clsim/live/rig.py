@@ -111,7 +111,7 @@ def run_all(sessions: list[Session]) -> None:
         for session in sessions:
             session.start()
         running = sessions
-        while running:  # all in turn: one may fail while another would run for ever
+        while running:  # polled: one may fail while another would run for ever
             running = [session for session in running if not session.pipeline.wait(0.1)]
     except BaseException:
         for session in sessions:

@@ -153,7 +153,7 @@ class Refiner(Between):
         order = np.lexsort((all_times, pixels))
         unknown = np.full(len(pixels), np.inf)
         knots = Knots(pixels[order], all_times[order], found[order], unknown, self._linear_light)
-        knots.guess_bulges()
+        knots.guess_error_bounds()
         return knots
 
     def _sharpen(self, path: BrightnessPath, active: I64, knots: Knots, references: npt.NDArray[np.float64]) -> Knots:

@@ -17,7 +17,7 @@ from clsim.render.accel.placement import Placement, uvs
 from clsim.render.device.arrays import array, write
 from clsim.render.features.features import SceneFeatures
 from clsim.render.motion.deform import DeformingMesh, box, deforms, flat_or_smooth
-from clsim.render.motion.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
+from clsim.render.motion.shutter import SHUTTER_KEYS, chord_error, key_steps, quaternions
 from clsim.scene import Mesh, Motion, SphereLight
 from clsim.scene.meshes.geometry import colors_of
 
@@ -232,7 +232,7 @@ class GeometryData:
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
         if self._features.motion_blur:
             farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)), axis=1)
-            beyond = bulge(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
+            beyond = chord_error(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
             lowers, uppers = lowers - beyond, uppers + beyond
         return lowers, uppers
 
