@@ -1,4 +1,4 @@
-"""What the user can choose about detection."""
+"""Options of detection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the user can choose about a live run."""
+"""Options of a live run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which sensor a run has, and what follows from it for detection."""
+"""The sensor of a run, and what follows from it for detection."""
 
 from __future__ import annotations
 

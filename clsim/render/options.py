@@ -1,4 +1,4 @@
-"""How to render a world."""
+"""Options of rendering a world."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LARGEST_SEED = (1 << 64) - 1
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How to render a world."""
+    """Options of rendering a world."""
 
     spp: int = 8
     """Paths per pixel and frame."""

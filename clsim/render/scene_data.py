@@ -115,7 +115,7 @@ class SceneData:
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def add_texture_levels(self) -> None:
-        """Give image textures the coarser levels that first-hit rays read, unless they have them."""
+        """Give image textures the coarser levels that primary rays read, unless they have them."""
         with self.lock:
             if self.features.images and not self._levels:
                 add_levels(self.world, self.scene.materials.textures)

@@ -61,7 +61,7 @@ class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
 
 
 class View:
-    """One camera: its rays, launches, frame memory and steering; a ``clsim.frames.FrameSource``.
+    """A camera's view of a scene: its rays, launches and frame memory; a ``clsim.frames.FrameSource``.
 
     Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
     noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its
@@ -238,10 +238,10 @@ class View:
 
     @property
     def effort(self) -> Effort:
-        """What is spent on a pixel; set it, from any thread, for the next frame on. First-hit rays cannot be left out.
+        """What is spent on a pixel; set it, from any thread, for the next frame on. Primary rays cannot be left out.
 
         With common noise, a change of paths fires no event: the log brightness of a still picture stays within 1e-4.
-        Other numbers of first-hit rays do change a still picture, where it is textured.
+        Other numbers of primary rays do change a still picture, where it is textured.
         """
         if self._steerer is None:
             raise ValueError("only a renderer with first-hit rays has an effort")
@@ -260,7 +260,7 @@ class View:
 
     @property
     def first_hit_rays(self) -> int:
-        """First-hit rays traced so far."""
+        """Primary rays traced so far."""
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     @property

@@ -1,4 +1,4 @@
-"""What drives one camera or several, a step at a time: poses, light, time, and going back (see `clsim.simulator`)."""
+"""The driver of one camera or several, a step at a time: poses, light, time, and going back (see `clsim.simulator`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What objects remember, taken and given back: everything that can be reached from them and may change.
+"""Snapshots of objects' state, taken and restored: everything that can be reached from them and may change.
 
 A class that is added to a detector, a sensor or a renderer is in it without a line of its own.
 """

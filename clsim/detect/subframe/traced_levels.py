@@ -1,4 +1,4 @@
-"""From the planes of pixels that were traced between two frames to their brightness."""
+"""The brightness of pixels that were traced between two frames, from their planes."""
 
 from __future__ import annotations
 

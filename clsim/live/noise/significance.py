@@ -37,7 +37,7 @@ class TellsError(Protocol):
 
 
 class Significance:
-    """Adds up how likely events are noise: the chance that noise alone moves brightness by the threshold.
+    """A noise meter that adds up how likely events are noise: the chance that noise alone moves brightness so far.
 
     The error is that of one frame's brightness. Of a change it is more where noise is new in each frame, and less where
     both have the same: it is off by a half either way.

@@ -1,4 +1,4 @@
-"""Where a run's events go: each output by itself, so that none spoils another."""
+"""Delivery of a run's events to its outputs, each by itself, so that none spoils another."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was traced between two frames, as others may want to have it."""
+"""A record of the pixels that were traced between two frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which frames a run renders, and when."""
+"""The schedule of a run: which frames are rendered, and when."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class Cell:
 
 @wp.struct
 class Followed:
-    """How the light of a cell has changed: it is ``factor`` times what was averaged, and ``more``; stored paths tell.
+    """The change of a cell's light, by its stored paths: it is ``factor`` times what was averaged, and ``more``.
 
     Attributes:
         factor: by which the light has changed.
@@ -128,7 +128,7 @@ class CachedLight:
 
 @wp.struct
 class Asked:
-    """Which cells are asked for the light, and what counts as before.
+    """Settings of a look-up: which cells are read, and what counts as before.
 
     Attributes:
         finest: the first level that is asked; 0 has the finest cells.
@@ -199,7 +199,7 @@ def _off(key: wp.int64, error: float) -> float:
 
 @wp.struct
 class Level:
-    """What the cells of one size know of the light at a point, or those of several sizes.
+    """The light at a point, by the cells of one size or of several.
 
     Attributes:
         light: irradiance over π.

@@ -1,5 +1,5 @@
 # ruff: noqa: UP018, RUF046
-"""How the cells of `light_cache.py` come to know light: kernels that run between frames.
+"""Updates of the radiance cache: kernels that add paths to its cells between frames.
 
 Sums are of whole numbers (`_UNIT` parts), so that their order is without effect and runs are bit-identical.
 """
@@ -20,7 +20,7 @@ their places in the cell, u and v from 0 to 1: of these, of their squares and pr
 each."""
 _COUNT, _SQUARES, _PLACES = wp.constant(3), wp.constant(4), wp.constant(5)
 _PATHS = wp.constant(1)
-"""Of what a pixel spent: first-hit rays, and these."""
+"""Of what a pixel spent: primary rays, and these."""
 _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
 _LEAST_SPREAD = wp.constant(1.0e-4)

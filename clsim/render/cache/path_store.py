@@ -21,7 +21,7 @@ _MOST_BOXES = 16
 
 
 class MovingScene(Protocol):
-    """What is asked of a scene on a device."""
+    """A scene on a device, as far as stored paths need it."""
 
     device: Any
     scene: Any

@@ -43,9 +43,9 @@ _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
 _PATHS = wp.constant(1)
-"""Of what a pixel spent: first-hit rays, and these."""
+"""Of what a pixel spent: primary rays, and these."""
 OWN = wp.constant(1 << 16)
-"""Number of a pixel's first path: beyond those of all first-hit rays."""
+"""Number of a pixel's first path: beyond those of all primary rays."""
 _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)

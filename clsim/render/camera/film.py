@@ -14,7 +14,7 @@ from clsim.render.sampling.sampling import brightness
 
 @wp.struct
 class Sample:
-    """What one camera ray saw; the features are those of the first hit.
+    """A sample: what one camera ray saw; the features are those of the first hit.
 
     ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
     filled in where there are primary rays, and so is ``position``, where the features are. There ``uv`` and

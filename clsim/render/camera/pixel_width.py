@@ -1,4 +1,4 @@
-"""How wide the pixels of a camera are.
+"""The width of a camera's pixels at a distance.
 
 Seen through most lenses they are so many radians wide, and what they show is the wider the farther away it is; through
 an orthographic one they are so many metres wide wherever that is. A pixel is both numbers, of which one is 0.

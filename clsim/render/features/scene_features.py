@@ -1,4 +1,4 @@
-"""Finds what a world has for which kernels are built."""
+"""The features of a world for which kernels are built."""
 
 from __future__ import annotations
 

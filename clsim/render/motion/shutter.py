@@ -1,4 +1,4 @@
-"""The interval of time that a scene's data covers: what moves has poses at equal steps through it, the keys.
+"""The shutter interval that a scene's data covers: what moves has poses at equal steps through it, the keys.
 
 Between two keys, positions go along the cubic with the speeds that motions have there (Hermite's), rotations by slerp,
 and the scale of a pose changes linearly: at ``SHUTTER_KEYS`` = 9, one turn within the interval keeps its radius to

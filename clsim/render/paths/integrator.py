@@ -1,4 +1,4 @@
-"""The path tracing kernel, built for what a scene has: here its parts are put together, `path.py` is what it does."""
+"""The kernel factory: it composes a kernel from the parts that a scene needs; `path.py` is what it does."""
 
 from typing import Any
 

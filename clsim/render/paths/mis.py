@@ -1,5 +1,5 @@
 # ruff: noqa: UP018
-"""How both ways to find light share it (Veach 1997), as a Warp function."""
+"""The MIS weight of light that scattering finds (Veach 1997), as a Warp function."""
 
 from typing import Any
 

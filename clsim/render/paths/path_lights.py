@@ -1,5 +1,5 @@
 # ruff: noqa: SIM102
-"""Light that a path finds: where it ends on a lamp or in the sky, and by asking a light, as Warp functions."""
+"""Light that a path finds: where it ends on a lamp or in the sky, and by next-event estimation, as Warp functions."""
 
 from typing import Any
 
@@ -43,7 +43,7 @@ class Carried:
 
 @wp.struct
 class Sent:
-    """Light that a place sends on, straight from a light.
+    """Direct light that a place reflects.
 
     Attributes:
         radiance: what reaches the camera of it.

@@ -1,5 +1,5 @@
 # ruff: noqa: UP018
-"""Rays of the camera, through places in a picture and in time, as Warp functions."""
+"""Camera rays, through places in a picture and in time, as Warp functions."""
 
 from typing import Any
 

@@ -1,5 +1,5 @@
 # ruff: noqa: SIM102
-"""What a pixel's four corners tell of it, as Warp functions.
+"""The four corners of a pixel, and what they tell of it, as Warp functions.
 
 ``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
 """

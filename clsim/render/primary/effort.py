@@ -53,7 +53,7 @@ _AHEAD = DELAY + 0.5
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on a pixel of a frame.
+    """The largest and smallest sample numbers of a pixel of a frame.
 
     Attributes:
         spp: paths where the most are needed to tell whether, or when, an event fires.
@@ -87,7 +87,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class PrimarySetup:
-    """What first-hit rays see of a scene, however many there are.
+    """What primary rays see of a scene, however many there are.
 
     Attributes:
         pixel: how wide a pixel is (`pixel_width.py`).
@@ -139,11 +139,11 @@ def largest_around(values: Any, room: Any) -> Any:
 
 
 class MapReader:
-    """Spends by interest maps, which it finds on a board, and counts what its frames took.
+    """The base of sample allocators: reads interest maps from a board, and counts what frames took.
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        first_hit_rays: first-hit rays traced so far.
+        first_hit_rays: primary rays traced so far.
         paths: paths traced so far.
     """
 
@@ -182,7 +182,7 @@ class MapReader:
 
 
 class Steerer(MapReader):
-    """Decides from interest maps which pixels of a frame get how many samples."""
+    """The sample allocator: decides from interest maps which pixels of a frame get how many samples."""
 
     def __init__(
         self,

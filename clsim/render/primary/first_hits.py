@@ -52,7 +52,7 @@ _CORNER = wp.constant(-3)
 
 @wp.struct
 class PrimaryRays:
-    """How many primary rays a pixel gets.
+    """The numbers of primary rays that a pixel gets, by what it shows.
 
     Attributes:
         most: largest number.

@@ -1,10 +1,10 @@
 # ruff: noqa: SIM102, UP018, RUF046
-"""Light straight from lamps on what a pixel shows, without noise where nothing stands between, as Warp functions.
+"""Analytic direct light of lamps on the surfaces of a pixel, multiplied by its traced visibility, as Warp functions.
 
 What a few lamps would send to a diffuse surface if nothing stood between is known in closed form: Lambert's formula for
 polygons (1760), for spheres the one of Snyder (Area Light Sources for Real-Time Graphics, 1996). Only which share of it
 arrives is found by rays: Σ V·f / Σ f over places on the lamps, where V is whether the way is free and f what comes from
-there (Heitz, Hill, McGuire, Combining Analytic Direct Illumination and Stochastic Shadows, I3D 2018). First-hit rays
+there (Heitz, Hill, McGuire, Combining Analytic Direct Illumination and Stochastic Shadows, I3D 2018). Primary rays
 end with one such way each. Where all that a pixel sees of a surface is lit, or all is dark, the share is exact.
 
 Paths that begin there leave that light out.

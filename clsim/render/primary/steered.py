@@ -1,5 +1,5 @@
 # ruff: noqa: UP018, RUF046
-"""The kernel that spends samples where they are worth their cost.
+"""The kernel of adaptive sampling: it spends samples where they are worth their cost.
 
 A pixel of a frame gets three sorts of samples. *Primary rays* find the first hits: they cost a fraction of a path and
 end early where all see the same. Where something changes and an event is near, several times as many count the shares
@@ -45,7 +45,7 @@ _LEAST = wp.constant(0.2)
 
 @wp.struct
 class Steering:
-    """How many samples pixels get in this frame.
+    """The sample numbers of a frame.
 
     At the grade ``top`` it is the full number. ``before`` is the probe of the frame before where the numbers of paths
     have changed since, else 0.
@@ -173,7 +173,7 @@ def make_steered(
     primary rays are to count shares. State from frame to frame: ``irradiance``, vec3 ``[H·W]``, of the last frame;
     ``correction``, vec3 ``[GRADES, H·W]``, by which it differed from that of each grade's paths when these were last
     traced; ``known``, int32 ``[H·W]``: for how many grades, from the lowest, there is a correction. ``out_spent`` int32
-    ``[2, H·W]`` counts first-hit rays and paths.
+    ``[2, H·W]`` counts primary rays and paths.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -268,7 +268,7 @@ def make_steered(
                     correction[i, pixel] = e - correction[i, pixel]
                 if steering.before == 0:
                     traced = wp.max(traced, known[pixel])
-                # Paths may all have missed the surface that first-hit rays saw.
+                # Paths may all have missed the surface that primary rays saw.
                 if sums.albedo[0] > 0.0:
                     known[pixel] = traced
                 irradiance[pixel] = e

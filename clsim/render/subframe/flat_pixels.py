@@ -1,5 +1,5 @@
 # ruff: noqa: SIM102, UP018, RUF046
-"""What pixels reflect that show one flat, textured surface while the camera moves, at any time, as Warp kernels.
+"""Flat pixels, which show one flat, textured surface while the camera moves: their light at any time, as Warp kernels.
 
 What a ray at a pixel's corner meets on a plane that does not move is known without tracing it. So the corners of a
 frame tell for each of them where it lies on the surface at a few instants of a step; in between that place is a

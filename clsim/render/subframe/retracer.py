@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _MIDDLE = ((0.5, 0.5),)
 _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
-"""First-hit rays at most that a pixel may get for what a path costs."""
+"""Primary rays at most that a pixel may get for what a path costs."""
 _POSES_REMEMBERED = 4
 """Camera poses of which the places seen are remembered: the ends of a step and its middle, and none."""
 _MOST_REQUESTS = 1 << 20
@@ -48,7 +48,7 @@ class Retracer:
         names: the planes.
         lit: whether radiance is whole; else it is emission alone.
         requests: how many were answered so far.
-        samples: paths, or first-hit rays, traced so far.
+        samples: paths, or primary rays, traced so far.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Retracer:
         if self._first_hits:
             data.add_texture_levels()
             self._settings.samples = self._first_hits
-        # Most pixels need few of their first-hit rays.
+        # Most pixels need few of their primary rays.
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")

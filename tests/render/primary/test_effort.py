@@ -36,7 +36,7 @@ def at(interest, y, x, *, distance=0.0, change=0.0, error=0.0):
 
 
 def paths_after(interest, spp=16, probe_spp=1, every=1):
-    """The paths of each pixel in the frame that goes by that map: all samples but its one first-hit ray."""
+    """The paths of each pixel in the frame that goes by that map: all samples but its one primary ray."""
     board = InterestBoard()
     run = Run(walled_world(), board, spp=spp, probe_spp=probe_spp, probe_every=every, first_hit_rays=1)
     for k in range(2):

@@ -72,7 +72,7 @@ def fence():
 
 
 def run(frames, **options):
-    """Return levels ``[frames, H·W]`` of the fence, and how many first-hit rays they took."""
+    """Return levels ``[frames, H·W]`` of the fence, and how many primary rays they took."""
     given = {"light_cache": True, "spp": 4, "probe_spp": 1, "first_hit_rays": 16, "fps": 15.0}
     each = Run(fence(), **given | options)
     levels = np.stack([np.log(luminance(each.fill(index))).ravel() for index in range(frames)])

@@ -1,4 +1,4 @@
-"""First-hit rays and steered samples: the same picture for less, and a change of effort that nobody sees."""
+"""Primary rays and steered samples: the same picture for less, and a change of effort that nobody sees."""
 
 from __future__ import annotations
 
