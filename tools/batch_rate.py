@@ -1,4 +1,4 @@
-"""Steps a second of `clsim.batch` for several numbers of copies: the table of docs/driving.md.
+"""Steps a second of `clsim.batch` for several numbers of copies: the table of docs/robots.md.
 
 python tools/batch_rate.py [COPIES …]     # 1 8 64; prints a table
 """

@@ -1,4 +1,4 @@
-"""The picture of docs/driving.md: MuJoCo's pendulum before a DAVIS346, frames above, events of 4 ms below.
+"""The picture of docs/robots.md: MuJoCo's pendulum before a DAVIS346, frames above, events of 4 ms below.
 
 python tools/driving_picture.py docs/images/driving.png
 """

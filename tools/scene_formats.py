@@ -1,4 +1,4 @@
-"""What docs/scenes.md says of other programs' files: a row a format."""
+"""What docs/scene-formats.md says of other programs' files: a row a format."""
 
 INTRODUCTION = """## What is read of other programs' files
 
@@ -45,7 +45,7 @@ ROWS = (
         "MuJoCo models (`.xml`; extra `mujoco`)",
         "geoms, meshes, materials, lights and the first camera, or where MuJoCo's viewer begins if there is none; "
         "bodies move by the model's physics from its initial state, all controls at 0 (5 s, unless `--duration` says "
-        "more); what a program controls is [driven](driving.md#mujoco)",
+        "more); what a program controls is [driven](robots.md#mujoco)",
         "flexible bodies, skins, tendons, skyboxes, mirrors",
     ),
 )

@@ -1,4 +1,4 @@
-"""What truth costs beside events: the table of docs/ground-truth.md.
+"""What truth costs beside events: the table of docs/truth-figures.md.
 
 python tools/truth_cost.py [two-boxes] [--resolution 346x260] [--duration 0.5] [--rounds 3]
 

@@ -1,4 +1,4 @@
-"""How far truth is from float64 by brute force: the table of docs/ground-truth.md.
+"""How far truth is from float64 by brute force: the table of docs/truth-figures.md.
 
 python tools/truth_errors.py
 """

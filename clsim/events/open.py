@@ -25,9 +25,12 @@ def open_events(
     None for files that do not tell. A socket's iterator waits for events and ends when the sender does. Either can be
     closed early, or used in a ``with`` block.
 
-    ``labels``, of ``cause`` and ``object``, are further fields of the batches; HDF5 and Parquet files that were written
-    with them have these. Events of a file that are out of order are put in their place, if they are up to 0.1 s late,
-    or left out (``moved_events`` and ``dropped_events`` count them); ``strict`` makes them an error.
+    Args:
+        path_or_url: the file or address.
+        labels: further fields of the batches, of "cause" and "object"; HDF5 and Parquet files that were written with
+            them have these.
+        strict: whether events of a file that are out of order are an error. Else those up to 0.1 s late are put in
+            their place, and others left out; ``moved_events`` and ``dropped_events`` count them.
 
     >>> for batch in clsim.open("events.aedat4"):  # doctest: +SKIP
     ...     print(batch["t"][0], len(batch))

@@ -17,9 +17,13 @@ class EventWriter:
     """Writes to one file or address; complete once it is closed, be it by a ``with`` block."""
 
     def __init__(self, path: str | PathLike[str], width: int, height: int, *, format: str | None = None) -> None:
-        """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-`` for a sensor of ``width`` × ``height`` pixels.
+        """Open a file, ``tcp://``, ``udp://``, ``unix://`` or ``-``. A file that exists is replaced.
 
-        ``format`` names a format where the ending of the name shall not decide. A file that exists is replaced.
+        Args:
+            path: the file or address.
+            width: of the sensor [pixels].
+            height: of the sensor [pixels].
+            format: name of a format, where the ending of the name shall not decide.
 
         >>> with clsim.write("events.h5", 346, 260) as out:  # doctest: +SKIP
         ...     out.write(events, end_us=10_000)

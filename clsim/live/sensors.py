@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from clsim.errors import InputError
+from clsim.frames import Frame
+from clsim.frames.frame import FloatArray
+from clsim.scene import Sensor as WorldSensor
 from clsim.scene.light.spectral import spectral_weights
 from clsim.sensor.presets import load_sensor
 from clsim.sensor.settings import SensorSettings
@@ -17,6 +23,8 @@ from clsim.values import read_fields
 DENSE_METHOD = "wlr-esim"
 """The method for sensors that follow brightness between events, where esim-ad would be taken: it knows all levels."""
 
+_LEAST_CONTRAST, _LEAST_HZ = 2 / 3, 30.0
+"""With less than this a pixel misses much of what moves."""
 _DRAW_S = 2e-8
 """CPU time of a slot of shot noise that seldom comes near a threshold [s], measured."""
 
@@ -39,6 +47,52 @@ def cost_of(sensor: SensorSettings | None, width: int, height: int) -> tuple[str
     return (
         f"`sensor` {sensor.name} draws shot noise, which takes at least {seconds:.0f} s of CPU for each simulated "
         "second; noise at rates (on_hz, off_hz) takes none to speak of",
+    )
+
+
+class LightMeter:
+    """Sees in the first frame whether there is light enough for a sensor.
+
+    Attributes:
+        told: what to tell the user, if there is not.
+    """
+
+    def __init__(self, sensor: SensorSettings, lux: float) -> None:
+        """Prepare for a sensor whose illuminance is ``lux`` where brightness is 0."""
+        self._sensor, self._lux, self._seen = sensor, lux, False
+        self.told: str | None = None
+
+    def wants_frame(self) -> bool:
+        """Want the first frame alone."""
+        return not self._seen
+
+    def show_frame(self, frame: Frame, level: FloatArray | None) -> None:
+        """Judge the brightness of a frame ``[H, W]`` [log units]; without it nothing is told."""
+        self._seen = True
+        if level is not None and np.isfinite(level).any():
+            self.told = too_dark(self._sensor, self._lux * float(np.exp(np.nanmedian(level))))
+
+
+def meter_for(sensor: SensorSettings | None, world: WorldSensor) -> LightMeter | None:
+    """Return what watches the light of a run with a sensor; None where it does not hang on light."""
+    if sensor is None or not sensor.reads_light:
+        return None
+    return LightMeter(sensor, world.lux_per_unit / world.scale)
+
+
+def too_dark(sensor: SensorSettings, lux: float) -> str | None:
+    """Return a sentence where so much light [lux] leaves a pixel little contrast, or makes it slow; else None."""
+    from clsim.sensor.characteristics import bandwidth_hz
+
+    front = sensor.front_end
+    share = 1.0 if lux + front.dark_lux == 0 else lux / (lux + front.dark_lux)
+    hertz = float(bandwidth_hz(front, np.array([lux]))[0])
+    if share >= _LEAST_CONTRAST and hertz >= _LEAST_HZ:
+        return None
+    slow = "" if math.isinf(hertz) else f" and sees changes of up to {hertz:.3g} Hz"
+    return (
+        f"half of the picture is darker than {lux:.2g} lux, where {sensor.name} has {100 * share:.0f} % of a scene's "
+        f"contrast{slow}, so events are missing and late; make lamps brighter, or lux_per_unit in a .toml scene larger"
     )
 
 

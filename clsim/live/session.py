@@ -28,7 +28,7 @@ from clsim.live.pacing.ladder import Level, ladder
 from clsim.live.pacing.schedule import Schedule, plan
 from clsim.live.pipeline import Pipeline
 from clsim.live.recording_options import RecordingOptions
-from clsim.live.sensors import cost_of
+from clsim.live.sensors import LightMeter, cost_of, meter_for
 from clsim.live.stages import Stages, detector_maker, plan_stages, unused_options
 from clsim.opencl.device import choose_device
 from clsim.scene import World
@@ -77,6 +77,8 @@ class Session:
     """Whether the sensor is the ideal one."""
     chosen: tuple[str, ...] = ()
     """What was chosen and why, a sentence each."""
+    meter: LightMeter | None = None
+    """What sees whether there is light enough for the sensor, if it needs light."""
     started: bool = False
 
     def start(self) -> None:
@@ -156,6 +158,7 @@ class Session:
             frames_per_s=progress.frames / running_s if running_s > 0 else 0.0,
             motion=None if self.footage is None else self.footage.displacement.as_dict(),
             chosen=self.chosen,
+            too_dark=None if self.meter is None else self.meter.told,
             outputs=[_output_summary(output) for output in self.pipeline.outputs],
         )
 
@@ -168,7 +171,8 @@ class Session:
             if output.sidecar is not None:
                 poses = {} if self.world is None else {"poses": poses_path(output.name).name}
                 scene = scene_from_here(self.about, output.sidecar.parent)
-                write_sidecar(output.sidecar, self.about | scene | poses | more)
+                told = {"warnings": list(self.warnings)}
+                write_sidecar(output.sidecar, self.about | scene | poses | told | more)
 
 
 @dataclass(frozen=True)
@@ -253,6 +257,8 @@ def open_live(
         duplicates=duplicates,
         significance=Significance(config, ideal) if config.facts.knows_error and duplicates is None else None,
     )
+    meter = meter_for(options.sensor, world.sensor)
+    pipeline.watchers += [] if meter is None else [meter]
     return Session(
         world.name,
         camera.width,
@@ -271,6 +277,7 @@ def open_live(
         truth_every=stages.render.truth_every if options.truth else 0,
         ideal=ideal,
         labelled=options.files.labels or "labels" in options.truth,
+        meter=meter,
     )
 
 

@@ -184,29 +184,24 @@ def stream(
 
     Args:
         scene: name of a bundled scene, a scene file, or a World, which has its own resolution and camera.
-        duration_s, frame_count: simulated time [s], or number of frames; None plays the motion once.
+        duration_s: simulated time [s]; None plays the motion once.
+        frame_count: number of frames, instead of a duration.
         loop: start the motion anew at its end, for ever or until ``duration_s``.
-        fps, resolution: frames per simulated second; width and height [pixels]; None takes the scene's.
-        camera_path: a file of poses that the camera follows; see `clsim.scene.read_path`. The run lasts as long.
-        camera_axes, camera_interpolation: of that file: "opencv" or "opengl"; "linear" (and by slerp) or "cubic".
-        threshold: contrast thresholds of ON and OFF events [natural-log units], or one of both; None takes the scene's.
-        sensor: the sensor, as a preset's name, a TOML file or its settings; None is the ideal one. Its resolution and
-            field of view hold where no ``resolution`` is given.
-        time: "fixed": brightness is found at frames alone, and is linear in time between; "adaptive": pixels are traced
-            between frames too, where events happen; "lambda=0.5": whole pictures are, from one to the next of which
-            nothing goes farther than so many pixels. Frames are then 30 a second, or as many as fast things and
-            changing light ask for, unless ``fps`` is given. "auto": fixed, but where things go over 2 pixels a frame
-            before a camera that stands still adaptive, with as many frames; "draft" and "published" stay fixed.
-        time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
-            "accurate" and "exact".
-        quality: named point of speed against accuracy; None is "balanced", unless a ``method`` is given.
-        outputs, files: files and addresses that receive the events as well, and how files are written.
-        seed: of all random numbers.
-        spp, sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window:
-            in place of the quality's own.
+        fps, resolution, camera_path, camera_axes, camera_interpolation: as in `clsim.Simulator`.
+        threshold, sensor, quality, seed, spp, sampling, probe_spp, probe_every: as there.
+        first_hit_rays, sampler, noise, method, gate, event_rule, window, history: as there.
+        confidence, follow_specular, max_depth, threads, render_device, opencl, strict: as there.
+        time, time_tolerance_us: as there.
+        outputs: files and addresses that receive the events as well.
+        files: how files are written.
+        pace: "max": as fast as frames can be made; "real": no faster than the wall clock.
+        governor: whether a run at the pace of the wall clock renders less where it could not keep up.
+        ring: "block": rendering waits for the detector; "drop-oldest": it loses the oldest frame.
         truth: what is recorded beside the events in outputs that can hold it, of `clsim.truth.TRUTH_NAMES`, or "all".
-        history, confidence, follow_specular, max_depth, pace, governor, ring, threads, render_device, opencl, strict,
-            frame_rate, pose_rate, imu_rate, imu_noise: see `clsim.live.options.LiveOptions`.
+        frame_rate: frames of truth per simulated second [1/s], which go into ``fps`` without a rest; None takes all.
+        pose_rate: poses of camera and objects per simulated second [1/s].
+        imu_rate: inertial samples per simulated second [1/s].
+        imu_noise: Kalibr's imu.yaml, which says how noisy the inertial sensor is; None is a perfect one.
 
     Raises:
         InputError: a scene or option cannot be used.

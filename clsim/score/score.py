@@ -47,10 +47,10 @@ class Score:
             pixel, of the same polarity, at most one frame away. Nobody has two partners.
         strict_recall: share of reference events with a partner.
         chamfer: mean of the two mean d²; an event without any partner counts d² = 2.
-        dt_median_us: median |Δt| of detected events to their strict partner [µs]; None without any.
+        dt_median_us: median ``|Δt|`` of detected events to their strict partner [µs]; None without any.
         dt_p95_us: 95th percentile of the same; None without any.
         dt_bias_us: mean of t − t' to the strict partner [µs], positive where events are late; None without any.
-        within: for each window [µs] that was asked for, the scores of one-to-one matches of at most that |Δt|.
+        within: for each window [µs] that was asked for, the scores of one-to-one matches of at most that ``|Δt|``.
         events: number of detected events.
         reference_events: number of reference events.
         unmatched_events: detected events without any same-polarity reference event in their frame.

@@ -79,20 +79,7 @@ class Driver(ABC):
     ) -> None:
         """Load the scene and choose devices; the first step copies the scene to the one that renders.
 
-        Args:
-            scene: name of a bundled scene, a scene file, or a World.
-            clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and
-                no step returns before its end has come, counted from the first step. "caller": at 0 and at the end of
-                each step, and evenly between where a step is longer than 1/fps.
-            fps, resolution, camera_path, camera_axes, camera_interpolation, threshold, sensor, quality, seed, spp,
-                sampling, probe_spp, probe_every, first_hit_rays, sampler, noise, method, gate, event_rule, window,
-                history, confidence, follow_specular, max_depth, threads, render_device, opencl, strict, time,
-                time_tolerance_us: as in `clsim.stream`; a World has its own resolution and camera. Where something is
-                set before the first step, "auto" is "fixed".
-            truth: what `truth` shall be able to tell: some of `clsim.frames.TRUTH_PLANES`.
-
-        Raises:
-            InputError: the scene or an option cannot be used.
+        See `clsim.Simulator` for the arguments; raises InputError when one of them cannot be used.
         """
         given: dict[str, Any] = {name: value for name, value in locals().items() if name not in ("self", "clock")}
         kind: Clock = read_value("clock", clock, Clock)

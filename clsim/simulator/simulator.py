@@ -30,6 +30,54 @@ class Simulator(Driver):
     The frame at 0 sets the references and fires nothing. Beyond the end of the scene's motion, time goes on as the
     motion does.
 
+    Args:
+        scene: name of a bundled scene, a scene file, or a `World`, which has its own resolution and camera.
+        clock: who says when frames are rendered. "frames": at k/fps, as fast as they can be. "wall": at k/fps, and no
+            step returns before its end has come, counted from the first step. "caller": at 0 and at the end of each
+            step, and evenly between where a step is longer than 1/fps.
+        fps: frames per simulated second [1/s]; None takes the scene's.
+        resolution: width and height [pixels]; None takes the sensor's, or the scene's.
+        camera_path: a file of poses that the camera follows (see `clsim.scene.read_path`); None takes the scene's.
+        camera_axes: of that file. "opencv": +z ahead and +y down. "opengl": −z ahead and +y up.
+        camera_interpolation: how its poses are joined. "linear": straight, and turns by slerp. "cubic": along splines.
+        threshold: contrast thresholds of ON and OFF events [natural-log units], or one for both; None takes the
+            sensor's, or the scene's.
+        sensor: a preset such as "davis346", a TOML file, or settings; None is the ideal pixel.
+        quality: speed against accuracy, "draft", "balanced", "accurate", "exact" or "published"; None is "balanced",
+            unless a ``method`` is given.
+        seed: of all random numbers, 0 or more.
+        spp: light paths per pixel and frame, at most. This and what follows take the place of the quality's own; None
+            leaves it.
+        sampling: which pixels get light paths: "uniform", "adaptive" (where an event is near), or "cached" (light is
+            kept on surfaces).
+        probe_spp: light paths that every pixel gets, where sampling is not uniform.
+        probe_every: frames in which the light of all pixels is found once.
+        first_hit_rays: rays per pixel and frame that only find what it shows, at most; 0 is none.
+        sampler: random numbers: "pcg" (plain) or "sobol".
+        noise: "common" (the same random numbers in each frame) or "independent".
+        method: how brightness is found: "esim", "irradiance", "esim-ad" or "wlr-esim".
+        gate: which pixels are regressed, of the methods that regress: "radiance" or "delta-r".
+        event_rule: what brightness is between frames: "linear-light", "interpolated" (its logarithm is a line), or
+            "frame" (one event a frame at most).
+        window: side of the window that brightness is found from [pixels], odd.
+        history: frames whose windows form one regression, 1 or more.
+        confidence: standard errors by which brightness must have changed before an event is fired; 0 asks for none.
+        follow_specular: whether depth, normal and albedo are those seen in mirrors and through clear glass.
+        max_depth: longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce.
+        threads: that render; None takes one a core.
+        render_device: "cpu", or "cuda:0" and so on.
+        opencl: part of the name of the OpenCL device to use; None takes the best that works.
+        strict: refuse a scene that asks for what clsim lacks, instead of warning.
+        time: when brightness is found. "fixed": at frames. "adaptive": between them too, where events happen.
+            "lambda=0.5": in whole pictures, in which nothing goes farther than so many pixels from one to the next.
+            "auto": adaptive where things go fast; where something is set before the first step, fixed.
+        time_tolerance_us: error of an event's time that will do where time is adaptive [µs]; None is 100, or 30 with
+            "accurate" and "exact".
+        truth: what `truth` shall be able to tell: names of `clsim.frames.TRUTH_PLANES`, such as "depth", or "all".
+
+    Raises:
+        InputError: the scene or an option cannot be used.
+
     Attributes:
         fps: frames per simulated second; with the caller's clock, at least so many.
         world: the scene, with what is driven.
@@ -114,7 +162,7 @@ class RigSimulator(Driver):
     ...     events = rig.step(until_us=1_000)
     ...     print(len(events["left"]), len(events["right"]))
 
-    Each camera has the bits that it has alone, and in a live run.
+    Each camera has the bits that it has alone, and in a live run. Arguments are those of `Simulator`.
 
     Attributes:
         cameras: by name, in the order of the scene.

@@ -25,14 +25,18 @@ TRUTH_NAMES: dict[str, str] = {
 
 
 def truth_names(given: Sequence[str]) -> tuple[str, ...]:
-    """Return what is asked for, each once, in the order of `TRUTH_NAMES`; ``all`` is everything.
+    """Return what is asked for, each once, in the order of `TRUTH_NAMES`; ``all`` is everything, ``none`` nothing.
 
     Raises:
-        InputError: a name is unknown.
+        InputError: a name is unknown, or stands beside none.
     """
+    if "none" in given and len(given) > 1:
+        raise InputError(f"`truth` none is nothing else, got {', '.join(given)}")
+    if "none" in given:
+        return ()
     for name in given:
         if name != "all" and name not in TRUTH_NAMES:
-            raise InputError(f"`truth` {name!r} is unknown; expected all, or of {', '.join(TRUTH_NAMES)}")
+            raise InputError(f"`truth` {name!r} is unknown; expected all, none, or of {', '.join(TRUTH_NAMES)}")
     return tuple(name for name in TRUTH_NAMES if name in given or "all" in given)
 
 

@@ -16,23 +16,7 @@ from tests.simulator.stage import scene, simulator
 gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
 
 from clsim.bridges.gymnasium import EventObservation  # noqa: E402
-
-
-class Slide(gymnasium.Env):  # type: ignore[misc, name-defined]
-    """A box on a line; an action is its speed [m/s], a step lasts 10 ms."""
-
-    observation_space = gymnasium.spaces.Box(-2.0, 2.0, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-20.0, 20.0, (1,), np.float64)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        self.steps, self.x = 0, float(self.np_random.uniform(-0.1, 0.1))
-        return np.array([self.x]), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.steps += 1
-        self.x = float(np.clip(self.x + 0.01 * action[0], -1.0, 1.0))
-        return np.array([self.x]), -abs(self.x), False, self.steps >= 20, {"x": self.x}
+from tests.bridges.slide import Slide  # noqa: E402
 
 
 def wrapped(run: clsim.Simulator, **options: Any) -> EventObservation:
@@ -44,6 +28,53 @@ def wrapped(run: clsim.Simulator, **options: Any) -> EventObservation:
         return at_us
 
     return EventObservation(env, run, follow, **options)
+
+
+class Noise:
+    """Stands for a simulator in which nothing but noise fires, which is as its seed."""
+
+    width, height = 6, 4
+
+    def reset(self, seed: int | None = None) -> None:
+        self.random, self.time_us = np.random.default_rng(seed), 0
+
+    def set_pose(self, name: str, pose: Any, at_us: int) -> None:
+        pass
+
+    def step(self, until_us: int) -> np.ndarray:
+        events = np.zeros(0 if until_us == self.time_us else 50, EVENT_DTYPE)
+        events["t"] = np.sort(self.random.integers(self.time_us, until_us + 1, len(events)))
+        events["x"], events["y"] = (self.random.integers(0, end, len(events)) for end in (self.width, self.height))
+        events["on"] = self.random.random(len(events)) < 0.5
+        self.time_us = until_us
+        return events
+
+
+@pytest.mark.parametrize("form", ["voxels", "histogram"])
+def test_noise_is_that_of_the_seed_and_arrays_hold_what_fired(form: str) -> None:
+    env = wrapped(Noise(), form=form, bins=4, limit=3.0)  # type: ignore[arg-type]
+
+    def episode(seed: int) -> list[bytes]:
+        env.reset(seed=seed)
+        found = []
+        for k in range(3):
+            observation, *_, info = env.step(np.array([0.0]))
+            events = np.rec.fromarrays(list(info["events"].values()), EVENT_DTYPE)
+            assert len(events) == 50 and observation in env.observation_space
+            expected = np.zeros((4 if form == "voxels" else 2, 4, 6))
+            for t, x, y, on in events.tolist():
+                if form == "histogram":
+                    expected[int(on), y, x] += 1
+                    continue
+                for point in range(4):  # a hat about each of four points from the step's start to its end
+                    hat = max(0.0, 1.0 - abs((t - 10_000 * k) * 3 / 10_000 - point))
+                    expected[point, y, x] += hat if on else -hat
+            assert observation["events"] == pytest.approx(np.clip(expected, -3, 3), abs=1e-5)
+            found.append(info["events"]["t"].tobytes())
+        return found
+
+    first, other = episode(4), episode(5)
+    assert episode(4) == first != other
 
 
 @pytest.mark.filterwarnings("ignore:.*different from the unwrapped version", "ignore:.*symmetric and normalized")

@@ -1,7 +1,6 @@
 """Several agents that see events, in one process or in one each."""
 
 import multiprocessing
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,23 +14,7 @@ from clsim.scene.shapes import box
 gymnasium = pytest.importorskip("gymnasium", reason="gymnasium is not installed")
 
 from clsim.bridges.gymnasium import EventObservation  # noqa: E402
-
-
-class Slide(gymnasium.Env):  # type: ignore[misc, name-defined]
-    """A box on a line; an action is its speed [m/s], a step lasts 10 ms."""
-
-    observation_space = gymnasium.spaces.Box(-2.0, 2.0, (1,), np.float64)
-    action_space = gymnasium.spaces.Box(-20.0, 20.0, (1,), np.float64)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> tuple[Any, dict[str, Any]]:
-        super().reset(seed=seed)
-        self.steps, self.x = 0, 0.0
-        return np.array([self.x]), {}
-
-    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        self.steps += 1
-        self.x = float(np.clip(self.x + 0.01 * action[0], -1.0, 1.0))
-        return np.array([self.x]), 0.0, False, self.steps >= 7, {}
+from tests.bridges.slide import Slide  # noqa: E402
 
 
 def seeing() -> EventObservation:
@@ -39,7 +22,7 @@ def seeing() -> EventObservation:
     parts = {"body": (box((0.4, 0.4, 0.4)), np.eye(4), Material(color=(0.1, 0.1, 0.1)))}
     scene.add_parts("box", parts)
     world = scene.world(environment=(0.5, 0.5, 0.5))
-    env = Slide()
+    env = Slide(length=7, reach_m=0.0)
 
     def follow(simulator: clsim.Simulator) -> int:
         simulator.set_pose("box", compose((env.x, 0.0, 0.0), np.eye(3)), 10_000 * env.steps)

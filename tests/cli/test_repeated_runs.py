@@ -240,3 +240,12 @@ def test_a_run_of_an_own_scene_is_repeated_from_any_folder_and_after_a_move(
     (place / "scenes" / "mine.toml").unlink()
     outcome = clsim("live", "--config", place / "runs/a.txt.json", "--out", "again.txt")
     assert outcome.status == 2 and f"{own / 'scenes' / 'mine.toml'}: no such file" in outcome.stderr
+
+
+@pytest.mark.parametrize(("before", "sensor"), [("ideal", "ideal"), ("dvs128", "davis346"), ("ideal", "davis346")])
+@pytest.mark.parametrize("rule", ["frame", "interpolated"])
+def test_a_rule_that_the_sensor_can_have_stays_the_files(tmp_path: Path, rule: str, before: str, sensor: str) -> None:
+    """The file's run asked for it: another sensor, or the same one, is no reason to take the quality's."""
+    run = LiveOptions("cornell", sensor=before, quality="draft", event_rule=rule)
+    file = config(tmp_path, options=run.as_dict())
+    assert live_options({"config": file, "sensor": sensor}).point.event_rule == rule

@@ -1,6 +1,7 @@
 """The documents say what is so."""
 
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -10,17 +11,23 @@ import clsim
 from clsim.events.files import FORMATS
 from clsim.scene import load_world
 from tests.shared_kernels import ORDINARY, widen
+from tools.scene_formats import section
 from tools.scene_keys import text
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_table_of_scene_keys_is_current() -> None:
-    assert (ROOT / "docs" / "scenes.md").read_text() == text(), "run: python -m tools.scene_keys docs/scenes.md"
+    page = "docs/reference/scene-keys.md"
+    assert (ROOT / page).read_text() == text(), f"run: python -m tools.scene_keys {page}"
+
+
+def test_what_is_read_of_other_programs_is_current() -> None:
+    assert section() in (ROOT / "docs" / "scene-formats.md").read_text(), "its table is not that of tools.scene_formats"
 
 
 def test_the_example_scene_is_one(tmp_path: Path) -> None:
-    example = re.search(r"```toml\n(.*?)```", text(), re.DOTALL)
+    example = re.search(r"```toml\n(.*?)```", (ROOT / "docs" / "scenes.md").read_text(), re.DOTALL)
     assert example is not None
     scene = tmp_path / "example.toml"
     scene.write_text(example[1])
@@ -44,7 +51,41 @@ def test_links_and_pictures_lead_somewhere(page: Path) -> None:
             assert (page.parent / target).exists(), f"{page.name} points to {target}"
 
 
-LIBRARY = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "library.md").read_text(), re.DOTALL)
+def test_guides_are_short() -> None:
+    index = (ROOT / "docs" / "index.md").read_text()
+    for part in ("Start", "Guides"):
+        listed = re.search(rf":caption: {part}\n\n(.*?)```", index, re.DOTALL)
+        assert listed is not None
+        for name in listed[1].split():
+            assert len((ROOT / "docs" / f"{name}.md").read_text().splitlines()) <= 150, name
+
+
+def test_each_page_is_in_the_table_of_contents() -> None:
+    index = (ROOT / "docs" / "index.md").read_text()
+    pages = {str(path.relative_to(ROOT / "docs").with_suffix("")) for path in (ROOT / "docs").rglob("*.md")}
+    listed = {name for block in re.findall(r"```{toctree}\n(.*?)```", index, re.DOTALL) for name in block.split()}
+    assert pages - listed == {"index"}
+
+
+def test_the_reference_has_every_option() -> None:
+    """As `--help` has them: the page is made of the parser."""
+    import typer.main
+
+    from clsim.cli.app import app
+
+    made = runpy.run_path(str(ROOT / "docs" / "site" / "made.py"))["filled"]("<!-- made: commands -->")
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert all(f"## clsim {name}" in made for name in commands)
+    for param in (param for command in commands.values() for param in command.params):
+        if param.param_type_name == "option":
+            assert all(f"`{name}`" in made for name in param.opts) and " ".join(param.help.split()[:3]) in made
+
+
+LIBRARY = [
+    block
+    for page in ("library.md", "other-libraries.md")
+    for block in re.findall(r"```python\n(.*?)```", (ROOT / "docs" / page).read_text(), re.DOTALL)
+]
 (READ_ALL,) = (block for block in LIBRARY if block.endswith('events = clsim.open("events.aedat4").read()\n'))
 
 

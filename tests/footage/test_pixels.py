@@ -133,3 +133,16 @@ def test_a_matrix_that_is_not_known_is_refused(tmp_path):
     path = write_clip(tmp_path / "a.mkv", [(flat(80), flat(128), flat(128))], [0], pixels="yuv444p", matrix=8)
     with pytest.raises(InputError, match="colour matrix"):
         Video(path)
+
+
+# 100 % red of BT.601 and of BT.709 in limited range, 8 bits, as the recommendations have them.
+_RED = {6: (81, 90, 240), 1: (63, 102, 240)}
+
+
+@pytest.mark.parametrize(("rows", "matrix"), [(480, 6), (576, 6), (578, 1), (720, 1)])
+def test_clips_that_do_not_tell_their_matrix_have_that_of_their_size(tmp_path, rows, matrix):
+    """Both standards of television, NTSC with 480 rows and PAL with 576, are BT.601's."""
+    y, cb, cr = _RED[matrix]
+    planes = (flat(y, (rows, 16)), flat(cb, (rows // 2, 8)), flat(cr, (rows // 2, 8)))
+    path = write_clip(tmp_path / "a.mkv", [planes], [0], pixels="yuv420p", limited=True)
+    np.testing.assert_allclose(first(Video(path, Reading("as-is"))).mean(axis=(1, 2)), (1, 0, 0), atol=0.01)

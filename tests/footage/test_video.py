@@ -141,3 +141,11 @@ def test_files_that_are_no_video(tmp_path):
             assert len(frame_times(torn)) <= 30
         except InputError as error:
             assert "torn.mkv" in str(error)
+
+
+@pytest.mark.parametrize("rate", [Fraction(30000, 1001), Fraction(24000, 1001), Fraction(60), Fraction(90000, 7)])
+def test_times_of_frames_are_the_streams_to_the_nearest_microsecond(tmp_path, rate):
+    clip = [np.full((HEIGHT, WIDTH), 1000, np.uint16)] * 12
+    path = write_clip(tmp_path / "a.nut", clip, list(range(12)), pixels="gray16le", time_base=1 / rate)
+    exact = [Fraction(k) / rate * 1_000_000 for k in range(12)]
+    assert all(abs(found - time) <= Fraction(1, 2) for found, time in zip(frame_times(path), exact, strict=True))

@@ -389,6 +389,7 @@ def compiles_for_cuda(features, folder):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("replay", [False, True])
 def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(replay, tmp_path):
     """That of frames, and that which traces stored paths again."""
@@ -400,7 +401,8 @@ def test_the_kernel_of_paths_compiles_for_cuda_with_every_feature_at_once(replay
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("scene", "light_cache"), [("two-boxes", False), ("two-boxes", True), ("cornell", True)])
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("scene", "light_cache"), [("two-boxes", False), ("cornell", True)])
 def test_the_kernels_of_first_hits_compile_for_cuda(scene, light_cache, tmp_path):
     """For scenes: with every feature at once the compiler takes more than five minutes."""
     world = load_world(scene)

@@ -158,3 +158,13 @@ def test_attached_moves_with_its_parent():
 def test_impossible_motions_are_refused(make):
     with pytest.raises(InputError):
         make()
+
+
+@given(st.floats(-360, 360), st.floats(1, 1000), st.booleans(), st.floats(0, 30))
+def test_an_orbit_of_so_many_degrees_holds_its_ends(start_deg, degrees, clockwise, beyond_s):
+    motion = Orbit((1, 0, 0), 2.0, 4.0, 0.5, start_deg, degrees, clockwise, target=(0, 9, 0))
+    np.testing.assert_array_equal(motion.pose(-beyond_s), motion.pose(0.0))
+    np.testing.assert_allclose(motion.pose(motion.duration_s + beyond_s), motion.pose(motion.duration_s), atol=1e-9)
+    turned = math.radians(start_deg - degrees if clockwise else start_deg + degrees)
+    expected = (1 + 2 * math.sin(turned), 0.5, 2 * math.cos(turned))
+    np.testing.assert_allclose(motion.pose(motion.duration_s)[:3, 3], expected, atol=1e-9)

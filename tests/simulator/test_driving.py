@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import clsim
 from clsim.errors import Error, InputError
@@ -17,6 +19,7 @@ from clsim.scene.driven import Driven, place_of, placed
 from clsim.scene.motion import Static, compose, look_at, rotation_matrix
 from clsim.scene.shapes import box
 from clsim.simulator.driving import Driving
+from clsim.simulator.stepping import StepClock
 from tests.simulator.stage import KEYS, keyframed, scene, simulator
 
 POSES = {round(t * 1e6): (position, quaternion) for t, position, quaternion in KEYS}
@@ -322,3 +325,64 @@ def test_the_cache_is_emptied_once_a_lamp_is_set() -> None:
         events = run.step(15_000)
         assert run.frame().planes[:3].mean() < 0.7 * before
         assert len(events) > 300 and not events["on"].mean() > 0.1
+
+
+def test_a_reset_forgets_poses_that_were_set_for_later(tmp_path: Path) -> None:
+    """Those for the end of the next step, and those for a time."""
+    with simulator(tmp_path) as run:
+        run.step(5_000)
+        first = run.frame().planes
+        run.reset()
+        for at_us in (None, 3_000, 90_000):
+            run.set_pose("box", compose((0.5, 0.0, 0.0), np.eye(3)), at_us)
+            run.reset()
+            run.step(5_000)
+            assert (run.pose("box") == np.eye(4)).all()
+            assert (run.frame().planes == first).all()
+            run.reset()
+
+
+@given(st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6))
+def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(
+    fps: float, steps: list[int]
+) -> None:
+    clock, number, passed_us = StepClock("caller", fps), 0, 0
+    for length_us in steps:
+        times = clock.frame_times(number, passed_us, passed_us + length_us)
+        assert (times[0] == 0) == (number == 0) if times else length_us == 0
+        parts = times[1:] if number == 0 else times
+        count = max(1, len(parts))
+        # Rounded to whole microseconds, and as few as there can be.
+        assert all(abs(t - passed_us - length_us * (k + 1) / count) <= 0.5 for k, t in enumerate(parts))
+        assert count - 1 < length_us * fps / 1e6 + 1e-3 and length_us * fps / 1e6 <= count + 1e-3
+        if length_us:
+            assert parts[-1] == passed_us + length_us
+        number, passed_us = number + len(times), passed_us + length_us
+
+
+def test_a_way_that_begins_later_begins_where_the_scenes_own_motion_has_led(tmp_path: Path) -> None:
+    """The box goes by its keyframes until it is set; from there the way is straight, and the rest of the keys void."""
+    with clsim.Simulator(scene(tmp_path, keyframed()), time="fixed") as run:
+        own = [run.pose("box", time_us) for time_us in (12_000, 20_000)]
+        np.testing.assert_allclose(own[0][:3, 3], KEYS[1][1], atol=1e-12)
+        run.step(20_000)
+        end = compose((-0.4, 0.1, 0.2), np.eye(3))
+        run.set_pose("box", end, 40_000)
+        for time_us, share in ((20_000, 0.0), (25_000, 0.25), (40_000, 1.0), (70_000, 1.0)):
+            expected = (1 - share) * own[1][:3, 3] + share * end[:3, 3]
+            np.testing.assert_allclose(run.pose("box", time_us)[:3, 3], expected, atol=1e-9)
+        np.testing.assert_allclose(run.pose("box", 20_000), own[1], atol=1e-9)
+
+
+@pytest.mark.slow
+def test_flow_leads_on_by_the_time_of_a_frame(tmp_path: Path) -> None:
+    """The box goes sideways at 1 m/s: its front, 2.6 m away, by focal length · 1/fps ÷ depth."""
+    keys = "keyframes = [{ time_s = 0, position = [0, 0, 0] }, { time_s = 1, position = [1, 0, 0] }]"
+    for fps in (200.0, 50.0):
+        with clsim.Simulator(scene(tmp_path, keys), truth=("depth", "flow"), fps=fps, clock="caller") as run:
+            run.step(0)
+            known = run.truth()
+        front = np.abs(known["depth"] - 2.6) < 1e-5
+        expected = 16 / np.tan(np.radians(25)) / fps / 2.6
+        assert front.sum() > 20
+        np.testing.assert_allclose(known["flow"][front][:, :2], np.tile((expected, 0.0), (front.sum(), 1)), atol=1e-4)

@@ -9,6 +9,7 @@ import warp as wp
 import clsim
 from clsim.errors import Error, InputError
 from clsim.sensor import load_sensor
+from clsim.sensor.pixel_stages import Threshold
 from clsim.sensor.settings import Optics
 from clsim.simulator.radiance import on_host
 
@@ -153,3 +154,29 @@ def test_a_sensor_sees_its_own_colours() -> None:
     world = clsim.load_scene("two-boxes", resolution=(16, 12))
     with clsim.Simulator(world, sensor=blind) as simulator:
         assert simulator.world.sensor.spectral == (0.5, 0.5, 0.0)
+
+
+def test_a_renderers_unit_of_light_is_told_by_scale_or_by_lux() -> None:
+    """The same light in units four times as large: a sensor that reads light fires the same, bit by bit."""
+    noisy = load_sensor("davis346")
+    assert noisy.reads_light
+    found = []
+    for unit in (1.0, 0.25, 8.0):
+        with camera(sensor=noisy, scale=unit, lux_per_unit=100.0 * unit) as pixels:
+            pixels.push(ramp(0.0) / np.float32(unit), 0)
+            found.append(pixels.push(ramp(2.0) / np.float32(unit), 50_000).tobytes())
+    assert found[0] == found[1] == found[2] and len(found[0]) > 1000
+
+
+@pytest.mark.parametrize(("on", "off"), [(0.3, 0.45), (None, 0.45), (0.3, None), (None, None)])
+def test_each_threshold_is_the_sensors_or_a_fifth(on: float | None, off: float | None) -> None:
+    """Light goes up by 1.0 and down by it again: so many whole thresholds fit into it."""
+    sensor = replace(load_sensor("ideal"), threshold=Threshold(on=on, off=off))
+    with camera(sensor=sensor) as pixels:
+        pixels.push(np.full((HEIGHT, WIDTH), 1.0), 0)
+        up = pixels.push(np.full((HEIGHT, WIDTH), np.exp(0.99)), 1_000)
+        down = pixels.push(np.full((HEIGHT, WIDTH), np.exp(-1.0)), 2_000)
+    rises = int(0.99 / (on or 0.2))
+    falls = int((1.0 + rises * (on or 0.2)) / (off or 0.2) + 1e-6)
+    assert (len(up), len(down)) == (rises * WIDTH * HEIGHT, falls * WIDTH * HEIGHT)
+    assert up["on"].all() and not down["on"].any()

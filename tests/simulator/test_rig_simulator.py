@@ -117,3 +117,32 @@ def test_a_rig_goes_back_and_restarts() -> None:
 def test_a_rig_needs_cameras() -> None:
     with pytest.raises(InputError, match="two-boxes has one camera, expected a rig"):
         clsim.RigSimulator("two-boxes")
+
+
+@pytest.mark.slow
+def test_a_camera_that_exposes_longer_than_the_others_blurs_as_it_does_alone(tmp_path: Path) -> None:
+    """A box goes by: its picture in the camera that exposes is that of this camera on its own, driven and live."""
+    path = tmp_path / "rig.toml"
+    text = (
+        "fps = 30\n[camera]\nresolution = [32, 24]\nposition = [0.0, 0.4, 3.0]\nSHUTTER\nCAMERAS"
+        "[environment]\nradiance = [0.5, 0.5, 0.5]\n[materials.dark]\ncolor = [0.05, 0.05, 0.05]\n"
+        '[[objects]]\nname = "box"\nshape = "box"\nsize = [0.5, 0.5, 0.5]\nmaterial = "dark"\n'
+        "keyframes = [{ time_s = 0.0, position = [-1.5, 0.4, 0.0] }, { time_s = 0.2, position = [1.5, 0.4, 0.0] }]\n"
+    )
+    path.write_text(text.replace("SHUTTER", "shutter_s = 0.03").replace("CAMERAS", ""))
+    options = {"quality": "draft", "seed": 2}
+    with clsim.Simulator(path, **options) as alone:
+        expected = alone.step(100_000)
+        picture = alone.frame().planes
+    mounts = '[[cameras]]\nname = "sharp"\n[[cameras]]\nname = "blurred"\nshutter_s = 0.03\n'
+    path.write_text(text.replace("SHUTTER", "").replace("CAMERAS", mounts))
+    with clsim.RigSimulator(path, **options) as rig:
+        driven = rig.step(100_000)["blurred"]
+        # Where a camera on a rig stands is a product of poses, rounded.
+        np.testing.assert_allclose(rig.frame("blurred").planes, picture, rtol=1e-5, atol=1e-6)
+        assert np.abs(rig.frame("sharp").planes - picture).max() > 0.1
+    sessions = open_rig(LiveOptions(str(path), frame_count=4, outputs=(str(tmp_path / "{camera}.npz"),), **options))
+    run_all(sessions)
+    live = clsim.open(str(tmp_path / "blurred.npz")).read()
+    assert driven.tobytes() == live.tobytes() and len(expected) > 50
+    assert abs(len(driven) - len(expected)) <= 2

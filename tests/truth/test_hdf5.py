@@ -15,6 +15,8 @@ import pytest
 import clsim
 from clsim.events.formats.tables import hdf5_growing
 from clsim.truth.formats.hdf5 import Hdf5Layout
+from clsim.truth.kinematics import track
+from clsim.truth.record import ImuChunk
 from clsim.truth.recording import convert_recording, read_recording
 from tests.truth import recordings
 
@@ -143,3 +145,29 @@ def test_every_prefix_of_the_writes_can_be_read(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(hdf5_growing._Medium, "_put", put_and_look)
     recordings.feed(Hdf5Layout(path, recordings.about()))
     assert found == sorted(found) and set(found) == {0, 1, 2, 3, 4}
+
+
+def test_what_comes_after_the_last_frame_is_there_when_the_file_is_closed(tmp_path: Path) -> None:
+    """A run ends between two frames of truth: poses, inertial samples and labels go on until then."""
+    path = tmp_path / "run.h5"
+    layout = Hdf5Layout(path, recordings.about())
+    given = recordings.feed(layout, close=False)
+    end_us = recordings.SHOTS * recordings.STEP_US
+    times_us = np.arange(given.tracks["camera"].times_us[-1] + 5000, end_us, 5000)
+    late = {
+        name: track(name, motion, times_us)
+        for name, motion in (("camera", recordings.ORBIT), ("ball", recordings.BALL))
+    }
+    for chunk in late.values():
+        layout.track(chunk)
+    samples = ImuChunk(times_us, np.random.default_rng(1).normal(size=(len(times_us), 3)), np.ones((len(times_us), 3)))
+    layout.imu(samples)
+    layout.close()
+    assert len(times_us) > 3
+    with h5py.File(path) as file:
+        for group in ("poses/camera", "poses/0001"):
+            chunk = late[file[group].attrs["name"]]
+            assert np.array_equal(file[group]["t"][-len(times_us) :], times_us)
+            assert np.array_equal(file[group]["pose"][-len(times_us) :], chunk.poses)
+        assert np.array_equal(file["imu/t"][-len(times_us) :], times_us)
+        assert np.array_equal(file["imu/acceleration"][-len(times_us) :], samples.acceleration)

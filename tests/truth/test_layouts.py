@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import shutil
@@ -14,19 +13,13 @@ import h5py
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-import clsim as library
-from clsim.cli.app import app
 from clsim.errors import InputError
 from clsim.scene.world import Lens
-from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
-from clsim.truth.record import Shot
+from clsim.truth.layouts import LAYOUTS, open_layout
 from clsim.truth.recording import convert_recording, read_recording
 from clsim.truth.writing.png import write_png
 from tests.truth import recordings
-
-FOLDERS = [kind.endings[0] for kind in LAYOUTS if kind.folder]
 
 
 def recorded(path: Path, lens: Lens | None = None) -> recordings.Given:
@@ -335,79 +328,3 @@ def test_a_sequence_of_mvsecs_own_is_read(tmp_path: Path, calibrated: bool) -> N
         with pytest.raises(InputError, match="needs the camera's intrinsics"):
             convert_recording(str(home), target)
     convert_recording(str(home), str(tmp_path / "own.h5"))
-
-
-def same(a: Shot, b: Shot, exact: bool, levels: int = 0, ulps: int = 0) -> None:
-    """Assert that frames are alike; pictures up to so many levels, flow up to roundings of float32."""
-    assert (a.time_us, a.event_index) == (b.time_us, b.event_index)
-    for name in set(a.planes) & set(b.planes):
-        if name == "image":
-            assert np.abs(a.planes[name].astype(int) - b.planes[name]).max() <= levels
-        elif name == "flow" and ulps:
-            known = a.planes[name][..., 2] > 0
-            assert np.array_equal(known, b.planes[name][..., 2] > 0)
-            np.testing.assert_array_max_ulp(a.planes[name][known][:, :2], b.planes[name][known][:, :2], ulps)
-        elif name in ("object", "material") or exact:
-            assert np.array_equal(a.planes[name], b.planes[name]), name
-    if "depth" in b.planes:
-        assert np.array_equal(np.isfinite(a.planes["depth"]), np.isfinite(b.planes["depth"]))
-
-
-@pytest.mark.parametrize("ending", FOLDERS)
-def test_a_round_trip_loses_nothing_that_both_hold(tmp_path: Path, ending: str) -> None:
-    """To another layout and back, and there again: the second and the third are the same to the bit."""
-    names = ("a.h5", f"b{ending}", "c.h5", f"d{ending}")
-    start, there, back, again = (str(tmp_path / name) for name in names)
-    jpeg, speeds = 3 if ending == ".tumvie" else 0, 2 if ending == ".event_utils" else 0  # px and px/s
-    given_events = recorded(Path(start)).events
-    kind = layout_of(there)
-    count, left_out = convert_recording(start, there)
-    assert count == len(given_events) and not set(left_out) & set(kind.holds)
-    convert_recording(there, back)
-    convert_recording(back, again)
-    first, second, third, fourth = map(read_recording, (start, there, back, again))
-    for other in (second, third, fourth):
-        assert np.concatenate(list(other.events())).tobytes() == given_events.tobytes()
-    for a, b in zip(first.shots(), second.shots(), strict=True):
-        same(a, b, exact=False, levels=jpeg, ulps=speeds)
-    for a, b, c in zip(second.shots(), third.shots(), fourth.shots(), strict=True):
-        same(a, b, exact=True)
-        same(b, c, exact=True, levels=jpeg, ulps=speeds)
-    tracks = {track.name: track for track in first.tracks()}
-    for mine, theirs in ((second, third), (second, fourth)):
-        for a, b in zip(mine.tracks(), theirs.tracks(), strict=True):
-            assert a.name == b.name and np.array_equal(a.times_us, b.times_us)
-            assert np.abs(a.poses - b.poses).max() < 1e-8 and np.abs(a.poses - tracks[a.name].poses).max() < 1e-8
-        samples = zip(first.imu(), mine.imu(), theirs.imu(), strict=True) if "imu" in kind.holds else ()
-        for a, b, c in samples:
-            assert np.array_equal(a.times_us, b.times_us) and np.abs(a.acceleration - b.acceleration).max() < 1e-6
-            assert np.abs(b.angular_velocity - c.angular_velocity).max() < 1e-12
-    assert second.about.camera["intrinsics_px"] == pytest.approx(first.about.camera["intrinsics_px"])
-    assert not [path for path in tmp_path.rglob("*") if path.name.startswith(".")]
-
-
-def test_convert_from_the_command_line(tmp_path: Path) -> None:
-    recorded(tmp_path / "a.h5")
-    run = CliRunner().invoke(app, ["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.ecd")])
-    assert run.exit_code == 0 and "500 events" in run.stderr
-    assert "cannot hold albedo, backward-flow, distance, flow, ids, labels, normal" in run.stderr
-    with pytest.raises(InputError, match="is there already"):
-        convert_recording(str(tmp_path / "b.ecd"), str(tmp_path / "b.ecd"))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.h5", "b.ecd"]
-
-
-def test_every_layout_writes_and_tells_what_it_holds() -> None:
-    for kind in LAYOUTS:
-        assert hasattr(importlib.import_module(f"clsim.truth.formats.{kind.module}"), "open_layout")
-
-
-@pytest.mark.parametrize("ending", [".dsec", ".mvsec"])
-def test_events_of_a_folder_are_read_as_those_of_files(tmp_path: Path, ending: str) -> None:
-    folder = tmp_path / f"run{ending}"
-    given = recorded(folder)
-    with library.open(folder) as source:
-        assert (source.width, source.height) == (recordings.WIDTH, recordings.HEIGHT)
-        np.testing.assert_array_equal(source.read(), given.events)
-    for words in ("view", str(folder), "--to", str(tmp_path / "a.png")), ("convert", str(folder), f"{folder}.npz"):
-        assert CliRunner().invoke(app, [*words]).exit_code == 0
-    np.testing.assert_array_equal(library.open(f"{folder}.npz").read(), given.events)

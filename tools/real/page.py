@@ -134,7 +134,7 @@ rises and where it does, scenes decide and not cameras: rows in plain letters te
 camera decides more than its scene. Numbers of the presets were partly read of these same recordings (`[sources]` says
 which): that they fit them is no proof that they fit another camera's, or one with other biases.
 
-Statistics are those of `clsim info RECORDING --statistics` ([what they are](sensor.md#statistics-of-a-stream)).
+Statistics are those of `clsim info RECORDING --statistics` ([what they are](stream-statistics.md)).
 Row-mates and column-mates hang on the order of events of one time: all streams are sorted by time, row and column here.
 In the order of their files the recordings' row-mates are .95, .96, 1.00 and .11.
 

@@ -79,7 +79,7 @@ class TradeoffOptions:
 
 
 def run_tradeoff(options: TradeoffOptions, report: Report) -> dict[str, Any]:
-    """Measure all points that were not measured before, and return the results; docs/tradeoff.md has the keys.
+    """Measure all points that were not measured before, and return the results; see docs/reference/tradeoff-results.md.
 
     Raises:
         InputError: the scene cannot be used, there is no OpenCL device, or nothing happens in the reference.

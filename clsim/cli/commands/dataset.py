@@ -79,7 +79,9 @@ def dataset(
             done = make(chosen, folder, workers=workers, scheduler=scheduler, verify=verify, tell=tell)
         packed = write_shards(folder, shards) if shards is not None and not done.failures else []
     except KeyboardInterrupt:
-        console.print(f"clsim: interrupted; the same command goes on with {out}", highlight=False)
+        console.print(
+            f"clsim: interrupted; the same command goes on with {out}", highlight=False, markup=False, emoji=False
+        )
         return INTERRUPTED
     except SchedulerLostError as error:
         print(f"clsim: {scheduler or 'dask.distributed'}: {error}", file=sys.stderr)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clsim.cli.options import parse
+from clsim.cli.options.config import read_config, suited
 from clsim.cli.options.detector import (
     BANDWIDTH,
     BANDWIDTH_H,
@@ -40,6 +41,7 @@ from clsim.cli.options.detector import (
 )
 from clsim.cli.options.shared import (
     CONFIDENCE,
+    CONFIG,
     EVENT_RULE,
     FORMAT,
     HISTORY,
@@ -60,8 +62,8 @@ if TYPE_CHECKING:
 
 
 def detect(
-    frames: FRAMES,
-    out: OUT,
+    frames: FRAMES = None,
+    out: OUT = None,
     fps: FPS = None,
     threshold: THRESHOLD = None,
     sensor: RECORDED_SENSOR = None,
@@ -71,6 +73,7 @@ def detect(
     times: TIMES = None,
     time_unit: TIME_UNIT = None,
     like: LIKE = None,
+    config: CONFIG = None,
     as_json: JSON = False,
     method: METHOD = None,
     gate: GATE = None,
@@ -111,15 +114,28 @@ def detect(
     from clsim.cli.output.status import run_session
     from clsim.events.sockets.address import is_standard_output
 
+    if frames is None and config is None:
+        raise InputError("which frames? Name a video or a folder of pictures, or a --config")
+    if not out:
+        raise InputError("where shall the events go? Give --out a file or an address")
     if as_json and any(map(is_standard_output, out)):
         raise InputError("--json and --out - would both write to standard output; give --out a file instead")
-    return run_session(_open(given), as_json=as_json)
+    return run_session(_open(given) if config is None else _repeat(config, given), as_json=as_json)
 
 
 _FOR_THE_SENSOR = ("sensor", "seed", "lux_per_unit")
 _FOR_PICTURES = ("times", "time_unit", "transfer", "like")
 _FOR_FILES = ("out", "format", "text_time", "ros_events", "labels", "as_json")
-_NOT_FOR_THE_DETECTOR = ("frames", "fps", "threshold", "opencl", *_FOR_THE_SENSOR, *_FOR_PICTURES, *_FOR_FILES)
+_NOT_FOR_THE_DETECTOR = (
+    "frames",
+    "config",
+    "fps",
+    "threshold",
+    "opencl",
+    *_FOR_THE_SENSOR,
+    *_FOR_PICTURES,
+    *_FOR_FILES,
+)
 
 
 def _open(given: Mapping[str, Any]) -> Session:
@@ -152,6 +168,42 @@ def _open(given: Mapping[str, Any]) -> Session:
     seen_by = _seen_by(frames, told, eye)
     config = detector_config(frames, told, chosen, seen_by)
     return open_recording(RecordingOptions(frames, config, fps, opencl, out, files, _fps_told(told), seen_by))
+
+
+def _repeat(config: Path, given: Mapping[str, Any]) -> Session:
+    """Return the session of a sidecar's options; what is ``given`` to `detect` wins."""
+    from clsim.events.outputs import FileOptions
+    from clsim.live.footage import FootageOptions, open_footage_session
+    from clsim.live.recording_options import RecordingOptions
+    from clsim.live.session import open_recording
+    from clsim.values import from_plain
+
+    told = read_config(config)
+    if "frames" not in told:
+        raise InputError(f"--config {config}: is of no run of clsim detect; expected the .json beside what one wrote")
+    chosen = _given({name: value for name, value in given.items() if name not in _NOT_FOR_THE_DETECTOR})
+    if given["features"] is not None:
+        chosen["features"] = _features(given["features"])
+    if given["threshold"] is not None:
+        chosen["threshold_on"], chosen["threshold_off"] = parse.threshold(given["threshold"])
+    run = _given({name: given[name] for name in ("frames", "fps", "opencl", *_FOR_PICTURES)})
+    out = tuple(given["out"])
+    how = suited(told.get("files"), out)
+    how |= _given({name: given[name] for name in ("format", "text_time", "ros_events", "labels")})
+    run |= {"outputs": out, "files": FileOptions(**how)}
+    eye = _given({name: given[name] for name in _FOR_THE_SENSOR})
+    plain = {name: value for name, value in told.items() if name not in ("outputs", "files")}
+    try:
+        if "config" in plain:
+            recording = RecordingOptions.from_dict(plain)
+            seen_by = replace(recording.seen_by, **eye)
+            detector = replace(recording.config, **chosen)
+            return open_recording(replace(recording, **run, config=detector, seen_by=seen_by))
+        footage = from_plain(FootageOptions, plain)
+        found = json.loads(config.read_text(encoding="utf-8-sig")).get("detector", {})
+        return open_footage_session(replace(footage, **run, seen_by=replace(footage.seen_by, **eye)), found | chosen)
+    except TypeError as error:
+        raise InputError(f"--config {config}: {error}") from None
 
 
 def detector_config(

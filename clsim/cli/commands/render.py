@@ -126,6 +126,8 @@ def render(
     console.print(
         f"{count} frame{'s' * (count > 1)} of {rendering.width}x{rendering.height} ({rendering.settings}) → {out}",
         highlight=False,
+        markup=False,
+        emoji=False,
         soft_wrap=True,
     )
     return 0

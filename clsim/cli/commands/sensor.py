@@ -70,7 +70,7 @@ def fit(
 ) -> None:
     """Find a camera's numbers from its recordings: leak, noise, hot pixels; with a lamp, thresholds and rest too.
 
-    docs/sensor.md says how to record. Each number comes with its standard error.
+    docs/sensor-fit.md says how to record. Each number comes with its standard error.
 
     Examples: `clsim sensor fit still.aedat4 --out mine.toml`,
     `clsim sensor fit still.raw --lamp lamp.raw --contrast 0.5 --base davis346 --out mine.toml`

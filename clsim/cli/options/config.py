@@ -85,9 +85,11 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
     if config is None:
         return LiveOptions(**_with_scene(chosen), files=FileOptions(**written))
     base = {name: value for name, value in read_config(config).items() if name != "outputs"}
-    how = _suited(base.pop("files", {}), chosen.get("outputs", ()))
+    how = suited(base.pop("files", {}), chosen.get("outputs", ()))
     if "quality" in chosen:
         base = {name: value for name, value in base.items() if name not in setting_names()}
+    if chosen.get("truth") == ("none",):
+        base.pop("frame_rate", None)  # it is that of truth
     if any(name in chosen for name in _LENGTHS):
         base = {name: value for name, value in base.items() if name not in _LENGTHS}
     if "scene" in chosen:
@@ -108,12 +110,14 @@ def _filtered(run: LiveOptions) -> bool:
 
 
 def _with_scene(options: dict[str, Any]) -> dict[str, Any]:
+    if "scene" not in options and "frames" in options:
+        raise InputError("it is of a run of clsim detect, which has no scene: use clsim detect --config")
     if "scene" not in options:
         raise InputError("which scene? Name a bundled one (see `clsim scenes`), a scene file, or a --config")
     return options
 
 
-def _suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
+def suited(files: object, outputs: tuple[str, ...]) -> dict[str, Any]:
     """Return the settings of ``files`` that concern one of the outputs."""
     from clsim.events.outputs import FileOptions
     from clsim.values import from_plain

@@ -19,13 +19,14 @@ from clsim.detect.config import (
 from clsim.footage import Convention, TimeUnit, Transfer
 
 FRAMES = Annotated[
-    str,
+    str | None,
     typer.Argument(
+        show_default=False,
         help="A video; a folder or glob pattern of pictures (PNG, JPEG, TIFF …), or of EXR frames: ours, the ICIP 2023 "
-        "program's, pbrt-v4's, Mitsuba 3's or Blender's."
+        "program's, pbrt-v4's, Mitsuba 3's or Blender's.",
     ),
 ]
-OUT = Annotated[list[str], typer.Option(help=OUT_HELP)]
+OUT = Annotated[list[str] | None, typer.Option(help=OUT_HELP)]
 FPS = Annotated[float | None, typer.Option(help="Frames per second. [the times in the files]")]
 THRESHOLD = Annotated[
     str | None,

@@ -213,7 +213,7 @@ TRUTH = Annotated[
     str | None,
     typer.Option(
         metavar="NAMES",
-        help=f"What is known beside the events, such as depth,flow: all, or of {', '.join(TRUTH_NAMES)}. "
+        help=f"What is known beside the events, such as depth,flow: all, none, or of {', '.join(TRUTH_NAMES)}. "
         f"clsim live writes it to outputs that end in {', '.join(e for kind in LAYOUTS for e in kind.endings)}.",
     ),
 ]

@@ -142,7 +142,9 @@ def say_about_scene(console: Console, notes: Sequence[str], warnings: Sequence[s
 
 
 def _say(console: Console, sentence: str, style: str | None = None) -> None:
-    console.print(f"clsim: {as_options(sentence)}", style=style, highlight=False, soft_wrap=True)
+    console.print(
+        f"clsim: {as_options(sentence)}", style=style, highlight=False, markup=False, emoji=False, soft_wrap=True
+    )
 
 
 def _served_at(output: Output) -> str:

@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rich.text import Text
+
 from clsim.cli.output.words import events_text, percent_text, real_time_share, size_text
 
 if TYPE_CHECKING:
@@ -23,10 +25,8 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
     """Print what came of a run."""
     say = _sayer(console)
     stopped = "stopped: " if summary["interrupted"] else ""
-    say(
-        f"{stopped}[bold]{events_text(summary['events'])}[/] in {summary['simulated_s']:.3f} s of {summary['name']} "
-        f"({summary['width']}x{summary['height']})"
-    )
+    rest = f" in {summary['simulated_s']:.3f} s of {summary['name']} ({summary['width']}x{summary['height']})"
+    say(Text.assemble(stopped, (events_text(summary["events"]), "bold"), rest))
     share, startup_s = real_time_share(summary), summary["startup_s"] or 0.0
     if share is not None:
         say(
@@ -44,7 +44,7 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
         say(f"→ {output['name']}" + (f": {output['error']}" if "error" in output else _size(output["name"])))
     hint = _hint(session, summary)
     if hint is not None and console.is_terminal:
-        say(f"[dim]{hint}[/]")
+        say(Text(hint, style="dim"))
 
 
 def print_losses(console: Console, summary: dict[str, Any]) -> None:
@@ -59,6 +59,8 @@ def print_losses(console: Console, summary: dict[str, Any]) -> None:
         )
     if summary["lost_events"]:
         say(f"clsim: {summary['lost_events']:,} events were lost in the sensor's readout: it was too busy")
+    if summary["too_dark"]:
+        say(f"clsim: {summary['too_dark']}")
     noise = summary["noise_share"]
     if noise is not None and noise > _MUCH_NOISE:
         say(
@@ -104,8 +106,9 @@ def _size(name: str) -> str:
 
 
 def _sayer(console: Console, style: str | None = None) -> Any:
-    def say(sentence: str) -> None:
-        # Lines are left to the terminal to wrap: a path or a command must stay in one piece to be copied.
-        console.print(sentence, style=style, highlight=False, soft_wrap=True)
+    def say(sentence: str | Text) -> None:
+        # Lines are left to the terminal to wrap: a path or a command must stay in one piece to be copied. Brackets in
+        # names of folders, and of a scene's tables, are no markup.
+        console.print(sentence, style=style, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
     return say

@@ -32,8 +32,9 @@ def about_run(
     scene = options.get("scene")
     if scene is not None and scene not in bundled_names():
         options = options | {"scene": os.path.abspath(scene)}
-    if options.get("camera_path") is not None:
-        options = options | {"camera_path": os.path.abspath(options["camera_path"])}
+    for name in ("camera_path", "frames", "times"):
+        if isinstance(options.get(name), str):
+            options = options | {name: os.path.abspath(options[name])}
     pattern = None if sensor is None else sensor.optics.color_filter
     return ({} if pattern is None else {"color_filter": pattern}) | {
         "clsim_version": VERSION,

@@ -37,6 +37,7 @@ class Summary:
             frames that were measured, of which ``fast_pairs`` by more than a pixel, ``lost_pairs`` in which nothing was
             found again, and ``largest_px``; None but for video and pictures.
         chosen: what was chosen and why, a sentence each.
+        too_dark: a sentence, where half of the first picture is too dark for the sensor; else None.
         outputs: for each output its ``name``, its ``error`` if it failed, and figures of its own.
     """
 
@@ -68,6 +69,7 @@ class Summary:
     frames_per_s: float
     motion: dict[str, float] | None
     chosen: tuple[str, ...]
+    too_dark: str | None
     outputs: list[dict[str, Any]]
 
     def as_dict(self) -> dict[str, Any]:

@@ -33,6 +33,7 @@ def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
     Raises:
         InputError: with file and line.
     """
+    faceted = bool(shape.get("face_normals", False))
     if shape.type in ("obj", "ply"):
         mesh = load_triangles(file_of(shape.place, shape.get("filename", ""), root))
         flip = not shape.get("flip_tex_coords", shape.type == "obj")
@@ -40,7 +41,8 @@ def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
             mesh = replace(mesh, uvs=_down(mesh.uvs))
     elif shape.type == "serialized":
         path = file_of(shape.place, shape.get("filename", ""), root)
-        mesh = read_serialized(path, int(shape.get("shape_index", 0.0)))
+        mesh, told = read_serialized(path, int(shape.get("shape_index", 0.0)))
+        faceted = faceted or told
     elif shape.type == "rectangle":
         mesh = _rectangle()
     elif shape.type == "cube":
@@ -57,7 +59,7 @@ def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
     mesh = transformed(mesh, linear)
     if bare and np.linalg.det(linear) < 0:
         mesh = replace(mesh, triangles=np.ascontiguousarray(mesh.triangles[:, ::-1]))
-    if shape.get("face_normals", False):
+    if faceted:
         mesh = replace(mesh, normals=None)
     elif bare:
         mesh = smooth_normals(mesh)
@@ -67,8 +69,11 @@ def read_shape(shape: Plugin, root: Path, linear: Matrix) -> Mesh | None:
     return mesh
 
 
-def read_serialized(path: Path, index: int) -> Mesh:
+def read_serialized(path: Path, index: int) -> tuple[Mesh, bool]:
     """Read one mesh of Mitsuba 0.6's serialized format: a zlib stream each, a table of offsets at the end.
+
+    Returns:
+        The mesh, and whether the file asks for face normals, as ``face_normals`` of a shape does.
 
     Raises:
         InputError: naming the file, if it is damaged.
@@ -115,7 +120,7 @@ def read_serialized(path: Path, index: int) -> Mesh:
         raise InputError(f"{wrong} ({error})") from None
     if len(faces) and faces.max() >= vertices:
         raise InputError(f"{path}: a triangle uses vertex {faces.max()}, expected 0 to {vertices - 1}")
-    return _mesh(points, faces, None if flags & 0x10 else normals, uvs)
+    return _mesh(points, faces, normals, uvs), bool(flags & 0x10)
 
 
 def _down(uvs: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -149,21 +149,22 @@ def read_body(stage: Stage, prim: Any, material_of: MaterialOf) -> Mesh | None:
     elif kind == "Sphere":
         mesh = shapes.sphere(size("radius"), SEGMENTS)
     elif kind == "Plane":
-        mesh = transformed(shapes.quad((size("width"), size("length"))), _Y_TO["Z"])
+        mesh = shapes.quad((size("width"), size("length")))
     elif kind in ("Cylinder", "Cone", "Capsule"):
         mesh = _turned_body(kind, size("radius"), size("height"))
     if mesh is None:
         return None
-    axis = stage.value(prim.GetAttribute("axis")) if kind in ("Plane", "Cylinder", "Cone", "Capsule") else "Z"
+    axis = str(stage.value(prim.GetAttribute("axis"))) if kind in ("Plane", "Cylinder", "Cone", "Capsule") else "Z"
     color = stage.value(UsdGeom.Gprim(prim).GetDisplayColorAttr())
     r, g, b = np.clip(np.array(color[0]), 0.0, 1.0).tolist() if color else (0.5, 0.5, 0.5)
     material = material_of(prim, (r, g, b) if color else None)
     mesh = replace(mesh, material_ids=np.full(len(mesh.triangles), material, np.int32))
-    return transformed(mesh, _Z_TO.get(str(axis), np.eye(3)))
+    return transformed(mesh, (_Y_TO if kind == "Plane" else _Z_TO).get(axis, np.eye(3)))
 
 
 _Z_TO = {"X": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]]), "Y": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]])}
-_Y_TO = {"Z": np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])}
+_Y_TO = {"X": _Z_TO["Y"], "Z": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])}
+"""Of planes: their width is along x about y and z, and along z about x."""
 
 
 def _turned_body(kind: str, radius: float, height: float) -> Mesh:

@@ -168,9 +168,10 @@ class _Reader:
             raise InputError(f"{self.stage.path}: has no triangles, expected a mesh" + (f" ({why})" if why else ""))
 
     def read(self) -> None:
-        """Visit all prims."""
+        """Visit all prims, and let go of the file."""
         with self.stage.hearing():
             self._read()
+        self.stage.release()
 
     def _read(self) -> None:
         for prim in self._prims(self.stage.usd.GetPseudoRoot()):

@@ -169,6 +169,10 @@ class Stage:
             return []
         return [self.start, *(code for code in sampled if self.start < code < self.end), self.end]
 
+    def release(self) -> None:
+        """Let go of the file, once all is read: usd-core would not read it again while anybody holds it."""
+        self.usd = self._cache = None
+
     def claim(self, size: int) -> bool:
         """Take memory for what changes; False where there would be too much in all."""
         self._left -= size

@@ -30,3 +30,11 @@ def test_thresholds() -> None:
     for text in ("-0.1", "0", "a", "0.1,0.2,0.3", "nan", "0.2,", "inf"):
         with pytest.raises(InputError, match="--threshold must be one or two positive numbers"):
             parse.threshold(text)
+
+
+@pytest.mark.parametrize(("unit", "per_us"), [("us", 1), ("µs", 1), ("ms", 10**3), ("s", 10**6)])
+def test_windows_are_whole_microseconds_however_they_are_told(unit: str, per_us: int) -> None:
+    """8.19 ms are 8190 µs, though 1e6 · 0.00819 is a little less."""
+    for window_us in (1, 3, 29, 57, 290, 1_001, 4_350, 8_190, 1_150_000):
+        told = f"{window_us / per_us:.6f}{unit}"
+        assert parse.windows_us(told, "--within") == (window_us,)

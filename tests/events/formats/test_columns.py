@@ -237,3 +237,19 @@ def test_any_table_of_text_is_events_in_order_or_one_sentence(
         assert str(path) in str(error) and "\n" not in str(error)
         return
     assert (np.diff(found["t"]) >= 0).all() and (found["t"] >= 0).all() and len(found) <= len(rows)
+
+
+@pytest.mark.parametrize("mark", ["_{}", " [{}]", " ({})"])
+@pytest.mark.parametrize(
+    ("units", "per_s"),
+    [(("s", "sec", "seconds"), 1), (("ms",), 10**3), (("us", "µs", "usec"), 10**6), (("ns", "nsec"), 10**9)],
+)
+def test_a_units_name_tells_how_many_of_it_are_a_second(
+    tmp_path: Path, mark: str, units: tuple[str, ...], per_s: int
+) -> None:
+    """Times of 0, 2 and 3.000004 s; in the coarse units as numbers with a point."""
+    times_us = [0, 2_000_000, 3_000_004]
+    told = [f"{t * per_s / 10**6:.6f}" if per_s < 10**6 else f"{t * per_s // 10**6}" for t in times_us]
+    for unit in units:
+        (tmp_path / "a.csv").write_text(f"timestamp{mark.format(unit)},x,y,p\n" + "".join(f"{t},1,2,1\n" for t in told))
+        assert read(tmp_path / "a.csv")["t"].tolist() == times_us, unit

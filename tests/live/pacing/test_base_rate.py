@@ -15,6 +15,7 @@ from clsim.scene import Camera, Instance, Static, World, load_world
 from clsim.scene.modulation import Pwm, Sine
 from clsim.scene.motion import Keyframes
 from clsim.scene.shapes import box
+from clsim.scene.world import SphereLight
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
@@ -96,6 +97,9 @@ def test_changing_light_gets_the_frames_that_it_asks_for():
     assert base_fps(replace(flickers, fps=24.0)) == 120.0
     assert base_fps(replace(flickers, environment_modulation=Pwm(1000.0))) == 1920.0
     assert base_fps(replace(flickers, environment_modulation=Sine(1.0, 0.0))) == 30.0
+    slow, fast = (SphereLight(0.1, (1.0, 1.0, 1.0), Static(np.eye(4)), modulation=Sine(hz)) for hz in (2.0, 40.0))
+    for lamps in ((slow, fast), (fast, slow)):
+        assert base_fps(replace(flickers, sphere_lights=lamps)) == 480.0, "the fastest of all tells, 400 are asked for"
 
 
 def test_a_run_between_frames_has_them_unless_told_otherwise():

@@ -6,6 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clsim.live.pacing.governor import Governor
 from clsim.live.pacing.ladder import Level, ladder
@@ -180,22 +182,34 @@ def test_costs_must_fall() -> None:
         Governor([3.0, 3.0, 1.0], BUDGET_S)
 
 
-def test_the_ladder_gives_up_samples_then_first_hit_rays_and_probes_in_turn() -> None:
-    assert LEVELS[0] == BEST and LEVELS[-1] == Level(1, 1, 1, every=4)
-    assert [level.spp for level in LEVELS] == [8, 4, 2, 1, 1, 1, 1, 1, 1]
-    assert [level.first_hit_rays for level in LEVELS] == [16, 16, 16, 16, 4, 4, 4, 2, 1]
-    assert [level.every for level in LEVELS] == [1, 1, 1, 1, 1, 2, 4, 4, 4]
-    assert [level.first_hit_rays for level in ladder(Level(1, 1, 4))] == [4, 4, 4, 2, 1]
-    assert [(level.first_hit_rays, level.every) for level in ladder(Level(1, 1, 4, every=2))] == [
-        (4, 2), (4, 4), (2, 4), (1, 4)
-    ]  # fmt: skip
-    assert {level.every for level in ladder(Level(1, 8, 16, every=6))} == {6}
-    assert all(level.probe_spp <= level.spp for level in ladder(Level(probe_spp=4, spp=16, first_hit_rays=32)))
+@given(
+    st.integers(1, 8), st.integers(0, 8), st.sampled_from([1, 2, 4, 8, 16, 64]), st.sampled_from([1, 2, 4, 6]),
+    st.sampled_from([None, 1.0, 20.0, 1e4]),
+)  # fmt: skip
+def test_down_the_ladder_times_get_coarser_first_then_samples_fewer_then_rays_and_probes(
+    probe_spp: int, more: int, rays: int, every: int, tolerance_us: float | None
+) -> None:
+    """Nothing gets better on the way down, and what comes later waits until what comes before is given up."""
+    levels = ladder(Level(probe_spp, probe_spp + more, rays, every, tolerance_us))
+    for above, below in pairwise(levels):
+        rays_or_probes = (above.first_hit_rays, -above.every) != (below.first_hit_rays, -below.every)
+        coarser = (above.tolerance_us or 0) < (below.tolerance_us or 0)
+        fewer = above.spp > below.spp
+        assert [coarser, fewer, rays_or_probes].count(True) == 1
+        assert not fewer or (below.spp == above.spp // 2 and below.probe_spp <= above.probe_spp)
+        assert not (fewer or rays_or_probes) or below.tolerance_us in (None, 1e4)
+        assert not rays_or_probes or below.spp == 1
+        assert below.first_hit_rays <= above.first_hit_rays and below.every >= above.every
+        assert below.probe_spp <= below.spp
+    last = levels[-1]
+    assert (last.spp, last.first_hit_rays, last.every >= 4, last.tolerance_us) == (
+        1, 1, True, None if tolerance_us is None else 1e4,
+    )  # fmt: skip
+
+
+def test_what_was_given_up_is_told_in_words() -> None:
     timed = ladder(Level(1, 8, 16, tolerance_us=20.0))
-    assert [level.tolerance_us for level in timed] == [20.0, 200.0, 2000.0, *[1e4] * len(LEVELS)]
-    assert [level.spp for level in timed[:5]] == [8, 8, 8, 8, 4], "the exactness of times is given up first"
-    assert all(a.cost > b.cost for a, b in pairwise(timed)) and timed[0].effort == BEST.effort
-    assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us"
+    assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us" and timed[0].effort == BEST.effort
     assert LEVELS[0].given_up_against(BEST) == ""
     assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
 
@@ -228,3 +242,20 @@ def test_failures_are_forgotten_for_good_as_soon_as_the_load_falls() -> None:
             waited = next(k for k in range(1000) if governor.observe(0.35 * BUDGET_S))
             assert waited >= 20 << failures
     assert 20 <= next(k for k in range(1000) if governor.observe(0.1 * BUDGET_S)) < 30
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45, 0.55, 0.75, 0.95])
+def test_it_begins_and_falls_as_low_as_it_must_and_no_lower(share: float) -> None:
+    """The best level that leaves a third of the time free; after a fall, the best that leaves a fifth."""
+    for level in range(len(LEVELS)):
+        load = share * BUDGET_S / costs()[level]
+        governor = Governor(costs(), BUDGET_S)
+        governor.begin(load * costs()[MEASURED], MEASURED)
+        fits = [k for k, cost in enumerate(costs()) if load * cost <= 0.6 * BUDGET_S * (1 + 1e-9)]
+        assert governor.level == min(fits, default=len(LEVELS) - 1)
+        governor = Governor(costs(), BUDGET_S)
+        if level == 0 or load * costs()[0] <= BUDGET_S:
+            continue
+        fallen = next((k for k in range(10) if governor.observe(load * costs()[0])), None)
+        fits = [k for k, cost in enumerate(costs()) if k > 0 and load * cost <= 0.8 * BUDGET_S * (1 + 1e-9)]
+        assert fallen is not None and governor.level == min(fits, default=len(LEVELS) - 1)

@@ -69,6 +69,9 @@ def test_a_loop_asks_for_the_times_of_its_motion():
         def trace(self, pixels, times_s):
             self.asked = tuple(times_s)
 
+        def reflected(self, pixels, light, start_s, end_s, fineness):
+            self.asked = (start_s, end_s)
+
     tracer = Tracer()
     looping = Looping(tracer, Schedule(30.0, 60, None, loop=True, periodic=True))
     # The third pass begins at 4 s: its first step is that of the motion, and the step before leads beyond its end.
@@ -78,6 +81,8 @@ def test_a_loop_asks_for_the_times_of_its_motion():
     np.testing.assert_allclose(tracer.asked, (0.0, 1 / 30), atol=1e-6)
     looping.trace(np.zeros(1, np.int32), np.array([4.01]))
     np.testing.assert_allclose(tracer.asked, 0.01, atol=1e-6)
+    looping.reflected(np.zeros(1, np.int64), np.zeros((1, 3), np.float32), 4.0, 121 / 30, None)
+    np.testing.assert_allclose(tracer.asked, (0.0, 1 / 30), atol=1e-6)
 
 
 @pytest.mark.slow

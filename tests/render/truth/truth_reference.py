@@ -40,7 +40,7 @@ def pixel_centres(camera: Camera):
 
 
 def intrinsics(camera: Camera):
-    """Focal length and centre [pixels], by their definition in docs/scenes.md."""
+    """Focal length and centre [pixels], by their definition in docs/reference/scene-keys.md."""
     fov = np.radians(camera.fov_deg)
     fisheye = camera.lens.model == "fisheye"
     focal = camera.width / fov if fisheye else camera.width / (2 * np.tan(fov / 2))

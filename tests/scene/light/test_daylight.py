@@ -149,6 +149,25 @@ def test_a_toml_has_a_sky_and_a_sun(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("azimuth", "towards"), [("0.0", (0, -1)), ("90.0", (1, 0)), ("180.0", (0, 1)), ("-90.0", (-1, 0)), (None, (0, 1))]
+)
+def test_the_suns_azimuth_goes_from_north_by_east_and_is_south_unless_told(
+    tmp_path: Path, azimuth: str | None, towards: tuple[int, int]
+) -> None:
+    """North is −z, east +x; the sky is brightest on the side of the sun."""
+    told = "" if azimuth is None else f"azimuth_deg = {azimuth}\n"
+    world = load_world(toml(tmp_path, f"elevation_deg = 20.0\n{told}"))
+    place = world.sphere_lights[0].motion.pose(0.0)[:3, 3]
+    x, _, z = place / np.linalg.norm(place)
+    assert (x, z) == pytest.approx(np.multiply(towards, np.cos(np.radians(20))), abs=1e-9)
+    assert world.environment_map is not None
+    light = world.environment_map.radiance.sum(axis=2)
+    column = int(np.argmax(light.sum(axis=0)))
+    turn = 2 * np.pi * (column + 0.5) / light.shape[1]  # columns run from −z over +x, +z and −x
+    assert np.dot((np.sin(turn), -np.cos(turn)), towards) > 0.98
+
+
+@pytest.mark.parametrize(
     "text", ["", "latitude_deg = 3.0\n", "elevation_deg = 3.0\nlatitude_deg = 3.0\ntime = 2024-06-20T14:00:00\n"]
 )
 def test_a_sun_without_a_place_or_with_two_is_refused(tmp_path: Path, text: str) -> None:

@@ -254,3 +254,10 @@ def test_spots_and_projectors_keep_their_pictures(tmp_path):
     assert (frame.falloff, frame.picture_size) == ("frame", pytest.approx((1, 0.5)))
     assert frame.intensity == pytest.approx((np.pi,) * 3)
     assert frame.outer_deg == pytest.approx(np.degrees(np.arctan(np.hypot(1, 0.5))))
+
+
+@pytest.mark.parametrize(("opens", "closes", "exposes"), [(None, None, 0), (None, 0.02, 0.02), (0.5, 0.53, 0.03)])
+def test_a_shutter_is_open_from_when_it_opens_until_it_closes(tmp_path, opens, closes, exposes):
+    told = {"shutter_open": opens, "shutter_close": closes}
+    properties = "".join(f'<float name="{name}" value="{value}"/>' for name, value in told.items() if value is not None)
+    assert camera(tmp_path, properties).shutter_s == pytest.approx(exposes)

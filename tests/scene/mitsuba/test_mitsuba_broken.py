@@ -25,8 +25,8 @@ def test_serialized_meshes(tmp_path):
     second = serialized([(0, 0, 0), (2, 0, 0), (0, 2, 0), (2, 2, 0)], [(0, 1, 2), (1, 3, 2)], 0x2000)
     path = tmp_path / "a.serialized"
     path.write_bytes(first + second + struct.pack("<QQI", 0, len(first), 2))
-    assert read_serialized(path, 0).triangles.tolist() == [[0, 1, 2]]
-    mesh = read_serialized(path, 1)
+    assert read_serialized(path, 0)[0].triangles.tolist() == [[0, 1, 2]]
+    mesh, _ = read_serialized(path, 1)
     assert mesh.vertices[3].tolist() == [2, 2, 0]
     assert mesh.triangles.tolist() == [[0, 1, 2], [1, 3, 2]]
     for index in (2, 9):

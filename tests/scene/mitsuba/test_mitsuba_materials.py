@@ -285,3 +285,41 @@ def test_phong_tells_that_the_texture_of_its_exponent_is_left_out(tmp_path):
     found, world = material(tmp_path, f'<bsdf type="phong">{texture}</bsdf>', "0.6.0")
     assert world.materials[found.blend_with].alpha == pytest.approx(np.sqrt(2 / 122))
     assert any("exponent" in warning and "30 stands in" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize("across", ["repeat", "mirror", "clamp"])
+@pytest.mark.parametrize("along", ["repeat", "mirror", "clamp"])
+def test_each_direction_of_a_texture_has_its_own_wrap_mode(tmp_path, across, along):
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    modes = f'<string name="wrap_mode_u" value="{across}"/><string name="wrap_mode_v" value="{along}"/>'
+    bitmap = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{modes}</texture>'
+    found, world = material(tmp_path, f'<bsdf type="diffuse">{bitmap}</bsdf>')
+    texture = world.textures[found.texture]
+    assert (texture.wrap_u, texture.wrap_v) == (across, along)
+
+
+def test_old_offsets_and_scales_are_each_directions_own(tmp_path):
+    """Of version 0.6: u' = uscale·u + uoffset, v' = vscale·v + voffset, v from the top."""
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    told = "".join(
+        f'<float name="{name}" value="{value}"/>'
+        for name, value in (("uscale", 2), ("vscale", 3), ("uoffset", 0.25), ("voffset", 0.5))
+    )
+    texture = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{told}</texture>'
+    _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>', "0.6.0")
+    matrix = np.array(world.textures[0].uv_matrix)
+    for u, v in ((0.0, 0.0), (0.3, 0.6)):
+        across, up = matrix @ (u, 1 - v, 1)
+        assert (across, 1 - up) == pytest.approx((2 * u + 0.25, 3 * v + 0.5))
+
+
+@pytest.mark.parametrize(
+    ("told", "srgb"),
+    [("", True), ('<float name="gamma" value="1"/>', False), ('<float name="gamma" value="2.2"/>', True),
+     ('<boolean name="raw" value="true"/>', False)],
+)  # fmt: skip
+def test_raw_pictures_and_those_of_gamma_1_are_linear(tmp_path, told, srgb):
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    texture = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{told}</texture>'
+    _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>')
+    assert world.textures[0].srgb is srgb

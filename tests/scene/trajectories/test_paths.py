@@ -214,3 +214,20 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path, ending: str) -> None:
     os.mkfifo(path)
     with pytest.raises(InputError, match="is no ordinary file, expected a camera path"):
         read_path(path)
+
+
+@pytest.mark.parametrize(("unit", "per_s"), [("s", 1), ("sec", 1), ("ms", 10**3), ("us", 10**6), ("ns", 10**9)])
+@pytest.mark.parametrize("ending", [".csv", ".npz"])
+def test_times_count_in_the_unit_that_their_name_ends_in(tmp_path, ending, unit, per_s):
+    """Three metres in a second and a half, whatever the clock; time starts at the first pose."""
+    times = [5 * per_s, 5 * per_s + per_s * 3 // 2 if per_s > 1 else 6.5]
+    path = tmp_path / f"a{ending}"
+    if ending == ".csv":
+        rows = [f"{time},{x},0,0,0,0,0,1" for time, x in zip(times, (0, 3), strict=True)]
+        path.write_text("\n".join([f"timestamp_{unit},x,y,z,qx,qy,qz,qw", *rows]) + "\n")
+    else:
+        places = {"positions": [(0, 0, 0), (3, 0, 0)], "quaternions": [(0, 0, 0, 1)] * 2}
+        np.savez(path, **{f"time_{unit}": times}, **places)
+    motion = read_path(path)
+    assert motion.duration_s == pytest.approx(1.5)
+    assert motion.pose(0.5)[:3, 3] == pytest.approx((1, 0, 0))

@@ -8,9 +8,18 @@ from pxr import Usd, UsdGeom, UsdUtils
 
 from clsim.errors import InputError
 from clsim.scene import load_world
-from tests.scene.usd.usd_files import CENTIMETRES_Z_UP, METRES, SECONDS, mesh, placed, usda
+from tests.scene.usd.usd_files import (
+    CAMERA,
+    CENTIMETRES_Z_UP,
+    METRES,
+    TIMED,
+    VANISHING,
+    mesh,
+    placed,
+    points_at,
+    usda,
+)
 
-CAMERA = 'def Camera "eye"\n{\n' + placed("double3 xformOp:translate = (0, 0, 9)") + "}\n"
 ARM = placed(
     "double3 xformOp:translate.timeSamples = { 10: (0, 0, 0), 34: (3, 2, 1) }",
     "float xformOp:rotateZ.timeSamples = { 10: 0, 22: 720, 34: 90 }",
@@ -25,22 +34,10 @@ HOT = 'def SphereLight "bulb" { bool inputs:enableColorTemperature = 1\n float i
 RED = """def Material "red" { token outputs:surface.connect = </red/it.outputs:surface>
 def Shader "it" { uniform token info:id = "UsdPreviewSurface"\n token outputs:surface
 string inputs:diffuseColor = "red" } }"""
-VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
-point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
-
-TIMED = f"{METRES}\n    {SECONDS}"
-MOVING_COPIES = VANISHING.replace("[(1, 2, 3)]", "[(1, 2, 3), (3, 2, 1)]")
 
 
 def moving(inside):
     return f'def Xform "arm" {{ {ARM}\ndef Xform "hand" {{ {HAND}\n{inside} }} }}\n'
-
-
-def points_at(world, instance, time_s):
-    mesh = world.meshes[instance.mesh]
-    vertices = mesh.vertices if mesh.deformation is None else mesh.deformation.vertices_at(time_s)[0]
-    pose = instance.motion.pose(time_s)
-    return vertices @ pose[:3, :3].T + pose[:3, 3]
 
 
 def points_of_usd(path, prim, code, unit=1.0):
@@ -128,48 +125,6 @@ def test_points_that_move_are_joined_by_lines_and_keep_corners_apart(tmp_path):
         expected = points_of_usd(path, "/square", code)[[0, 1, 2, 0, 2, 3]]
         assert np.allclose(found.deformation.vertices_at(code / 24)[0], expected, atol=1e-6)
     assert world.duration_s == 1.0
-
-
-def test_instances_share_triangles(tmp_path):
-    text = f'class "made" {{ {mesh()} }}\n' + "".join(
-        f'def Xform "{name}" (instanceable = true\n references = </made>)\n'
-        f"{{ {placed(f'double3 xformOp:translate = ({x}, 0, 0)')} }}\n"
-        for name, x in (("a", 1), ("b", 5))
-    )
-    world = load_world(usda(tmp_path, text))
-    assert len(world.meshes) == 1
-    assert [instance.motion.pose(0.0)[0, 3] for instance in world.instances] == [1, 5]
-
-
-def test_copies_stand_where_usd_puts_them(tmp_path):
-    larger = placed("float3 xformOp:scale = (2, 2, 2)")
-    text = f"""
-    def PointInstancer "many"
-    {{
-        int[] protoIndices = [0, 1, 0]
-        point3f[] positions.timeSamples = {{
-            10: [(0, 0, 0), (5, 0, 0), (9, 1, 0)],
-            34: [(0, 3, 0), (5, 0, 0), (9, 1, 4)]
-        }}
-        quath[] orientations = [(1, 0, 0, 0), (0.7071, 0, 0.7071, 0), (1, 0, 0, 0)]
-        float3[] scales = [(1, 1, 1), (2, 2, 2), (1, 3, 1)]
-        rel prototypes = [</many/kinds/a>, </many/kinds/b>]
-        {placed("double3 xformOp:translate = (0, 7, 0)")}
-        def "kinds" {{ {mesh(name="a")} def Xform "b" {{ {larger} {mesh(name="inner")} }} }}
-    }}
-    """
-    path = usda(tmp_path, text + CAMERA, TIMED)
-    world = load_world(path)
-    assert sorted(instance.name for instance in world.instances) == ["many/0/a", "many/1/inner", "many/2/a"]
-    stage = Usd.Stage.Open(str(path))
-    many = UsdGeom.PointInstancer(stage.GetPrimAtPath("/many"))
-    square = np.array([(-1, 0, 1), (1, 0, 1), (1, 0, -1), (-1, 0, -1)])
-    for code in (10, 19, 34):
-        matrices = np.array(many.ComputeInstanceTransformsAtTime(code, code))  # with each prototype's own
-        for instance in world.instances:
-            matrix = matrices[int(instance.name.split("/")[1])]
-            expected = square @ matrix[:3, :3] + matrix[3, :3] + (0, 7, 0)
-            assert np.allclose(points_at(world, instance, (code - 10) / 24), expected, atol=2e-3)
 
 
 def test_skins_are_followed(tmp_path):
@@ -336,62 +291,6 @@ def test_metres_may_be_float_for_double():
     told = Usd.Stage.Open(str(CASE)).GetMetadata("metersPerUnit")
     assert Stage(CASE, print).metres == pytest.approx(told)
     assert load_world(CASE).instances
-
-
-def test_copies_within_copies(tmp_path):
-    """Two rows of three boxes 4 apart, 10 above each other; an instancer may itself be what is copied."""
-    inner = """def PointInstancer "inner" {
-        point3f[] positions = [(-4, 0, 0), (0, 0, 0), (4, 0, 0)]
-        int[] protoIndices = [0, 0, 0]
-        rel prototypes = </outer/PLACE/box>
-        def Cube "box" { double size = 1 } }"""
-    outer = """def PointInstancer "outer" {
-        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
-        int[] protoIndices = [0, 0]
-        rel prototypes = </outer/TARGET>
-        BODY }"""
-    for target, place in (("row", "row/inner"), ("inner", "inner")):
-        part = inner.replace("PLACE", place)
-        body = part if target == "inner" else f'def Xform "row" {{ {part} }}'
-        text = outer.replace("TARGET", target).replace("BODY", body)
-        world = load_world(usda(tmp_path, text, METRES, f"{target}.usda"))
-        found = sorted(tuple(each.motion.pose(0.0)[:3, 3].tolist()) for each in world.instances)
-        assert found == [(x, y, 0.0) for x in (-4.0, 0.0, 4.0) for y in (0.0, 10.0)]
-        assert not world.warnings
-
-
-def test_copies_that_hold_themselves_end(tmp_path):
-    text = """def PointInstancer "outer" {
-        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
-        int[] protoIndices = [0, 0]
-        rel prototypes = </outer/row>
-        def Xform "row" { def PointInstancer "again" {
-            point3f[] positions = [(1, 0, 0)]
-            int[] protoIndices = [0]
-            rel prototypes = </outer/row> }
-            def Cube "box" {} } }"""
-    world = load_world(usda(tmp_path, text))
-    assert any("levels deep" in warning for warning in world.warnings) and len(world.instances) < 20
-
-
-def test_copies_whose_places_take_too_much_memory_are_left_out(tmp_path, monkeypatch):
-    path = usda(tmp_path, mesh() + MOVING_COPIES, TIMED)
-    for most, count in ((512, 3), (511, 1)):
-        monkeypatch.setattr("clsim.scene.usd.stage.MAX_BYTES", most)
-        world = load_world(path)
-        assert len(world.instances) == count
-    assert any("the copies of twice are left out: their places" in warning for warning in world.warnings)
-
-
-@pytest.mark.parametrize("moving", ["square", "all"])
-def test_parts_that_move_within_copies_are_told(tmp_path, moving):
-    """What the prototype is in moves it too, but not its copies."""
-    turn = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }")
-    inner, outer = (turn, "") if moving == "square" else ("", turn)
-    text = f'def Xform "all" {{ {outer}\n{mesh(inner)} }}\n' + MOVING_COPIES.replace("</square>", "</all/square>")
-    world = load_world(usda(tmp_path, text, TIMED))
-    told = [warning for warning in world.warnings if "parts that move within copies" in warning]
-    assert len(told) == (moving == "square")
 
 
 def test_what_is_missing_or_hidden_is_not_there(tmp_path):

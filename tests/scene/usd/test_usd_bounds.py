@@ -88,3 +88,13 @@ def test_a_clip_that_is_a_pipe_is_not_waited_for(tmp_path):
     path.write_text(f"#usda 1.0\n({METRES}\n)\n" + mesh().replace('"square"', f'"square" {clips}'))
     with pytest.raises(InputError, match=r"refers to .*pipe\.usda, which is no ordinary file"):
         load_world(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_a_file_that_was_harmless_is_looked_at_again_when_it_has_changed(tmp_path):
+    path = usda(tmp_path, mesh())
+    assert load_world(path).instances
+    os.mkfifo(tmp_path / "pipe.usda")
+    usda(tmp_path, mesh() + 'def "far" (references = @pipe.usda@) {}')
+    with pytest.raises(InputError, match="no ordinary file"):
+        load_world(path)

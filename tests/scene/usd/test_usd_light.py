@@ -234,3 +234,12 @@ def test_what_is_lacking_is_told_once(tmp_path):
     (spot,) = world.punctual_lights
     assert spot.intensity[0] == pytest.approx(math.pi * 0.25)
     assert spot.outer_deg == 30
+
+
+@pytest.mark.parametrize(("softness", "inner"), [(0.0, 40.0), (0.25, 30.0), (1.0, 0.0), (7.0, 0.0)])
+def test_softness_is_the_share_of_the_cone_in_which_light_falls(tmp_path, softness, inner):
+    """UsdLux: the smooth edge begins at the cone's angle times 1 − softness, which goes from 0 to 1."""
+    angles = f"float inputs:shaping:cone:angle = 40\nfloat inputs:shaping:cone:softness = {softness}"
+    lamp = f'def SphereLight "spot" (prepend apiSchemas = ["ShapingAPI"]) {{ {angles} }}'
+    (spot,) = lamps(tmp_path, lamp).punctual_lights
+    assert (spot.inner_deg, spot.outer_deg) == (pytest.approx(inner), 40.0)

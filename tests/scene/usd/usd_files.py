@@ -28,3 +28,17 @@ def placed(*operations):
     names = [operation.split()[1].removesuffix(".timeSamples") for operation in operations]
     listed = ", ".join(f'"{name}"' for name in names)
     return "\n".join([*operations, f"uniform token[] xformOpOrder = [{listed}]\n"])
+
+
+def points_at(world, instance, time_s):
+    mesh = world.meshes[instance.mesh]
+    vertices = mesh.vertices if mesh.deformation is None else mesh.deformation.vertices_at(time_s)[0]
+    pose = instance.motion.pose(time_s)
+    return vertices @ pose[:3, :3].T + pose[:3, 3]
+
+
+CAMERA = 'def Camera "eye"\n{\n' + placed("double3 xformOp:translate = (0, 0, 9)") + "}\n"
+VANISHING = """def PointInstancer "twice" { rel prototypes = [</square>]\n int[] protoIndices = [0, 0]
+point3f[] positions.timeSamples = { 10: [(0, 0, 0), (1, 1, 1)], 34: [(1, 2, 3)] } }"""
+TIMED = f"{METRES}\n    {SECONDS}"
+MOVING_COPIES = VANISHING.replace("[(1, 2, 3)]", "[(1, 2, 3), (3, 2, 1)]")

@@ -145,3 +145,12 @@ def test_real_recordings_are_as_their_table_has_them(name, events, seconds, shar
     assert not more and found.events == events and found.duration_s == pytest.approx(seconds, rel=0.01)
     assert found.shared_time == pytest.approx(shared, abs=0.005)
     assert found.row_mates == pytest.approx(row_mates, abs=0.005)
+
+
+@pytest.mark.parametrize(("pixels", "most"), [(1, 1), (40, 1), (140, 1), (160, 2), (1_000, 10)])
+def test_the_hottest_are_the_busiest_hundredth_of_those_that_fire(pixels, most):
+    """Pixel k fires k + 1 times; of how many there are a hundredth is taken, to the nearest whole one."""
+    counts = np.arange(pixels) + 1
+    events = np.zeros(counts.sum(), EVENT_DTYPE)
+    events["x"] = np.repeat(np.arange(pixels), counts)
+    assert statistics(events).hottest == pytest.approx(counts[-most:].sum() / counts.sum())

@@ -1,0 +1,96 @@
+"""Mitsuba's serialized meshes, by the table of the format in its documentation; and what a shape says of normals."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+from clsim.scene.world import Mesh
+from tests.scene.mitsuba.mitsuba_files import load
+
+ROOF = [(-1, 0, 0), (1, 0, 0), (0, 1, 1), (0, -1, 1)]
+"""Two triangles that share an edge, at an angle."""
+FACES = [(0, 1, 2), (1, 0, 3)]
+NORMALS = [(0, 0, -1), (0, 0, -1), (0, -0.6, 0.8), (0, 0.6, 0.8)]
+UVS = [(0.1, 0.2), (0.3, 0.4), (0.5, 0.6), (0.7, 0.8)]
+COLORS = [(1, 0, 0)] * 4
+
+
+def serialized(tmp_path, flags: int, version: int, *columns: list[tuple[float, ...]], first: bytes = b"") -> None:
+    """Write a file whose last mesh is the roof with these columns, after another."""
+    real = "<f8" if flags & 0x2000 else "<f4"
+    name = b"roof\0" if version == 4 else b""
+    body = struct.pack("<I", flags) + name + struct.pack("<QQ", len(ROOF), len(FACES))
+    body += b"".join(np.asarray(column, real).tobytes() for column in (ROOF, *columns))
+    data = struct.pack("<HH", 0x041C, version) + zlib.compress(body + np.asarray(FACES, "<u4").tobytes())
+    kind = "Q" if version == 4 else "I"
+    offsets = struct.pack(f"<{kind}", 0) + (struct.pack(f"<{kind}", len(data)) if first else b"")
+    (tmp_path / "a.serialized").write_bytes(data + first + offsets + struct.pack("<I", 2 if first else 1))
+
+
+def read(tmp_path, more: str = "") -> Mesh:
+    shape = f'<shape type="serialized"><string name="filename" value="a.serialized"/>{more}</shape>'
+    return load(tmp_path, shape).meshes[0]
+
+
+@pytest.mark.parametrize("precision", [0x1000, 0x2000])
+@pytest.mark.parametrize("version", [3, 4])
+def test_columns_are_those_of_the_table(tmp_path, precision: int, version: int) -> None:
+    serialized(tmp_path, precision | 0x1 | 0x2 | 0x8, version, NORMALS, UVS, COLORS)
+    mesh = read(tmp_path)
+    np.testing.assert_allclose(mesh.vertices, ROOF)
+    np.testing.assert_allclose(mesh.normals, NORMALS, atol=1e-6)
+    # Mitsuba's v runs down.
+    np.testing.assert_allclose(mesh.uvs, [(u, 1 - v) for u, v in UVS], atol=1e-6)
+    assert mesh.triangles.tolist() == [list(face) for face in FACES]
+
+
+def test_meshes_without_normals_are_smooth_unless_file_or_scene_ask_for_faces(tmp_path) -> None:
+    serialized(tmp_path, 0x1000, 4)
+    smooth = read(tmp_path)
+    # Where both triangles meet, their normals' mean: up between two slopes of 45 degrees.
+    np.testing.assert_allclose(smooth.normals[:2], [(0, 0, 1)] * 2, atol=1e-6)
+    assert read(tmp_path, '<boolean name="face_normals" value="true"/>').normals is None
+    serialized(tmp_path, 0x1000 | 0x10, 4)
+    assert read(tmp_path).normals is None
+    serialized(tmp_path, 0x1000 | 0x10 | 0x1, 4, NORMALS)
+    assert read(tmp_path).normals is None
+
+
+def test_flipped_normals_turn_triangles_and_normals(tmp_path) -> None:
+    serialized(tmp_path, 0x1000 | 0x1, 4, NORMALS)
+    plain, flipped = read(tmp_path), read(tmp_path, '<boolean name="flip_normals" value="true"/>')
+    np.testing.assert_allclose(flipped.normals, -plain.normals)
+    for before, after in zip(plain.triangles, flipped.triangles, strict=True):
+        a, b = (np.cross(*(mesh[1:] - mesh[0])) for mesh in (plain.vertices[before], flipped.vertices[after]))
+        np.testing.assert_allclose(a, -b)
+
+
+PLY = """ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z
+property float u\nproperty float v\nelement face 1\nproperty list uchar int vertex_indices\nend_header
+0 0 0 .1 .2\n1 0 0 .3 .4\n0 1 0 .5 .9\n3 0 1 2\n"""
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt .1 .2\nvt .3 .4\nvt .5 .9\nf 1/1 2/2 3/3\n"
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+@pytest.mark.parametrize("told", [None, "true", "false"])
+def test_which_way_v_runs_is_the_shapes_to_say(tmp_path, kind: str, told: str | None) -> None:
+    """Mitsuba's pictures begin on top, and flip_tex_coords turns v round: by default in OBJ, and not in PLY."""
+    (tmp_path / f"a.{kind}").write_text(OBJ if kind == "obj" else PLY)
+    more = "" if told is None else f'<boolean name="flip_tex_coords" value="{told}"/>'
+    mesh = load(tmp_path, f'<shape type="{kind}"><string name="filename" value="a.{kind}"/>{more}</shape>').meshes[0]
+    flipped = kind == "obj" if told is None else told == "true"
+    from_top = {0.2: 0.2, 0.4: 0.4, 0.9: 0.9} if not flipped else {0.2: 0.8, 0.4: 0.6, 0.9: 0.1}
+    found = dict(zip(map(tuple, mesh.vertices.tolist()), mesh.uvs.tolist(), strict=True))
+    for place, u, v in (((0, 0, 0), 0.1, 0.2), ((1, 0, 0), 0.3, 0.4), ((0, 1, 0), 0.5, 0.9)):
+        assert found[place] == pytest.approx((u, 1 - from_top[v]))
+
+
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_spheres_have_their_radius_about_their_centre(tmp_path, radius: float) -> None:
+    told = f'<point name="center" x="1" y="2" z="3"/><float name="radius" value="{radius}"/>'
+    world = load(tmp_path, f'<shape type="sphere">{told}</shape>')
+    pose = world.instances[0].motion.pose(0.0)
+    away = world.meshes[0].vertices @ pose[:3, :3].T + pose[:3, 3] - (1, 2, 3)
+    np.testing.assert_allclose(np.linalg.norm(away, axis=1), radius, rtol=1e-5)

@@ -1,0 +1,95 @@
+"""pbrt value by value: defaults and formulas of pbrt-v4's file format and book."""
+
+import math
+
+import numpy as np
+import PIL.Image
+import pytest
+
+from clsim.scene import load_world
+from tests.scene.pbrt.test_pbrt import TRIANGLE, corners, load, scene
+
+
+def surface(tmp_path, material, before=""):
+    world = load(tmp_path, before + f"Material {material} " + TRIANGLE)
+    return world, world.materials[world.meshes[0].material_ids[0]]
+
+
+@pytest.mark.parametrize(("told", "inner", "outer"), [("", 25, 30), ('"float coneangle" 50', 45, 50)])
+def test_spots_fall_off_over_five_degrees_unless_told(tmp_path, told, inner, outer):
+    (spot,) = load(tmp_path, f'LightSource "spot" {told} ' + TRIANGLE).punctual_lights
+    assert (spot.inner_deg, spot.outer_deg) == (pytest.approx(inner), pytest.approx(outer))
+
+
+def test_images_are_mapped_by_scale_and_delta(tmp_path):
+    """UVMapping: (su·u + du, sv·v + dv)."""
+    PIL.Image.fromarray(np.zeros((2, 2, 3), np.uint8)).save(tmp_path / "a.png")
+    told = '"float uscale" 3 "float vscale" -2 "float udelta" 0.25 "float vdelta" 0.7'
+    before = f'Texture "t" "spectrum" "imagemap" "string filename" "a.png" {told}\n'
+    world, found = surface(tmp_path, '"diffuse" "texture reflectance" "t"', before)
+    matrix = np.array(world.textures[found.texture].uv_matrix)
+    for u, v in ((0.0, 0.0), (0.3, 0.8), (1.0, 0.5)):
+        assert matrix @ (u, v, 1) == pytest.approx((3 * u + 0.25, -2 * v + 0.7))
+
+
+def facing(tmp_path, before, times):
+    """Return on which side of z = 0 the triangle's front is, in pbrt's world."""
+    a, b, c = corners(load(tmp_path, before + "ReverseOrientation " * times + TRIANGLE))
+    return float(np.sign(np.cross(b - a, c - a)[2]))
+
+
+def test_each_reversal_turns_the_other_one_back(tmp_path):
+    plain, once, twice, thrice = (facing(tmp_path, "", times) for times in range(4))
+    assert plain == twice == -once == -thrice != 0
+    inside = "AttributeBegin ReverseOrientation " + TRIANGLE + " AttributeEnd "
+    a, b, c = corners(load(tmp_path, inside + TRIANGLE), 1)
+    assert np.sign(np.cross(b - a, c - a)[2]) == plain, "a block's end takes it back"
+
+
+@pytest.mark.parametrize(
+    ("told", "behind"), [("", False), ('"bool twosided" true', True), ('"bool twosided" false', False)]
+)
+def test_area_lights_shine_to_both_sides_where_they_are_told_to(tmp_path, told, behind):
+    world = load(tmp_path, f'AreaLightSource "diffuse" {told} ' + TRIANGLE)
+    assert world.materials[world.meshes[0].material_ids[0]].emits_behind is behind
+
+
+@pytest.mark.parametrize("radius", [0.5, 3.0])
+def test_spheres_are_parametrised_by_their_angles(tmp_path, radius):
+    """u = φ / 2π from +x towards +y, v from 0 at −z to 1 at +z (Physically Based Rendering, 6.2.1)."""
+    world = load(tmp_path, f'Shape "sphere" "float radius" {radius}')
+    (ball,) = world.instances
+    mesh, pose = world.meshes[ball.mesh], ball.motion.pose(0.0)
+    x, y, z = (mesh.vertices @ pose[:3, :3].T).T * np.array([[1], [1], [-1]]) / radius  # pbrt's z is the other way
+    v = 1 - np.arccos(np.clip(z, -1, 1)) / np.pi
+    np.testing.assert_allclose(mesh.uvs[:, 1], v, atol=2e-3)
+    away = np.hypot(x, y) > 0.05
+    turned = mesh.uvs[away, 0] - np.arctan2(y[away], x[away]) / (2 * np.pi)
+    np.testing.assert_allclose(turned, np.round(turned), atol=1e-3)
+    assert mesh.uvs.min() >= 0 and mesh.uvs.max() <= 1 + 1e-6 and np.ptp(mesh.uvs[:, 0]) == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.5])
+def test_the_sky_is_as_bright_as_its_picture_times_its_scale(tmp_path, scale):
+    PIL.Image.fromarray(np.full((8, 8, 3), 255, np.uint8)).save(tmp_path / "sky.png")
+    body = f'LightSource "infinite" "string filename" "sky.png" "float scale" {scale}\n' + TRIANGLE
+    world = load_world(scene(tmp_path, body))
+    np.testing.assert_allclose(world.environment_map.radiance, scale, rtol=1e-3)
+
+
+def test_the_end_of_a_block_of_transforms_takes_back_which_of_them_are_meant(tmp_path):
+    """ActiveTransform is part of what TransformBegin and TransformEnd save (file format, "Transformations")."""
+    head = 'TransformTimes 0 1\nLookAt 0 0 -5  0 0 0  0 1 0\nCamera "perspective"\n'
+    body = "TransformBegin ActiveTransform EndTime TransformEnd Translate 2 0 0 " + TRIANGLE
+    world = load_world(scene(tmp_path, 'LightSource "infinite"\n' + body, head))
+    start, end = (corners(world, time_s=time_s) for time_s in (0.0, 1.0))
+    np.testing.assert_allclose(start, end, atol=1e-6)
+    assert start[:, 0].min() == pytest.approx(2)
+
+
+def test_spectra_are_pairs_of_a_wavelength_and_a_value(tmp_path):
+    """A reflectance that is the same at all wavelengths is grey; one of long waves alone is red."""
+    _, grey = surface(tmp_path, '"diffuse" "spectrum reflectance" [300 0.25 800 0.25]')
+    assert grey.color == pytest.approx((0.25,) * 3, rel=2e-2)
+    _, red = surface(tmp_path, '"diffuse" "spectrum reflectance" [300 0 590 0 600 0.8 830 0.8]')
+    assert red.color[0] > 0.5 > 0.1 > red.color[2] and math.isfinite(sum(red.color))

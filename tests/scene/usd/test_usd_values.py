@@ -1,0 +1,200 @@
+"""USD value by value: shapes, primvars, lamps and textures against usd-core and the schemas' own sentences."""
+
+import math
+
+import numpy as np
+import PIL.Image
+import pytest
+from pxr import Usd, UsdGeom, UsdLux
+
+from clsim.errors import InputError
+from clsim.scene import load_world
+from tests.scene.usd.usd_files import CAMERA, METRES, mesh, placed, usda
+
+
+def world_of(tmp_path, text, meta=METRES):
+    return load_world(usda(tmp_path, text + CAMERA, meta))
+
+
+def outward(tmp_path, text):
+    """Return the sum of the triangles' normals, as long as twice their area."""
+    found = world_of(tmp_path, text).meshes[0]
+    a, b, c = found.vertices[found.triangles].astype(np.float64).transpose(1, 0, 2)
+    return np.cross(b - a, c - a).sum(axis=0)
+
+
+def test_left_handed_faces_look_the_other_way(tmp_path):
+    """UsdGeom: orientation says by which hand the normal of a face's points is told."""
+    right, left = (outward(tmp_path, mesh(extra)) for extra in ("", 'uniform token orientation = "leftHanded"'))
+    assert right == pytest.approx((0, 8, 0)) and left == pytest.approx(-right)
+
+
+def test_holes_are_faces_by_their_number_and_the_rest_stays(tmp_path):
+    """Of a quad, a triangle and a quad, of which each is a hole in turn."""
+    points = "[(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0), (3,0,0), (2,1,0), (4,0,0), (7,0,0), (7,1,0), (4,1,0)]"
+    areas = {0: 1.0, 1: 0.5, 2: 3.0}
+    for hole in (0, 1, 2):
+        shape = f"""
+        int[] faceVertexCounts = [4, 3, 4]
+        int[] faceVertexIndices = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10]
+        int[] holeIndices = [{hole}]
+        point3f[] points = {points}
+        uniform token subdivisionScheme = "none"
+        """
+        found = outward(tmp_path, mesh(shape=shape))
+        assert found[2] / 2 == pytest.approx(sum(areas.values()) - areas[hole])
+
+
+def test_a_file_that_was_changed_is_read_again(tmp_path):
+    """In a session that goes on: the file itself, and one that it refers to."""
+    scene = 'def "whole" (references = @part.usda@</square>) {}\n' + CAMERA
+    for size in (1.0, 3.0):
+        sized = mesh(placed(f"float3 xformOp:scale = ({size}, 1, 1)"))
+        usda(tmp_path, sized, name="part.usda")
+        for name, text in (("alone.usda", sized + CAMERA), ("scene.usda", scene)):
+            world = load_world(usda(tmp_path, text, name=name))
+            vertices, pose = world.meshes[world.instances[0].mesh].vertices, world.instances[0].motion.pose(0.0)
+            assert np.ptp(vertices @ pose[:3, :3].T, axis=0)[0] == pytest.approx(2 * size), name
+    (tmp_path / "alone.usda").write_text("#usda 1.0\n(")
+    with pytest.raises(InputError, match=r"alone\.usda: cannot be read as USD"):
+        load_world(tmp_path / "alone.usda")
+
+
+@pytest.mark.parametrize("interpolation", ["constant", "uniform", "vertex", "faceVarying"])
+def test_primvars_reach_the_corners_that_usd_gives_them(tmp_path, interpolation):
+    """Of two faces; usd-core spreads values of all interpolations but these, which its documentation defines."""
+    count = {"constant": 1, "uniform": 2, "vertex": 6, "faceVarying": 7}[interpolation]
+    values = [(k / 10, 1 - k / 10) for k in range(count)]
+    shape = f"""
+    int[] faceVertexCounts = [4, 3]
+    int[] faceVertexIndices = [0, 1, 2, 3, 1, 4, 5]
+    point3f[] points = [(0,0,0), (1,0,0), (1,1,0), (0,1,0), (2,0,0), (2,1,0)]
+    uniform token subdivisionScheme = "none"
+    texCoord2f[] primvars:st = {values} (interpolation = "{interpolation}")
+    """
+    found = world_of(tmp_path, mesh(shape=shape)).meshes[0]
+    corners = [(0, 0), (0, 1), (0, 2), (0, 3), (1, 1), (1, 4), (1, 5)]  # face and point
+    places = np.array([(0, 0), (1, 0), (1, 1), (0, 1), (2, 0), (2, 1)])
+    expected = set()
+    for k, (face, point) in enumerate(corners):
+        at = {"constant": 0, "uniform": face, "vertex": point, "faceVarying": k}[interpolation]
+        expected.add((*map(float, places[point]), *values[at]))
+    rows = np.column_stack([found.vertices[:, :2], found.uvs]).astype(np.float64)
+    seen = {tuple(np.round(rows[at], 5).tolist()) for at in found.triangles.ravel()}
+    assert seen == {tuple(round(v, 5) for v in each) for each in expected}
+
+
+@pytest.mark.parametrize("axis", ["X", "Y", "Z"])
+@pytest.mark.parametrize(
+    ("kind", "sizes"),
+    [
+        ("Cube", {"size": 3.0}),
+        ("Sphere", {"radius": 0.7}),
+        ("Cylinder", {"radius": 0.5, "height": 3.0}),
+        ("Cone", {"radius": 0.5, "height": 3.0}),
+        ("Capsule", {"radius": 0.5, "height": 3.0}),
+        ("Plane", {"width": 3.0, "length": 1.0}),
+    ],
+)
+def test_bodies_reach_as_far_as_usd_says(tmp_path, kind, sizes, axis):
+    """By usd-core's own extents, along each axis; a cone's tip is at the positive end."""
+    told = "\n".join(f"double {name} = {value}" for name, value in sizes.items())
+    told += "" if kind in ("Cube", "Sphere") else f'\nuniform token axis = "{axis}"'
+    path = usda(tmp_path, f'def {kind} "body" {{ {told} }}\n' + CAMERA)
+    found = load_world(path).meshes[0]
+    stage = Usd.Stage.Open(str(path))
+    body = UsdGeom.Boundable(stage.GetPrimAtPath("/body"))
+    extent = np.array(UsdGeom.Boundable.ComputeExtentFromPlugins(body, Usd.TimeCode.Default()))
+    reach = np.array([found.vertices.min(axis=0), found.vertices.max(axis=0)])
+    np.testing.assert_allclose(reach, extent, atol=0.003)
+    if kind == "Cone":
+        tip = "XYZ".index(axis)
+        assert np.delete(found.vertices[found.vertices[:, tip] > 1.49], tip, axis=1) == pytest.approx(0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("exposure", "intensity"), [(0, 1.0), (3, 0.5), (-2, 8.0)])
+def test_exposure_counts_in_stops(tmp_path, exposure, intensity):
+    """UsdLux: intensity · 2^exposure · colour."""
+    told = (
+        f"float inputs:exposure = {exposure}\nfloat inputs:intensity = {intensity}\ncolor3f inputs:color = (1, .5, 0)"
+    )
+    (lamp,) = world_of(tmp_path, mesh() + f'def SphereLight "lamp" {{ {told} }}\n').sphere_lights
+    assert lamp.radiance == pytest.approx(tuple(intensity * 2.0**exposure * c for c in (1, 0.5, 0)))
+
+
+@pytest.mark.parametrize("kelvin", [None, 3000.0, 9000.0])
+def test_temperatures_are_usd_cores_and_6500_kelvin_where_none_is_told(tmp_path, kelvin):
+    told = "bool inputs:enableColorTemperature = 1" + (
+        "" if kelvin is None else f"\nfloat inputs:colorTemperature = {kelvin}"
+    )
+    (lamp,) = world_of(tmp_path, mesh() + f'def SphereLight "lamp" {{ {told} }}\n').sphere_lights
+    expected = UsdLux.BlackbodyTemperatureAsRgb(6500.0 if kelvin is None else kelvin)
+    assert lamp.radiance == pytest.approx(tuple(expected))
+
+
+@pytest.mark.parametrize("degrees", [0.53, 4.0])
+def test_a_distant_light_fills_its_angle(tmp_path, degrees):
+    """UsdLux: the angular diameter; seen from the middle of what it lights, its sphere is half of it about its axis."""
+    sun = f'def DistantLight "sun" {{ float inputs:angle = {degrees} }}\n'
+    (lamp,) = world_of(tmp_path, mesh() + sun).sphere_lights
+    place = lamp.motion.pose(0.0)[:3, 3]
+    assert math.degrees(math.asin(lamp.radius_m / np.linalg.norm(place))) == pytest.approx(degrees / 2, rel=1e-3)
+    assert place / np.linalg.norm(place) == pytest.approx((0, 0, 1), abs=1e-6), "it shines along −z"
+
+
+GRAPH = """
+def Material "paint" { token outputs:surface.connect = </paint/it.outputs:surface>
+    def Shader "it" { uniform token info:id = "UsdPreviewSurface"
+        color3f inputs:diffuseColor.connect = </paint/picture.outputs:rgb>
+        %s
+        token outputs:surface }
+    def Shader "first" { uniform token info:id = "UsdPrimvarReader_float2"
+        string inputs:varname = "st"
+        float2 outputs:result }
+    def Shader "inner" { uniform token info:id = "UsdTransform2d"
+        float2 inputs:in.connect = </paint/first.outputs:result>
+        float2 inputs:scale = (2, 5)
+        float inputs:rotation = 90
+        float2 outputs:result }
+    def Shader "outer" { uniform token info:id = "UsdTransform2d"
+        float2 inputs:in.connect = </paint/inner.outputs:result>
+        float2 inputs:translation = (.25, .5)
+        float2 inputs:scale = (3, 1)
+        float2 outputs:result }
+    def Shader "picture" { uniform token info:id = "UsdUVTexture"
+        asset inputs:file = @picture.png@
+        token inputs:wrapS = "mirror"
+        token inputs:wrapT = "clamp"
+        float2 inputs:st.connect = </paint/outer.outputs:result>
+        float3 outputs:rgb
+        float outputs:a } }
+"""
+BOUND = (
+    'rel material:binding = </paint>\ntexCoord2f[] primvars:st = [(0,0),(1,0),(1,1),(0,1)] (interpolation = "vertex")'
+)
+
+
+def painted(tmp_path, inputs=""):
+    PIL.Image.fromarray(np.zeros((2, 2, 4), np.uint8)).save(tmp_path / "picture.png")
+    text = GRAPH % inputs + mesh(BOUND).replace('"square"', '"square" (prepend apiSchemas = ["MaterialBindingAPI"])')
+    world = world_of(tmp_path, text)
+    return world, world.materials[int(world.meshes[0].material_ids[0])]
+
+
+def test_transforms_follow_each_other_and_each_direction_wraps_by_its_own_rule(tmp_path):
+    """UsdTransform2d: in · scale · turn + translation, the inner one first."""
+    world, material = painted(tmp_path)
+    texture = world.textures[material.texture]
+    assert (texture.wrap_u, texture.wrap_v) == ("mirror", "clamp")
+    for u, v in ((0.0, 0.0), (1.0, 0.0), (0.3, 0.8)):
+        a, b = -5 * v, 2 * u  # scaled, then turned by 90 degrees counter-clockwise
+        assert np.array(texture.uv_matrix) @ (u, v, 1) == pytest.approx((3 * a + 0.25, b + 0.5))
+
+
+@pytest.mark.parametrize(("threshold", "mode"), [(0.0, "blend"), (0.3, "mask")])
+def test_opacity_is_blended_unless_there_is_a_threshold(tmp_path, threshold, mode):
+    """UsdPreviewSurface: above 0, opacityThreshold cuts; else opacity blends."""
+    connected = "float inputs:opacity.connect = </paint/picture.outputs:a>"
+    _, material = painted(tmp_path, f"{connected}\n        float inputs:opacityThreshold = {threshold}")
+    assert material.alpha_mode == mode and material.alpha_cutoff == pytest.approx(threshold)
+    assert material.opacity_texture >= 0

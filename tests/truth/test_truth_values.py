@@ -1,0 +1,120 @@
+"""Truth value by value: what files and frames say, by formulas and readers that are not ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from clsim.events import EVENT_DTYPE
+from clsim.frames import Frame, page_aligned, rendered_planes
+from clsim.scene import Camera, Instance, Static, World
+from clsim.scene.motion import Orbit, compose
+from clsim.scene.world import SphereLight
+from clsim.truth.cut import cut
+from clsim.truth.formats.hdf5 import Hdf5Layout
+from clsim.truth.layouts import open_layout
+from clsim.truth.motions import Motions
+from clsim.truth.record import Layout, Shot
+from clsim.truth.recorder import Plan, TruthRecorder
+from clsim.truth.recording import read_recording
+from clsim.truth.world_facts import object_names, poses_at_start
+from tests.truth import recordings
+
+
+def frame(time_us: int = 0, index: int = 0) -> Frame:
+    names = rendered_planes().names
+    planes = page_aligned((len(names), 2, 3))
+    planes[...] = np.random.default_rng(index).uniform(0, 1, planes.shape)
+    return Frame(planes, names, time_us, index)
+
+
+def test_intensity_is_the_luminance_of_rec_709() -> None:
+    """ITU-R BT.709: 0.2126 R + 0.7152 G + 0.0722 B; white of 1 has a luminance of 1."""
+    seen = frame()
+    red, green, blue = (seen.plane(name).astype(np.float64) for name in "RGB")
+    np.testing.assert_allclose(
+        cut(seen, ("intensity",))["intensity"], 0.2126 * red + 0.7152 * green + 0.0722 * blue, 1e-5
+    )
+
+
+class Notes(Layout):
+    """Takes what a recorder hands over."""
+
+    def __init__(self) -> None:
+        self.shots: list[Shot] = []
+
+    def events(self, batch: np.ndarray, end_us: int) -> None: ...
+
+    def shot(self, shot: Shot) -> None:
+        self.shots.append(shot)
+
+    def close(self) -> None: ...
+
+
+@settings(max_examples=30)
+@given(st.lists(st.integers(0, 9), max_size=20), st.integers(1, 3))
+def test_a_frames_index_is_that_of_the_first_event_at_or_after_it(times: list[int], every: int) -> None:
+    """Frames at 0, 3, 6 and 9 µs; events at these very times come after them."""
+    about, notes = recordings.about(names=("intensity",)), Notes()
+    motions = Motions(about, Static(np.eye(4)), (), 200.0, 0)
+    recorder = TruthRecorder(Plan(about, every, lambda index: 3 * index, motions), notes)
+    t = np.sort(np.array(times, np.int64))
+    for index in range(4):
+        batch = np.zeros(np.count_nonzero((t <= 3 * index) & (t > 3 * index - 3)), EVENT_DTYPE)
+        batch["t"] = t[(t <= 3 * index) & (t > 3 * index - 3)]
+        recorder.record(frame(3 * index, index), batch)
+    assert [shot.time_us for shot in notes.shots] == list(range(0, 10, 3 * every))
+    for shot in notes.shots:
+        assert shot.event_index == np.count_nonzero(t < shot.time_us)
+        assert (shot.before_us, shot.after_us) == (shot.time_us - 3 * every, shot.time_us + 3 * every)
+
+
+def test_flow_of_dsec_tells_from_when_to_when(tmp_path: Path) -> None:
+    given = recordings.feed(open_layout(str(tmp_path / "run.dsec"), recordings.about()))
+    for way, sign in (("forward", 1), ("backward", -1)):
+        told = np.loadtxt(tmp_path / "run.dsec" / "flow" / f"{way}_timestamps.txt", np.int64, delimiter=",")
+        assert told[:, 0].tolist() == [shot.time_us for shot in given.shots]
+        assert (told[:, 1] - told[:, 0] == sign * recordings.STEP_US).all()
+
+
+def test_hdf5_tells_validity_and_covisibility_apart_when_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "run.h5"
+    given = recordings.feed(Hdf5Layout(path, recordings.about()))
+    for shot, read in zip(given.shots, read_recording(str(path)).shots(), strict=True):
+        for name in ("flow", "backward-flow"):
+            found, expected = read.planes[name], shot.planes[name]
+            np.testing.assert_array_equal(found[..., :2], expected[..., :2])
+            np.testing.assert_array_equal(found[..., 2:] > 0, expected[..., 2:] > 0)
+        assert (found[..., 2] != found[..., 3]).any(), "or both could be swapped"
+
+
+@pytest.mark.parametrize("rate", [200.0, 300.0, 24.0, 999.0])
+def test_poses_are_at_multiples_of_their_period_to_the_nearest_microsecond(rate: float) -> None:
+    about = recordings.about()
+    motions = Motions(about, recordings.ORBIT, (("ball", recordings.BALL),), rate, 0)
+    found = [motions.until(end_us)[0] for end_us in (0, 1_000, 33_333, 100_000)]
+    for of in (0, 1):
+        times = np.concatenate([tracks[of].times_us for tracks in found if tracks])
+        exact = np.arange(int(100_000 * rate / 1e6 + 1e-9) + 1) * 1e6 / rate
+        assert len(times) == len(exact) and np.abs(times - exact).max() <= 0.5
+
+
+def test_objects_start_where_and_how_they_stand() -> None:
+    """Scipy reads the quaternions back; a scale is no part of a pose, and lamps are objects too."""
+    turn = Rotation.from_euler("xyz", (20, -50, 130), degrees=True)
+    placed = compose((1.0, 2.0, 3.0), 2.5 * turn.as_matrix())
+    lamp = Orbit((0.0, 1.0, 0.0), 2.0, 4.0, start_deg=90.0)
+    world = World(
+        "w", Camera(4, 4, 60.0, Static(np.eye(4))), (), (Instance(0, Static(placed), "box"),), (),
+        sphere_lights=(SphereLight(0.1, (1.0, 1.0, 1.0), lamp),),
+    )  # fmt: skip
+    box, light = poses_at_start(world)
+    assert len(object_names(world)) == 2
+    np.testing.assert_allclose(box[:3], (1, 2, 3))
+    np.testing.assert_allclose(Rotation.from_quat(box[3:]).as_matrix(), turn.as_matrix(), atol=1e-9)
+    np.testing.assert_allclose(light[:3], (2, 1, 0), atol=1e-12)
