@@ -108,14 +108,14 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_light_is_cached_where_only_the_camera_moves() -> None:
-    """Kept light finds the events of a run with far more paths better than paths of each frame do."""
+    """Cached light finds the events of a run with far more paths better than paths of each frame do."""
     gains = []
     for seed in range(3):
         truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8, seed=seed)
         found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8, seed=seed)
         others = events_of("two-boxes", quality="balanced", frame_count=8, seed=seed)
-        kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
-        gains.append(kept - fresh)
+        cached, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
+        gains.append(cached - fresh)
     assert np.mean(gains) > 0.02
 
 
@@ -157,8 +157,8 @@ def test_a_quality_keeps_light_in_every_driver() -> None:
     with clsim.Simulator("two-boxes", resolution=SIZE, fps=60.0) as simulator:
         assert simulator.step(until_us=83_334).tobytes() == asked.tobytes()
     others = ({"sampling": "adaptive"}, {"method": "irradiance"}, {"noise": "independent"}, {"quality": "exact"})
-    kept = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
-    assert kept == [True, False, False, False, False]
+    cached = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
+    assert cached == [True, False, False, False, False]
     assert plan_stages(LiveOptions("moving-light")).render.light_cache
 
 

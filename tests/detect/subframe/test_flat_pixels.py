@@ -105,7 +105,7 @@ def test_where_something_may_come_over_a_pixel_it_is_told_when_it_may_fire_by_it
     pixels, times = found.peaks(start, 0.2, 0.2)
     np.testing.assert_allclose(times[pixels == unsure] / TICKS_PER_S * 1e6, [STEP_US], atol=2)
     assert not len(found.peaks(start, 0.2, 5.0)[0])
-    # One that is known needs no look, and one without a reference does not fire.
+    # One that is known needs no ray, and one without a reference does not fire.
     assert 10 * SIZE[1] + 30 not in pixels and not len(found.peaks(np.full_like(start, np.nan), 0.2, 0.2)[0])
 
 

@@ -1,4 +1,4 @@
-"""Events between frames, with a tracer that knows its scene in closed form: things that go over a wall."""
+"""Events between frames, with a tracer that knows its scene in closed form: objects that go over a wall."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def test_what_goes_dark_within_a_step_is_traced_though_something_else_may_come_o
             return np.zeros(HEIGHT * WIDTH, bool)
 
         def reflected(self, pixels, light, start_s, end_s, fineness):
-            # Highest and lowest lie so near to each other that they are looked at together.
+            # Highest and lowest lie so near to each other that they are traced together.
             shares = np.tile(np.array([0.0, 0.499, 0.501, 1.0], np.float32), len(pixels))
             values = np.tile(np.array([0.5, 0.3, 0.7, 0.5], np.float32), len(pixels))
             return Reflected(pixels, pixels, 4 * np.arange(len(pixels) + 1), shares, values)

@@ -84,7 +84,7 @@ def test_a_lamp_that_is_dark_at_first_is_drawn_as_often_as_when_it_is_brightest(
 
 
 def test_whether_light_changes_is_not_asked_in_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes a look at all materials."""
+    """To find out takes a pass over all materials."""
     data = SceneData(clsim.load_scene("still"))
     monkeypatch.setattr(World, "light_changes", None)
     assert data.shine(0.0, 0.0).size == 0

@@ -1,4 +1,4 @@
-"""Where things go fast, pixels are traced between frames without being asked for."""
+"""Where objects move fast, pixels are traced between frames without being asked for."""
 
 from __future__ import annotations
 
