@@ -16,7 +16,7 @@ class PoseCache:
     def __init__(self) -> None:
         """Know none."""
         self._known: dict[tuple[int, float], npt.NDArray[np.float64]] = {}
-        self._kept: dict[int, Motion] = {}
+        self._held: dict[int, Motion] = {}
 
     def pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:
         """Return the pose of a motion at a time; it is asked once."""
@@ -26,7 +26,7 @@ class PoseCache:
             if len(self._known) >= _MOST:
                 self._known.clear()
             # While it is held, nobody else has its number.
-            self._kept[id(motion)] = motion
+            self._held[id(motion)] = motion
             found = self._known[key] = motion.pose(time_s)
         return found
 
