@@ -1,8 +1,9 @@
 # ruff: noqa: RUF046, SIM102, UP018
 """The kernels of truth: what the middle of each pixel shows, and where that goes.
 
-``trace_centres`` traces a ray through each pixel's centre and keeps what it met. ``follow`` runs when the scene and the camera
-have been moved to another time: it finds the same points there, projects them, and asks whether the camera sees them.
+``trace_centres`` traces a ray through each pixel's centre and stores what it met. ``follow`` runs when the scene and
+the camera have been moved to another time: it finds the same points there, projects them, and asks whether the camera
+sees them.
 """
 
 from dataclasses import replace
