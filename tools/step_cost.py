@@ -47,9 +47,9 @@ def now() -> np.ndarray:
 def watch(simulator: Any) -> Watch:
     """Time the stages of a simulator that has made a step."""
     found = Watch()
-    simulator._eye.view.fill_at = found.timed("rendering", simulator._eye.view.fill_at)
-    simulator._eye.detector.step = found.timed("detecting", simulator._eye.detector.step)
-    simulator._eye.detector.interest = found.timed("steering", simulator._eye.detector.interest)
+    simulator._camera_pipeline.view.fill_at = found.timed("rendering", simulator._camera_pipeline.view.fill_at)
+    simulator._camera_pipeline.detector.step = found.timed("detecting", simulator._camera_pipeline.detector.step)
+    simulator._camera_pipeline.detector.interest = found.timed("steering", simulator._camera_pipeline.detector.interest)
     return found
 
 

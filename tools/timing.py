@@ -69,7 +69,7 @@ def run(
         begun = time.process_time()
         events = simulator.step(round(duration_s * 1e6))
         cpu_s = time.process_time() - begun
-        refiner = simulator._eye.detector.between
+        refiner = simulator._camera_pipeline.detector.between
         return events, cpu_s, 0 if refiner is None else refiner.stats.requests
 
 

@@ -72,7 +72,7 @@ def run(world: World, options: dict[str, Any]) -> tuple[EventBatch, float, int]:
         begun = time.process_time()
         events = simulator.step(STEP_US)
         cpu_s = time.process_time() - begun
-        between = simulator._eye.detector.between
+        between = simulator._camera_pipeline.detector.between
         return events, cpu_s, 0 if between is None else between.stats.requests
 
 

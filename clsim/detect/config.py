@@ -1,4 +1,4 @@
-"""What the user can choose about detection."""
+"""Options of detection."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class MethodFacts:
     """What options mean to a method.
 
     Attributes:
-        windowed: whether it looks at more than the pixel.
+        windowed: whether it reads more than the pixel.
         window: side of the window where none is asked for [pixels].
         regresses: whether brightness is regressed on features.
         gated: whether a gate chooses where.

@@ -61,7 +61,7 @@ class BrightnessEstimator:
         return self.stages.features if self.stages else ()
 
     def reset(self) -> None:
-        """Forget all levels: the next frame begins anew."""
+        """Forget all levels: the next frame is a first one."""
         self._frames = 0
         self._any_ready = False
         if self.levels is not None and self.stages is not None:

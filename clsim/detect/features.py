@@ -1,4 +1,4 @@
-"""What detection takes from a frame: the weights of luminance, and the planes to regress on."""
+"""The planes of a frame that detection reads: the weights of luminance, and the features to regress on."""
 
 from __future__ import annotations
 

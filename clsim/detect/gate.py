@@ -11,7 +11,7 @@ from clsim.detect.layout import CHUNK, Place
 from clsim.opencl.workplace import Buffer
 
 _LISTED = 64
-"""Rows that one work-item lists on a CPU: it takes longer to wake its threads than to look at a small picture."""
+"""Rows that one work-item lists on a CPU: it takes longer to wake its threads than to read a small picture."""
 
 
 @dataclass(frozen=True)

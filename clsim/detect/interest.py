@@ -1,4 +1,4 @@
-"""Host side of interest.cl: what a renderer is told of the frames before."""
+"""Host side of interest.cl: the interest map, by which a renderer spends its samples."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What detectors count, in OpenCL and in numpy alike."""
+"""Counters of detectors, in OpenCL and in numpy alike."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the user can choose about a live run."""
+"""Options of a live run."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from clsim.live.pacing.schedule import LARGEST_FPS, LONGEST_S
 from clsim.live.pacing.time_steps import LARGEST_TOLERANCE_US, SMALLEST_TOLERANCE_US, check_time
 from clsim.live.pipeline import Pace
 from clsim.live.quality import (
-    ANEW,
     DEFAULT,
     FOLLOWED,
     PLAIN,
     QUALITIES,
+    UNCACHED,
     Noise,
     Point,
     Quality,
@@ -189,20 +189,20 @@ class LiveOptions:
     def point(self) -> Point:
         """What holds of method, window, sampling and samples: what is given, and of the rest the quality's settings.
 
-        A method that finds light anew, or the sampling, takes the settings of that. Where no quality is named, noise of
-        their own or no first-hit rays make samples uniform.
+        A method or a sampling without the radiance cache takes the settings of that. Where no quality is named, noise
+        of their own or no first-hit rays make samples uniform.
         """
         basis = self.basis
         plain = self.noise == "independent" or self.first_hit_rays == 0
-        anew = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
-        # Evidence wants the error of each pixel, which light that is kept does not tell.
-        anew = anew or self.confidence > 0
-        named = PLAIN if basis is None else (QUALITIES | ANEW if anew else QUALITIES)[basis]
+        uncached = plain or self.method not in (None, "esim") or self.sampling in ("uniform", "adaptive")
+        # Evidence wants the error of each pixel, which cached light does not tell.
+        uncached = uncached or self.confidence > 0
+        named = PLAIN if basis is None else (QUALITIES | UNCACHED if uncached else QUALITIES)[basis]
         if self.quality is None and plain:
             named = replace(named, sampling="uniform")
         point = with_given(named, {name: getattr(self, name) for name in setting_names()})
         if self.probe_every is None and (point.noise != "common" or point.first_hit_rays == 0):
-            # Nothing can be kept from frame to frame.
+            # There is no state from frame to frame.
             point = replace(point, probe_every=1)
         filtered = not (self.sensor is None or self.sensor.is_ideal)
         if filtered and self.event_rule is None and point.event_rule == "linear-light":

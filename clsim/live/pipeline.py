@@ -32,7 +32,7 @@ from clsim.frames import (
     SourceEnded,
 )
 from clsim.frames.frame import FloatArray
-from clsim.live.noise.second_look import Looks
+from clsim.live.noise.duplicate_sampling import DuplicateSampling
 from clsim.live.noise.significance import Significance, TellsError
 from clsim.live.outputs.delivery import Delivery, Output
 from clsim.live.pacing.clock import FrameClock
@@ -70,7 +70,7 @@ class Detector(Protocol):
         ...
 
     def reset(self) -> None:
-        """Let the next frame set the references anew, without events."""
+        """Let the next frame reset the references, without events."""
         ...
 
     def close(self) -> None:
@@ -118,16 +118,16 @@ class TellsCauses(Protocol):
         ...
 
 
-class SeesTwice(Protocol):
-    """A source that looks at some pixels a second time."""
+class SamplesTwice(Protocol):
+    """A source that samples some pixels a second time."""
 
-    def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return what is seen there, ``[2, …]``: as in ``frame``, the last one, and as seen again."""
+    def sampled_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
+        """Return both estimates there, ``[2, …]``: that of ``frame``, the last one, and the second."""
         ...
 
 
 class FrameWatcher(Protocol):
-    """Somebody who looks at a frame now and then."""
+    """A receiver that wants a frame now and then."""
 
     def wants_frame(self) -> bool:
         """Tell whether the frame at hand should be shown; called for each, so it must be quick."""
@@ -164,7 +164,7 @@ class Progress:
     paths: int | None = None
     """Light paths traced so far, if the source tells."""
     first_hit_rays: int | None = None
-    """Rays traced so far that look for the first hit alone, if the source tells."""
+    """Primary rays traced so far, if the source tells."""
     light_s: float | None = None
     """Time that finding light again has taken so far, if the source tells."""
     fill: int = 0
@@ -188,7 +188,7 @@ class Pipeline:
         governed: what sets the source's effort at the pace of the wall clock.
         share_cores: whether source and detector compute on the same cores.
         significance: what judges events, if the detector knows errors.
-        second_look: what is told of pixels that are seen twice, if the source sees any so.
+        duplicates: what gets pixels that are sampled twice, if the source samples any so.
         in_step: whether the source waits with each frame until the last one's events are found.
     """
 
@@ -207,7 +207,7 @@ class Pipeline:
         governed: Governed | None = None,
         share_cores: bool = True,
         in_step: bool = False,
-        second_look: Looks | None = None,
+        duplicates: DuplicateSampling | None = None,
         significance: Significance | None = None,
     ) -> None:
         """Prepare; nothing runs before ``start``."""
@@ -221,7 +221,7 @@ class Pipeline:
         self._ring = FrameRing(slots, names, height, width, ring)
         self._clock = FrameClock(schedule, may_skip=ring == "drop-oldest") if pace == "real" else None
         self._board, self._governed, self._in_step = board, governed, in_step
-        self._second_look, self._significance = second_look, significance
+        self._duplicates, self._significance = duplicates, significance
         self._meter = BusyMeter(share_cores=share_cores)
         self._source: object = None
         self._detector: object = None
@@ -230,8 +230,8 @@ class Pipeline:
         self._continuity = Continuity(schedule)
         self._error: BaseException | None = None
         self._threads = [
-            threading.Thread(target=self._guard, args=(self._produce,), name="clsim-render", daemon=True),
-            threading.Thread(target=self._guard, args=(self._consume,), name="clsim-detect", daemon=True),
+            threading.Thread(target=self._run_worker, args=(self._produce,), name="clsim-render", daemon=True),
+            threading.Thread(target=self._run_worker, args=(self._consume,), name="clsim-detect", daemon=True),
         ]
 
     @property
@@ -279,7 +279,7 @@ class Pipeline:
         closed = self._delivery.close_at_once(max(_CLOSING_S, deadline - time.monotonic()))
         return closed and not any(thread.is_alive() for thread in self._threads)
 
-    def _guard(self, run: Callable[[], None]) -> None:
+    def _run_worker(self, run: Callable[[], None]) -> None:
         try:
             run()
         except RingClosed:
@@ -312,8 +312,8 @@ class Pipeline:
                 frame = self._ring.acquire()
                 if self._governed is not None and self._governed.apply(cast(Steerable, source)):
                     self._continuity.restart_at(index)
-                    if self._second_look is not None:
-                        self._second_look.begin_anew()
+                    if self._duplicates is not None:
+                        self._duplicates.restart()
                 shown = schedule.source_index(index)
                 if renoising is not None:
                     renoising.noise_offset = index - shown
@@ -322,8 +322,8 @@ class Pipeline:
                         source.fill(shown, frame)
                     except SourceEnded:
                         break
-                if self._second_look is not None:
-                    self._second_look.take(cast(SeesTwice, source).seen_twice(frame), frame.time_us)
+                if self._duplicates is not None:
+                    self._duplicates.take(cast(SamplesTwice, source).sampled_twice(frame), frame.time_us)
                 frame.index = index
                 if not schedule.recorded_times:
                     frame.time_us = schedule.time_us(index)
@@ -333,8 +333,8 @@ class Pipeline:
                 index += 1
             self._ring.close()
         finally:
-            if self._second_look is not None:
-                self.progress.noise_share = self._second_look.noise_share
+            if self._duplicates is not None:
+                self.progress.noise_share = self._duplicates.noise_share
             source.close()
 
     def _consume(self) -> None:
@@ -367,7 +367,7 @@ class Pipeline:
         if self._continuity.breaks(frame.index):
             detector.reset()
             if self._significance is not None:
-                self._significance.begin_anew()
+                self._significance.restart()
         events = detector.step(frame)
         if self._board is not None:
             self._board.publish(cast(InterestedDetector, detector).interest())

@@ -23,17 +23,17 @@ class Point:
     sampling: Sampling
     """Whether every pixel gets the same number of light paths, or as many as tell whether an event fires.
 
-    ``cached`` keeps light on surfaces, and paths that follow it where something moves; few will do where it is known.
+    ``cached`` has a radiance cache on surfaces, and stored paths that follow the light where something moves.
     """
     probe_spp: int
     """Light paths that every pixel gets, where sampling is adaptive or cached."""
     spp: int
     """Light paths per pixel and frame; where sampling is adaptive or cached, at most."""
     first_hit_rays: int
-    """Largest number of rays per pixel that look for the first hit alone; 0 takes it from the light paths."""
+    """Largest number of primary rays per pixel, which find the first hit alone; 0 takes it from the light paths."""
     sampler: Sampler
     probe_every: int = 1
-    """Frames in which the light of all pixels is found once, in turn; in each where it may decide about an event."""
+    """Frames in which the light of each pixel is found once; in each frame where it may decide about an event."""
     noise: Noise = "common"
     """Whether every frame has the same random numbers, so that noise cancels in differences, or its own."""
     gate: Gate = "radiance"
@@ -122,12 +122,12 @@ QUALITIES: dict[Quality, Point] = {
         event_rule="frame",
     ),
 }
-ANEW: dict[Quality, Point] = {
+UNCACHED: dict[Quality, Point] = {
     "draft": replace(_adaptive(1, 1, 2, 8), sampling="uniform"),
     "balanced": _adaptive(8, 1, 2, 12),
     "accurate": _adaptive(64, 4, 1, 64),
 }
-"""What those qualities are where light is not kept but found anew in each frame, a baseline."""
+"""What those qualities are without the radiance cache, a baseline."""
 FOLLOWED: frozenset[Quality] = frozenset(("balanced", "accurate", "exact"))
 """Which of them trace pixels between frames too where things go fast, unless it is told when brightness is found."""
 DEFAULT: Quality = "balanced"

@@ -1,4 +1,4 @@
-"""What the user can choose about detection on recorded frames."""
+"""Options of detection on recorded frames."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class Rendering:
 
     What a run traces between frames is there where `LiveOptions.time` asks for it, and not where it is auto.
 
-    Where sampling is adaptive a detector looks at each frame, for it decides where the paths of later ones go.
+    Where sampling is adaptive a detector takes each frame, for it decides where the paths of later ones go.
 
     Attributes:
         width: of the frames [pixels].

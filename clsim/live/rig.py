@@ -11,7 +11,7 @@ import numpy as np
 from clsim.errors import InputError
 from clsim.events.sockets.address import is_address
 from clsim.live.options import LiveOptions
-from clsim.live.session import Seat, Session, open_live
+from clsim.live.session import RigMember, Session, open_live
 from clsim.live.stages import Stages, load_options_world
 from clsim.scene import Camera, World, validate
 from clsim.scene.world import Mount
@@ -34,7 +34,7 @@ class SharedScene:
         self._data: SceneData | None = None
 
     def view(self, stages: Stages, board: InterestBoard | None) -> View:
-        """Return a camera's view of it; they render in turn (`SceneData.lock`)."""
+        """Return a camera's view of it; they render one at a time (`SceneData.lock`)."""
         from clsim.render import SceneData, View
 
         with self._lock:
@@ -69,8 +69,8 @@ def open_rig(options: LiveOptions) -> list[Session]:
             own = replace(world, camera=cameras[mount.name], rig=())
             outputs = tuple(name.replace(PLACEHOLDER, mount.name) for name in options.outputs)
             facts = {"camera_name": mount.name, "extrinsics": extrinsics(mount, world.rig)}
-            seat = Seat(own, shared.view, facts)
-            sessions.append(open_live(replace(options, outputs=outputs), seat=seat))
+            member = RigMember(own, shared.view, facts)
+            sessions.append(open_live(replace(options, outputs=outputs), member=member))
     except BaseException:
         for session in sessions:
             session.pipeline.stop()
@@ -111,7 +111,7 @@ def run_all(sessions: list[Session]) -> None:
         for session in sessions:
             session.start()
         running = sessions
-        while running:  # all in turn: one may fail while another would run for ever
+        while running:  # polled: one may fail while another would run for ever
             running = [session for session in running if not session.pipeline.wait(0.1)]
     except BaseException:
         for session in sessions:

@@ -1,4 +1,4 @@
-"""Which sensor a run has, and what follows from it for detection."""
+"""The sensor of a run, and what follows from it for detection."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def too_dark(sensor: SensorSettings, lux: float) -> str | None:
 
 @dataclass(frozen=True)
 class RecordedSensor:
-    """The sensor that looks at recorded frames; they have their own size.
+    """The sensor that sees recorded frames; they have their own size.
 
     Attributes:
         sensor: also the name of a preset, or a file; None is the ideal one.

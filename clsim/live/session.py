@@ -16,8 +16,8 @@ from clsim.events.outputs import FileOptions, open_outputs
 from clsim.events.sidecar import sidecar_path, write_sidecar
 from clsim.footage.source import Footage
 from clsim.frames import VARIANCE_PLANES, InterestBoard
-from clsim.live.noise.patch_looks import PatchLooks, patches_for
-from clsim.live.noise.second_look import SEEN_TWICE, Looks, SecondLook
+from clsim.live.noise.duplicate_patches import DuplicatePatches, patches_for
+from clsim.live.noise.duplicate_sampling import DUPLICATE_EVERY, DuplicatePixels, DuplicateSampling
 from clsim.live.noise.significance import Significance
 from clsim.live.options import LiveOptions
 from clsim.live.outputs.delivery import Output
@@ -176,8 +176,8 @@ class Session:
 
 
 @dataclass(frozen=True)
-class Seat:
-    """A camera's place on a rig.
+class RigMember:
+    """A camera of a rig, as its session needs it.
 
     Attributes:
         world: the scene with this camera.
@@ -194,19 +194,19 @@ def open_live(
     options: LiveOptions,
     extra_sinks: Sequence[Sink] = (),
     told: Mapping[str, Any] = MappingProxyType({}),
-    seat: Seat | None = None,
+    member: RigMember | None = None,
     world: World | None = None,
 ) -> Session:
     """Load the scene, open the outputs and prepare to render; raises InputError before anything is rendered.
 
-    ``told`` takes the place of options in what files tell of their making. With a ``seat`` or a ``world`` nothing is
+    ``told`` takes the place of options in what files tell of their making. With a ``member`` or a ``world`` nothing is
     loaded.
     """
     from clsim.live.recording import recorder_openers
     from clsim.render import PathTracer
 
     started = now()
-    stages = plan_stages(options, world if seat is None else seat.world)
+    stages = plan_stages(options, world if member is None else member.world)
     options = stages.options
     world, config, camera, point = stages.world, stages.detector, stages.world.camera, options.point
     schedule = plan(
@@ -223,25 +223,27 @@ def open_live(
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
     ideal = options.sensor is None or options.sensor.is_ideal
-    # Pixels that share light found anew, or a window, with their neighbours need these looked at again too.
-    kept = stages.render.light_cache
+    # Pixels that share uncached light, or a window, with their neighbours need these sampled twice too.
+    cached = stages.render.light_cache
     by_paths = not stages.render.first_hit_rays
-    second_look: Looks | None = None
-    if not config.facts.windowed and (kept or by_paths):
-        stages = replace(stages, render=replace(stages.render, look_again=SEEN_TWICE))
-        second_look = SecondLook(config)
+    duplicates: DuplicateSampling | None = None
+    if not config.facts.windowed and (cached or by_paths):
+        stages = replace(stages, render=replace(stages.render, duplicate_every=DUPLICATE_EVERY))
+        duplicates = DuplicatePixels(config)
     elif by_paths and (patches := patches_for(config, camera.width, camera.height)) is not None:
-        stages = replace(stages, render=replace(stages.render, look_again_in=patches))
-        second_look = PatchLooks(config, patches, stages.planes, choose_device(options.opencl))
+        stages = replace(stages, render=replace(stages.render, duplicate_in=patches))
+        duplicates = DuplicatePatches(config, patches, stages.planes, choose_device(options.opencl))
     board = stages.board("wait" if options.ring == "block" else "newest")
     window = None if "window" in config.without_use() else config.side
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps, options.sensor)
     about["options"] = about["options"] | dict(told)
-    about |= {} if seat is None else seat.facts
+    about |= {} if member is None else member.facts
     own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
-        lambda: stages.shown_by(PathTracer(world, stages.render, board) if seat is None else seat.view(stages, board)),
+        lambda: stages.shown_by(
+            PathTracer(world, stages.render, board) if member is None else member.view(stages, board)
+        ),
         lambda: stages.build_detector(schedule),
         outputs,
         schedule,
@@ -252,8 +254,8 @@ def open_live(
         board=board,
         governed=governed,
         share_cores=options.render_device == "cpu",
-        second_look=second_look,
-        significance=Significance(config, ideal) if config.facts.knows_error and second_look is None else None,
+        duplicates=duplicates,
+        significance=Significance(config, ideal) if config.facts.knows_error and duplicates is None else None,
     )
     meter = meter_for(options.sensor, world.sensor)
     pipeline.watchers += [] if meter is None else [meter]

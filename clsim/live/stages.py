@@ -57,7 +57,7 @@ class Stages:
         make_detector: builds the detector, its kernels too, with what traces pixels between frames, if anything does.
         steered: whether the detector's maps of interest steer the renderer.
         retracing: how pixels are traced between frames; None where they are not.
-        notes: what was chosen since things go fast, one sentence each.
+        notes: what was chosen since objects move fast, one sentence each.
         missed: what is missed since the camera goes fast, likewise.
     """
 
@@ -253,7 +253,7 @@ def plan_stages(
 
 
 def _goes_fast(world: World, fps: float, driven: Collection[str]) -> bool:
-    """Whether rigid things go so far from frame to frame, before a camera that stands still, that much is missed."""
+    """Whether rigid objects go so far from frame to frame, before a camera that stands still, that much is missed."""
     from clsim.render import camera_watches
 
     # Before such a camera few pixels change. One that exposes sees no instants between frames.
@@ -264,7 +264,7 @@ def _goes_fast(world: World, fps: float, driven: Collection[str]) -> bool:
 
 
 def _missed_by_frames(camera_px: float, fps: float) -> tuple[str, ...]:
-    """Return what a camera misses that sees things go so far from frame to frame, and what to do."""
+    """Return what a camera misses if objects go so far from frame to frame, and what to do."""
     if camera_px <= FAST_PX:
         return ()
     enough = fps * 2 ** math.ceil(math.log2(camera_px))

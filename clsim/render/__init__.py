@@ -1,7 +1,7 @@
 """The path tracer: a World in, Frames out, in Warp on a CPU or GPU."""
 
 from clsim.render.device.devices import check_device, fastest_tree, list_render_devices
-from clsim.render.features.scene_features import camera_watches, light_is_found_apart, light_stands_still
+from clsim.render.features.scene_features import camera_watches, direct_light_is_analytic, light_stands_still
 from clsim.render.features.scene_lamps import lamps_move
 from clsim.render.options import RenderOptions
 from clsim.render.primary.effort import Effort
@@ -19,9 +19,9 @@ __all__ = [
     "camera_watches",
     "check_device",
     "describe_build",
+    "direct_light_is_analytic",
     "fastest_tree",
     "lamps_move",
-    "light_is_found_apart",
     "light_stands_still",
     "list_render_devices",
 ]

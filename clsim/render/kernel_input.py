@@ -1,4 +1,4 @@
-"""What the kernels are given, whatever they trace."""
+"""The arguments that all tracing kernels share."""
 
 import warp as wp
 

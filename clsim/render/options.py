@@ -1,4 +1,4 @@
-"""How to render a world."""
+"""Options of rendering a world."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LARGEST_SEED = (1 << 64) - 1
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """How to render a world."""
+    """Options of rendering a world."""
 
     spp: int = 8
     """Paths per pixel and frame."""
@@ -62,12 +62,12 @@ class RenderOptions:
     that the planes hold the mean of two surfaces and a variance. A way that ends nowhere shows the last mirror.
     """
     first_hit_rays: int = 0
-    """Rays a pixel that look for the first hit alone, so many where it shows more than one thing; 0 for none.
+    """Primary rays, which find the first hit alone, in a pixel that shows more than one surface; 0 for none.
 
-    From 12 on, several times as many count what a pixel shows where it is about to fire, if anybody tells.
-    Where a few lamps shine on diffuse surfaces, they find light straight from them too, without noise where nothing
-    stands between. At least eight times the root of their number, or twice as many, then look into a pixel that is lit
-    in part.
+    From 12 on, several times as many are traced where a pixel is about to fire, if thresholds are known.
+    Where a few lamps shine on diffuse surfaces, direct light is analytic there, and its shadows are traced: without
+    noise where nothing stands between. A part-lit pixel then gets at least eight times the root of their number, or
+    twice as many.
     They give the features and the light seen directly, and paths only the irradiance, so that textures and edges are
     clean after few paths; frames have an emission plane then.
     """
@@ -79,35 +79,35 @@ class RenderOptions:
     Needs first-hit rays and common noise where it is more than 1.
     """
     light_cache: bool = False
-    """Whether light is kept on surfaces and becomes better from frame to frame, so that few paths will do.
+    """Whether light is cached on surfaces and becomes better from frame to frame, so that few paths will do.
 
     Needs first-hit rays and common noise. ``spp`` paths are traced where little is known, ``probe_spp`` elsewhere.
     """
     stored_paths: int = 64
     """Where more than the camera moves: paths stored in a cell of light, traced again where what they met has moved."""
     follow_every: int = 4
-    """Frames in which each of these is traced again once, in turn, where lamps move; in between it changes steadily."""
+    """Frames in which each of these is traced again once where lamps move; in between it changes steadily."""
     lights_set: bool = False
-    """Whether lights are set from outside: light that is kept follows them then, where nothing else moves too."""
+    """Whether lights are set from outside: cached light follows them then, also where nothing else moves."""
     light_hz: float | None = None
-    """How often a second kept light becomes better, whatever the frames' times; None does so in every frame.
+    """How often a second the cache is updated, whatever the frames' times; None does so in every frame.
 
-    A frame and what is traced in the step that it ends are seen in the light as it was known before.
+    A frame and what is traced in the step that it ends are shaded by the cache as it was before.
     """
     fires_at: tuple[float, float] | None = None
     """Contrast thresholds of ON and OFF events, if ideal pixels see the frames; None where nobody knows when they fire.
 
-    Where light is kept on surfaces, more first-hit rays look at pixels that are about to fire, and fewer elsewhere.
+    With cached light, pixels that are about to fire get more primary rays, and others fewer.
     """
-    look_again: int = 0
-    """One in so many pixels is looked at again by other random numbers, which tells how noisy it is; 0 for none.
+    duplicate_every: int = 0
+    """One in so many pixels is sampled a second time with other random numbers, to measure noise; 0 for none.
 
-    Needs ``light_cache`` or no first-hit rays; `View.seen_twice` has what was seen.
+    Needs ``light_cache`` or no first-hit rays; `View.sampled_twice` has what was seen.
     """
-    look_again_in: Patches | None = None
-    """Where all pixels are looked at again likewise; needs no first-hit rays, and no ``look_again``."""
+    duplicate_in: Patches | None = None
+    """Where all pixels are sampled a second time; needs no first-hit rays, and no ``duplicate_every``."""
     truth: tuple[str, ...] = ()
-    """Which truth frames have beside what is rendered: names of `clsim.frames.TRUTH_PLANES`."""
+    """Planes of truth that frames have in addition: names of `clsim.frames.TRUTH_PLANES`."""
     truth_every: int = 1
     """Frames from one with truth to the next, the first being one; in the others these planes hold nothing of use."""
     tree: Tree | None = None
@@ -161,17 +161,17 @@ class RenderOptions:
                 raise InputError(f"`{option}` needs `noise` common, got {self.noise}")
         if self.fires_at is not None and (not self.light_cache or self.light_hz is not None or min(self.fires_at) <= 0):
             raise InputError(f"`fires_at` {self.fires_at} needs positive thresholds, `light_cache` and no `light_hz`")
-        if self.look_again < 0:
-            raise InputError(f"`look_again` must not be negative, got {self.look_again}")
-        if self.look_again and self.first_hit_rays and not self.light_cache:
-            raise InputError(f"`look_again` {self.look_again} needs `light_cache` or no `first_hit_rays`")
-        if self.look_again_in is not None and (self.look_again or self.first_hit_rays):
-            raise InputError("`look_again_in` needs no `look_again` and no `first_hit_rays`")
+        if self.duplicate_every < 0:
+            raise InputError(f"`duplicate_every` must not be negative, got {self.duplicate_every}")
+        if self.duplicate_every and self.first_hit_rays and not self.light_cache:
+            raise InputError(f"`duplicate_every` {self.duplicate_every} needs `light_cache` or no `first_hit_rays`")
+        if self.duplicate_in is not None and (self.duplicate_every or self.first_hit_rays):
+            raise InputError("`duplicate_in` needs no `duplicate_every` and no `first_hit_rays`")
         if self.probe_spp is not None and self.probe_spp > self.spp:
             raise InputError(f"`probe_spp` must be at most `spp`, which is {self.spp}, got {self.probe_spp}")
 
     def features(self, scene: SceneFeatures, camera: Camera, requests: bool = False, replay: bool = False) -> Features:
-        """Return what the kernel has with which a camera looks at such a scene, at all pixels or those of requests."""
+        """Return the features of the kernel for such a scene and camera, for all pixels or those of requests."""
         sobol, first_hits = self.sampler == "sobol", self.first_hit_rays > 0
         return view_features(
             scene,
@@ -188,5 +188,5 @@ class RenderOptions:
         )
 
     def features_of(self, world: World) -> Features:
-        """Return what the kernel has with which the world's own camera looks at it."""
+        """Return the features of the kernel for a world and its own camera."""
         return self.features(scene_features(world, world.camera.shutter_s), world.camera)

@@ -38,9 +38,9 @@ _MOST_SPHERES = 16
 
 
 class SceneData:
-    """What rays may meet: trees, instances, lights and materials on a device, moved by data and not built anew.
+    """A scene on a device: trees, instances, lights and materials, moved by data and not rebuilt.
 
-    Several ``View`` may look at one, in turn: all that they render between two calls of ``move`` is of one instant.
+    Several ``View`` may share one: all that they render between two calls of ``move`` is of one instant.
 
     Attributes:
         world: the world, as it was given.
@@ -94,7 +94,7 @@ class SceneData:
         if ahead is not None:
             self._compile(ahead)
         self._time_s: float | None = None
-        self.still = light_stands_still(world)  # asked once: there may be many things
+        self.still = light_stands_still(world)  # asked once: there may be many objects
         self.poses = PoseCache()
         placement, times_s = place(world), self._key_times(0.0)
         self.origin_m = placement.origin_m
@@ -115,7 +115,7 @@ class SceneData:
         self._shining = Shining(world, self._lights.lights, self.scene.materials)
 
     def add_texture_levels(self) -> None:
-        """Give image textures the coarser levels that first-hit rays read, unless they have them."""
+        """Give image textures the coarser levels that primary rays read, unless they have them."""
         with self.lock:
             if self.features.images and not self._levels:
                 add_levels(self.world, self.scene.materials.textures)
@@ -144,7 +144,7 @@ class SceneData:
             self._lights.update(times_s)
             self._time_s = time_s
 
-    def move_anew(self) -> None:
+    def restart_motion(self) -> None:
         """Let the next `move` move everything, whatever its time: motions themselves have changed."""
         self._time_s = None
 
@@ -191,7 +191,7 @@ class SceneData:
     def least_sphere_rad(self, place: npt.NDArray[np.float64], time_s: float) -> float:
         """Return how wide each sphere at least is from a place in the world [rad]; 0 where nobody asks."""
         lights = self.world.sphere_lights
-        # Without a tree over instances there are no boxes beside which spheres might hide.
+        # Without a tree over instances there are no boxes next to which spheres might hide.
         if not self.features.two_level or len(lights) > _MOST_SPHERES:
             return 0.0
         ways = [np.linalg.norm(place - self._pose(light.motion, time_s)[:3, 3]) for light in lights]
@@ -204,7 +204,7 @@ class SceneData:
 
     @property
     def most_instants(self) -> int:
-        """How many instants at a time serve well: boxes hold all places of a thing, and shapes take memory.
+        """How many instants at a time serve well: boxes hold all places of an object, and shapes take memory.
 
         A tree of lights that move is of one: what is drawn from it must not depend on what else is asked for.
         """

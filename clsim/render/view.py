@@ -1,4 +1,4 @@
-"""One camera that looks at a scene: a source of frames."""
+"""A camera's view of a scene: a source of frames."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from clsim.render.device.launch import Tiles, record, tile_size
 from clsim.render.kernel_input import Mosaic, Settings
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
-from clsim.render.primary.effort import ENOUGH_FOR_EDGES, Effort, Sight, Steerer
+from clsim.render.primary.effort import ENOUGH_FOR_EDGES, Effort, PrimarySetup, Steerer
 from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.scene import Camera
@@ -27,7 +27,7 @@ from clsim.scene.light.spectral import seen_by_pixels, spectral_weights
 from clsim.scene.world import Sensor
 
 if TYPE_CHECKING:
-    from clsim.render.cache.light_keeper import LightKeeper
+    from clsim.render.cache.light_cache_host import LightCacheHost
     from clsim.render.cache.path_store import PathStore
     from clsim.render.truth.truth_pass import TruthPass
 
@@ -61,7 +61,7 @@ class RenderCancelled(Error):  # noqa: N818 - asked for, not an error
 
 
 class View:
-    """One camera: its rays, launches, frame memory and steering; a ``clsim.frames.FrameSource``.
+    """A camera's view of a scene: its rays, launches and frame memory; a ``clsim.frames.FrameSource``.
 
     Sample i of a pixel is the same path whatever the number of samples, threads, tiles and planes, and with common
     noise whatever the frame. Features are of the first hit, be it a lamp: an emitting triangle has its
@@ -122,7 +122,7 @@ class View:
             share = camera.shutter_s / data.interval_s
             self._settings.opens, self._settings.lasts = 0.5 - 0.5 * share, share
         self._store: PathStore | None = None
-        self._steerer: Steerer | LightKeeper | None = None
+        self._steerer: Steerer | LightCacheHost | None = None
         if options.first_hit_rays:
             data.add_texture_levels()
             probe_spp = options.probe_spp or options.spp
@@ -130,23 +130,23 @@ class View:
             self._corners: Any = wp.zeros((self.width + 1) * (self.height + 1), dtype=Sample, device=self._device)
             size = camera.width, camera.height
             self._sharp = features.sharp
-            sight = Sight(self._pixel, features.sharp, features.lamp_light)
+            primary_setup = PrimarySetup(self._pixel, features.sharp, features.lamp_light)
             if options.light_cache:
-                from clsim.render.cache.light_keeper import LightKeeper, next_event
+                from clsim.render.cache.light_cache_host import LightCacheHost, next_event
 
                 event = next_event(options.fires_at, data.world.sensor)
                 self._store = store = self._path_store(options, camera) if features.anchored else None
-                self._steerer = LightKeeper(
-                    *size, effort, sight, options.light_hz, event, options.look_again, store, self._device
+                self._steerer = LightCacheHost(
+                    *size, effort, primary_setup, options.light_hz, event, options.duplicate_every, store, self._device
                 )
             else:
                 at_frames = options.light_hz is None
-                self._steerer = Steerer(*size, effort, sight, board, self._device, looks_closer=at_frames)
-        # A second look writes where a first one does, at the same place of planes of its own.
-        self._seen_again = self._pixels_again() if self._steerer is None else np.zeros(0, np.int32)
-        pixels = camera.width * camera.height if len(self._seen_again) else 0
-        self._again: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
-        self._again_at: Any = wp.array(self._seen_again, dtype=int, device=self._device)
+                self._steerer = Steerer(*size, effort, primary_setup, board, self._device, refines=at_frames)
+        # Duplicate pixels are written at the same place of planes of their own.
+        self._duplicate_pixels = self._pixels_to_duplicate() if self._steerer is None else np.zeros(0, np.int32)
+        pixels = camera.width * camera.height if len(self._duplicate_pixels) else 0
+        self._duplicate_planes: Any = wp.zeros((len(self.names), pixels), dtype=wp.float32, device=self._device)
+        self._duplicate_pixels_on_device: Any = wp.array(self._duplicate_pixels, dtype=int, device=self._device)
         self._all: Any = wp.zeros(0, dtype=int, device=self._device)
         self._truth: TruthPass | None = None
         if planes.truth:
@@ -201,23 +201,26 @@ class View:
         if self._steerer is None:
             self._render(changed | {"pixels": self._all, "out_bits": bits}, self.width * self.height)
             self._paths += self.width * self.height * self._options.spp
-            if len(self._seen_again):
-                # Of no other look: the seed's complement is nobody's.
+            if len(self._duplicate_pixels):
+                # Independent of the frame: the seed's complement is nobody's.
                 self._settings.stream = stream_state(~self._options.seed, noise_of)
-                again = {"out_planes": self._again, "out_bits": _as_bits(self._again)}
-                self._render(changed | again | {"pixels": self._again_at}, len(self._seen_again))
+                duplicate_every = {"out_planes": self._duplicate_planes, "out_bits": _as_bits(self._duplicate_planes)}
+                self._render(
+                    changed | duplicate_every | {"pixels": self._duplicate_pixels_on_device},
+                    len(self._duplicate_pixels),
+                )
         else:
             unfinished = True
             while unfinished:
                 steering, self._settings.samples = self._steerer.prepare(index, time_us)
                 changed |= steering
-                if steering["steering"].looks.steps:
+                if steering["steering"].primary_rays.steps:
                     self._render(changed | {"corner_pass": True}, (self.width + 1) * (self.height + 1))
                 self._render(changed | {"corner_pass": False}, self.width * self.height)
                 unfinished = self._steerer.finish()
-            if self._options.look_again:
-                count = -(-self.width * self.height // self._options.look_again)
-                self._render(changed | {"corner_pass": False, "again": self._options.look_again}, count)
+            if self._options.duplicate_every:
+                count = -(-self.width * self.height // self._options.duplicate_every)
+                self._render(changed | {"corner_pass": False, "duplicate_every": self._options.duplicate_every}, count)
         if not self._device.is_cpu:
             wp.copy(self._host(out), planes)
             wp.synchronize_device(self._device)
@@ -235,10 +238,10 @@ class View:
 
     @property
     def effort(self) -> Effort:
-        """What is spent on a pixel; set it, from any thread, for the next frame on. First-hit rays cannot be left out.
+        """What is spent on a pixel; set it, from any thread, for the next frame on. Primary rays cannot be left out.
 
         With common noise, a change of paths fires no event: the log brightness of a still picture stays within 1e-4.
-        Other numbers of first-hit rays do change a still picture, where it is textured.
+        Other numbers of primary rays do change a still picture, where it is textured.
         """
         if self._steerer is None:
             raise ValueError("only a renderer with first-hit rays has an effort")
@@ -257,19 +260,19 @@ class View:
 
     @property
     def first_hit_rays(self) -> int:
-        """First-hit rays traced so far."""
+        """Primary rays traced so far."""
         return 0 if self._steerer is None else self._steerer.first_hit_rays
 
     @property
     def light_s(self) -> float:
-        """Time [s] that finding light again has taken so far, where that is kept on surfaces; 0 elsewhere."""
+        """Time [s] that updating the radiance cache has taken so far; 0 without one."""
         return 0.0 if self._steerer is None else self._steerer.light_s
 
     @property
-    def light_keeper(self) -> LightKeeper:
-        """What keeps the light that its frames are seen in, where it is kept on surfaces."""
+    def light_cache_host(self) -> LightCacheHost:
+        """The radiance cache that shades its frames, where there is one."""
         assert self._options.light_cache
-        return cast("LightKeeper", self._steerer)
+        return cast("LightCacheHost", self._steerer)
 
     @property
     def corners(self) -> Any:
@@ -277,23 +280,23 @@ class View:
         looked_at = self._sharp and self.effort.first_hit_rays >= ENOUGH_FOR_EDGES
         return self._corners if looked_at else None
 
-    def seen_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
-        """Return what was looked at again as in its last frame, and as seen then.
+    def sampled_twice(self, frame: Frame) -> npt.NDArray[np.float32]:
+        """Return two estimates of the duplicate pixels: that of the last frame, and the second one.
 
-        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. Where
-        light is kept, one is somewhat brighter and one darker, by as much as the light is noisy.
+        It is the luminance of pixels, ``[2, n]``; of patches all planes, ``[2, C, rows, columns]``. With cached light,
+        one is raised and one lowered by the error of that light.
         """
         if self._steerer is not None:
-            return cast("LightKeeper", self._steerer).seen_twice
-        planes = frame.planes.reshape(len(self.names), -1), self._again.numpy()
-        patches = self._options.look_again_in
+            return cast("LightCacheHost", self._steerer).sampled_twice
+        planes = frame.planes.reshape(len(self.names), -1), self._duplicate_planes.numpy()
+        patches = self._options.duplicate_in
         if patches is not None:
-            return np.stack([each[:, self._seen_again] for each in planes]).reshape(2, -1, *patches.shape)
+            return np.stack([each[:, self._duplicate_pixels] for each in planes]).reshape(2, -1, *patches.shape)
         weights = np.asarray(spectral_weights(self._data.world.sensor.spectral), np.float32)
-        return np.stack([weights @ each[:3, :: self._options.look_again] for each in planes])
+        return np.stack([weights @ each[:3, :: self._options.duplicate_every] for each in planes])
 
     def forget_light(self) -> None:
-        """Find the light anew of which something is kept, if it is: for the next frame, since lights have changed."""
+        """Forget, or trace again, what is cached of the light, for the next frame: lights have changed."""
         if self._steerer is not None:
             self._steerer.forget()
 
@@ -328,7 +331,7 @@ class View:
     def _shine(self, time_s: float) -> dict[str, Any]:
         """Let light be its mean over an exposure about that time; return the argument of the kernel that this changes.
 
-        What is kept from frame to frame tells nothing of another light.
+        State from earlier frames tells nothing of another light.
         """
         if not self._data.light_changes:
             return {}
@@ -359,9 +362,9 @@ class View:
         if not self._tiles.run(count, changed):
             raise RenderCancelled
 
-    def _pixels_again(self) -> npt.NDArray[np.int32]:
-        """Return the numbers of the pixels that are looked at again where all light is found by paths."""
-        patches, every = self._options.look_again_in, self._options.look_again
+    def _pixels_to_duplicate(self) -> npt.NDArray[np.int32]:
+        """Return the numbers of the duplicate pixels where all light is found by paths."""
+        patches, every = self._options.duplicate_in, self._options.duplicate_every
         if patches is not None:
             return patches.pixels(self.width)
         return np.arange(0, self.width * self.height if every else 0, max(1, every), dtype=np.int32)

@@ -65,7 +65,7 @@ class Batch(Sequence[Simulator]):
         return [simulator.step(until_us) for simulator in self._simulators]
 
     def reset(self) -> None:
-        """Let all begin anew."""
+        """Restart all."""
         for simulator in self._simulators:
             simulator.reset()
 

@@ -1,4 +1,4 @@
-"""What drives one camera or several, a step at a time: poses, light, time, and going back (see `clsim.simulator`)."""
+"""The driver of one camera or several, a step at a time: poses, light, time, and going back (see `clsim.simulator`)."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from clsim.scene.driven import CAMERA, read_place
 from clsim.scene.motion import Matrix
 from clsim.scene.trajectories.trajectory import Axes, Interpolation, turned
 from clsim.sensor.settings import SensorSettings
+from clsim.simulator.camera_pipeline import CameraPipeline
 from clsim.simulator.driving import Driving
-from clsim.simulator.eye import Eye
 from clsim.simulator.shared_scene import SharedScene, Turn
 from clsim.simulator.snapshot import SimulatorState
 from clsim.simulator.stepping import Clock, StepClock
@@ -92,10 +92,14 @@ class Driver(ABC):
         self._start(SharedScene(self.world), kind)
 
     def _start(self, scene: SharedScene, clock: Clock) -> None:
-        """Choose devices; the scene is moved in turn with others that have it."""
-        self._eyes = {name: Eye(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()}
+        """Choose devices; drivers that share the scene move it one at a time."""
+        self._camera_pipelines = {
+            name: CameraPipeline(plan_stages(self._options, own)) for name, own in self._seen(self.world).items()
+        }
         self.fps = self._first.fps
-        self.warnings = tuple(dict.fromkeys(text for eye in self._eyes.values() for text in eye.stages.warnings))
+        self.warnings = tuple(
+            dict.fromkeys(text for pipeline in self._camera_pipelines.values() for text in pipeline.stages.warnings)
+        )
         self._turn = Turn(scene)
         self._driven: tuple[str, ...] = ()
         self.names = scene.driving.names
@@ -127,7 +131,7 @@ class Driver(ABC):
 
     @abstractmethod
     def _seen(self, world: World) -> dict[str, World]:
-        """Return the world as each camera sees it, by the cameras' names; all are in `Eye`s of these names."""
+        """Return the world as each camera sees it, by the cameras' names, which are those of its `CameraPipeline`."""
 
     def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
         """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
@@ -179,8 +183,8 @@ class Driver(ABC):
     def set_light(self, name: str, radiance: tuple[float, float, float]) -> None:
         """Let lights shine with another radiance from the next frame on.
 
-        Where light is kept on surfaces it is found anew then, with other noise. Set one before the first step too, and
-        a named quality keeps none.
+        Where light is cached on surfaces, the cache is emptied then, and noise is another one. Set one before the first
+        step too, and a named quality caches none.
 
         Args:
             name: of a light, or of a material that emits.
@@ -203,8 +207,8 @@ class Driver(ABC):
         self._driving.set_light(name, (red, green, blue))
         if self._data is not None:
             self._data.set_light(name, (red, green, blue))
-            for eye in self._eyes.values():
-                eye.forget_light()
+            for pipeline in self._camera_pipelines.values():
+                pipeline.forget_light()
 
     def _step(self, until_us: int) -> dict[str, EventBatch]:
         """Make a step, and return each camera's events."""
@@ -214,12 +218,12 @@ class Driver(ABC):
             raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
         self._driving.end_step(until_us, self._passed_us)
         data = self._build() if self._data is None else self._data
-        batches: dict[str, list[EventBatch]] = {name: [] for name in self._eyes}
-        for eye in self._eyes.values():
-            eye.begin_step()
+        batches: dict[str, list[EventBatch]] = {name: [] for name in self._camera_pipelines}
+        for pipeline in self._camera_pipelines.values():
+            pipeline.begin_step()
         for time_us in self._clock.frame_times(self._next, self.time_us, until_us):
-            for name, eye in self._eyes.items():
-                batches[name].append(eye.advance(self._next, time_us, self._passed_us, data))
+            for name, pipeline in self._camera_pipelines.items():
+                batches[name].append(pipeline.advance(self._next, time_us, self._passed_us, data))
             before_us, self.time_us = self.time_us, time_us
             self._next += 1
             self._driving.forget_before(before_us)
@@ -233,7 +237,7 @@ class Driver(ABC):
             raise Error("there is no frame yet: step first")
 
     def reset(self, seed: int | None = None) -> None:
-        """Begin anew: the next frame is at 0, and all stands and shines as in the scene, until it is set.
+        """Restart: the next frame is at 0, and all stands and shines as in the scene, until it is set.
 
         The same steps return the same events again.
 
@@ -247,9 +251,9 @@ class Driver(ABC):
         if self._data is not None:
             for name in self._driving.light:
                 self._data.set_light(name, self._driving.shining()[name])
-            self._data.move_anew()
-            for eye in self._eyes.values():
-                eye.connect(self._data)
+            self._data.restart_motion()
+            for pipeline in self._camera_pipelines.values():
+                pipeline.connect(self._data)
         self._driving.release()
         self._begin()
 
@@ -262,7 +266,7 @@ class Driver(ABC):
         self._check_open()
         if self._data is None:
             raise Error("there is nothing to remember yet: step first")
-        remembers = tuple(eye.snapshot() for eye in self._eyes.values())
+        remembers = tuple(pipeline.snapshot() for pipeline in self._camera_pipelines.values())
         return SimulatorState(self._views, remembers, self._driving.state(), self._next, self.time_us)
 
     def restore(self, state: SimulatorState) -> None:
@@ -283,7 +287,7 @@ class Driver(ABC):
         self._driving.set_state(state.driving)
         for name, radiance in self._driving.light.items():
             self._data.set_light(name, radiance)
-        self._data.move_anew()
+        self._data.restart_motion()
         self._begin(state.next, state.time_us)
 
     @property
@@ -297,8 +301,8 @@ class Driver(ABC):
             self._closed = True
             if is_orphan():  # devices are the parent's
                 return
-            for eye in self._eyes.values():
-                eye.release()
+            for pipeline in self._camera_pipelines.values():
+                pipeline.release()
 
     def _begin(self, frames: int = 0, time_us: int = 0) -> None:
         """Let so many frames have passed, the last at that time, and the wall clock start with the next step."""
@@ -315,8 +319,8 @@ class Driver(ABC):
         data = shared.data or self._scene_data()
         for name, radiance in self._driving.light.items():
             data.set_light(name, radiance)
-        for eye in self._eyes.values():
-            eye.connect(data)
+        for pipeline in self._camera_pipelines.values():
+            pipeline.connect(data)
         self._data = shared.data = (
             data  # now that all is built: a step after one that could not be begins with this again
         )
@@ -328,18 +332,18 @@ class Driver(ABC):
 
     def _plan(self) -> None:
         for name, own in self._seen(self.world).items():
-            self._eyes[name].stages = plan_stages(
+            self._camera_pipelines[name].stages = plan_stages(
                 self._options, own, lights_set=bool(self._driving.light), driven=self._driven
             )
 
     @property
     def _first(self) -> Stages:
         """The stages of the first camera."""
-        return next(iter(self._eyes.values())).stages
+        return next(iter(self._camera_pipelines.values())).stages
 
     @property
     def _views(self) -> tuple[object, ...]:
-        return tuple(eye.view for eye in self._eyes.values())
+        return tuple(pipeline.view for pipeline in self._camera_pipelines.values())
 
     @property
     def _passed_us(self) -> int | None:

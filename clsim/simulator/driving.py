@@ -1,4 +1,4 @@
-"""What of a world is set from outside while it is simulated: poses that come one by one, and the light of lamps."""
+"""Poses and lamp light of a world that are set from outside while it is simulated."""
 
 from __future__ import annotations
 

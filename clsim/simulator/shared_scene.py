@@ -1,4 +1,4 @@
-"""One scene on a device that several drivers move in turn, each as if it were its own."""
+"""One scene on a device that several drivers move, one at a time, each as if it were its own."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class SharedScene:
             shining = self.driving.shining() | self.driving.light
             for name in self._lit:
                 self.data.set_light(name, shining[name])
-        self.data.move_anew()
+        self.data.restart_motion()
 
 
 class Turn:

@@ -15,8 +15,8 @@ from clsim.live.stages import alone
 from clsim.render import SceneData
 from clsim.scene import Camera, World
 from clsim.scene.driven import CAMERA
+from clsim.simulator.camera_pipeline import CameraPipeline
 from clsim.simulator.driver import Driver
-from clsim.simulator.eye import Eye
 from clsim.simulator.radiance import RadianceCamera
 
 
@@ -114,7 +114,7 @@ class Simulator(Driver):
     @property
     def causes(self) -> Causes:
         """What caused each event of the last step: an index of `clsim.events.CAUSES`."""
-        return self._eye.causes
+        return self._camera_pipeline.causes
 
     def frame(self) -> Frame:
         """Return a copy of the last frame, with all its planes.
@@ -123,7 +123,7 @@ class Simulator(Driver):
             clsim.Error: there was no step yet, or the simulator is closed.
         """
         self._check_frame()
-        return self._eye.frame()
+        return self._camera_pipeline.frame()
 
     def truth(self, *names: str) -> dict[str, npt.NDArray[np.float32]]:
         """Return what is known of the last frame's pixels; `clsim.truth.cut.cut` tells shapes and units.
@@ -138,7 +138,7 @@ class Simulator(Driver):
             clsim.Error: there was no step yet, or the simulator is closed.
         """
         self._check_frame()
-        return self._eye.truth(names)
+        return self._camera_pipeline.truth(names)
 
     def _load(self) -> World:
         return alone(super()._load())
@@ -147,11 +147,11 @@ class Simulator(Driver):
         return {CAMERA: world}
 
     def _scene_data(self) -> SceneData:
-        return self._eye.stages.scene_data()
+        return self._camera_pipeline.stages.scene_data()
 
     @property
-    def _eye(self) -> Eye:
-        return self._eyes[CAMERA]
+    def _camera_pipeline(self) -> CameraPipeline:
+        return self._camera_pipelines[CAMERA]
 
 
 class RigSimulator(Driver):
@@ -172,7 +172,7 @@ class RigSimulator(Driver):
     @property
     def cameras(self) -> dict[str, Camera]:
         """Each camera, by name; its motion is what the scene says, and what is set."""
-        return {name: eye.stages.world.camera for name, eye in self._eyes.items()}
+        return {name: pipeline.stages.world.camera for name, pipeline in self._camera_pipelines.items()}
 
     def step(self, until_us: int) -> dict[str, EventBatch]:
         """Render and detect all frames up to ``until_us`` [µs], and return each camera's events by its name.
@@ -186,7 +186,7 @@ class RigSimulator(Driver):
     @property
     def causes(self) -> dict[str, Causes]:
         """What caused each event of the last step, by cameras: an index of `clsim.events.CAUSES`."""
-        return {name: eye.causes for name, eye in self._eyes.items()}
+        return {name: pipeline.causes for name, pipeline in self._camera_pipelines.items()}
 
     def frame(self, camera: str) -> Frame:
         """Return a copy of a camera's last frame.
@@ -196,7 +196,7 @@ class RigSimulator(Driver):
             clsim.Error: there was no step yet, or the simulator is closed.
         """
         self._check_frame()
-        return self._eye(camera).frame()
+        return self._camera_pipeline(camera).frame()
 
     def truth(self, camera: str, *names: str) -> dict[str, npt.NDArray[np.float32]]:
         """Return what is known of the pixels of a camera's last frame, as `Simulator.truth` does.
@@ -206,7 +206,7 @@ class RigSimulator(Driver):
             clsim.Error: there was no step yet, or the simulator is closed.
         """
         self._check_frame()
-        return self._eye(camera).truth(names)
+        return self._camera_pipeline(camera).truth(names)
 
     def _seen(self, world: World) -> dict[str, World]:
         if not world.rig:
@@ -214,10 +214,10 @@ class RigSimulator(Driver):
         return {name: replace(world, camera=camera, rig=()) for name, camera in cameras_of(world).items()}
 
     def _scene_data(self) -> SceneData:
-        render = next(iter(self._eyes.values())).stages.render
+        render = next(iter(self._camera_pipelines.values())).stages.render
         longest_s = max(camera.shutter_s for camera in self.cameras.values())
         return SceneData(self.world, render.device, render.tree, longest_s)
 
-    def _eye(self, camera: str) -> Eye:
-        require_choice("camera", camera, tuple(self._eyes))
-        return self._eyes[camera]
+    def _camera_pipeline(self, camera: str) -> CameraPipeline:
+        require_choice("camera", camera, tuple(self._camera_pipelines))
+        return self._camera_pipelines[camera]

@@ -1,4 +1,4 @@
-"""When the frames of a driven simulator are, and when a step may return."""
+"""The step clock: when the frames of a driven simulator are, and when a step may return."""
 
 from __future__ import annotations
 

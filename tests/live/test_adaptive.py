@@ -57,7 +57,7 @@ def test_paths_go_where_events_are_near() -> None:
     assert summary["governor"] is None
 
 
-def test_pixels_take_turns_in_a_live_run() -> None:
+def test_pixels_are_probed_at_different_phases_in_a_live_run() -> None:
     summary = summary_of(
         "moving-light", sampling="uniform", first_hit_rays=4, spp=1, probe_every=3, frame_count=10, fps=60.0
     )
@@ -107,15 +107,15 @@ def test_an_interrupt_ends_an_adaptive_run_within_a_second(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_light_is_kept_where_only_the_camera_moves() -> None:
-    """Kept light finds the events of a run with far more paths better than paths of each frame do."""
+def test_light_is_cached_where_only_the_camera_moves() -> None:
+    """Cached light finds the events of a run with far more paths better than paths of each frame do."""
     gains = []
     for seed in range(3):
         truth = events_of("two-boxes", sampling=None, quality="exact", spp=256, frame_count=8, seed=seed)
         found = events_of("two-boxes", sampling="cached", quality="balanced", frame_count=8, seed=seed)
         others = events_of("two-boxes", quality="balanced", frame_count=8, seed=seed)
-        kept, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
-        gains.append(kept - fresh)
+        cached, fresh = (score(events, truth, *SIZE, fps=60).strict_f1 for events in (found, others))
+        gains.append(cached - fresh)
     assert np.mean(gains) > 0.02
 
 
@@ -131,7 +131,7 @@ def test_light_is_kept_where_only_the_camera_moves() -> None:
 def test_noise_is_what_another_seed_does_not_fire(
     monkeypatch: pytest.MonkeyPatch, scene: str, quality: str, time: str
 ) -> None:
-    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
     given = {"sampling": None, "quality": quality, "frame_count": 8, "time": time}
     told = summary_of(scene, **given, fps=60.0)["noise_share"]
     runs = (events_of(scene, **given, seed=seed) for seed in (0, 1))
@@ -141,7 +141,7 @@ def test_noise_is_what_another_seed_does_not_fire(
 
 def test_of_a_real_sensor_noise_is_told_as_ideal_pixels_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Under another name, for its events are not those."""
-    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
     given = {"sampling": None, "quality": "draft", "frame_count": 8, "fps": 60.0, "threshold": (0.2, 0.2)}
     ideal, real = (summary_of("two-boxes", sensor=sensor, **given) for sensor in (None, "davis346"))
     assert ideal["events"] != real["events"]
@@ -157,8 +157,8 @@ def test_a_quality_keeps_light_in_every_driver() -> None:
     with clsim.Simulator("two-boxes", resolution=SIZE, fps=60.0) as simulator:
         assert simulator.step(until_us=83_334).tobytes() == asked.tobytes()
     others = ({"sampling": "adaptive"}, {"method": "irradiance"}, {"noise": "independent"}, {"quality": "exact"})
-    kept = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
-    assert kept == [True, False, False, False, False]
+    cached = [plan_stages(LiveOptions("two-boxes", **given)).render.light_cache for given in ({}, *others)]  # type: ignore[arg-type]
+    assert cached == [True, False, False, False, False]
     assert plan_stages(LiveOptions("moving-light")).render.light_cache
 
 

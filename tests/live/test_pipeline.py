@@ -238,7 +238,7 @@ def test_a_broken_detector_stops_a_source_that_waits_for_the_clock() -> None:
     assert time.monotonic() - begun < 5 and source.closed and source.cancelled
 
 
-def test_noise_goes_on_where_the_motion_starts_anew() -> None:
+def test_noise_goes_on_where_the_motion_restarts() -> None:
     class Noisy(CountingSource):
         noise_offset = 0
 

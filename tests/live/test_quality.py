@@ -1,4 +1,4 @@
-"""Named points of speed against accuracy, and what holds beside them."""
+"""Named points of speed against accuracy, and settings that are given with them."""
 
 import json
 from dataclasses import asdict, replace
@@ -12,7 +12,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 from clsim.events.outputs import FileOptions
 from clsim.live.options import LiveOptions
-from clsim.live.quality import ANEW, DEFAULT, PLAIN, QUALITIES, Quality, setting_names
+from clsim.live.quality import DEFAULT, PLAIN, QUALITIES, UNCACHED, Quality, setting_names
 from clsim.live.recording_options import RecordingOptions
 from clsim.live.stages import plan_stages
 from clsim.render import RenderOptions
@@ -46,15 +46,15 @@ def test_what_is_given_wins_over_the_named_point() -> None:
 def test_another_method_brings_its_own_window_and_fewer_paths_cap_the_probe() -> None:
     assert options(quality="balanced", method="esim-ad").point.window is None
     assert options(quality="balanced", method="esim-ad", window=9).point.window == 9
-    assert options(quality="balanced", method="irradiance").point == ANEW["balanced"]
+    assert options(quality="balanced", method="irradiance").point == UNCACHED["balanced"]
     assert options(quality="accurate", spp=1).point.probe_spp == 1
 
 
-def test_pixels_are_probed_in_turn_only_where_light_is_kept_from_frame_to_frame() -> None:
+def test_pixels_wait_for_their_probe_only_where_there_is_state_from_frame_to_frame() -> None:
     assert options(method="esim", first_hit_rays=4, probe_every=3).point.probe_every == 3
     assert options(quality="balanced", probe_every=3).point == replace(QUALITIES["balanced"], probe_every=3)
     assert "1 to 8 spp, pixels probed each 16 frames, 32" in QUALITIES["balanced"].text()
-    assert "probed" not in ANEW["accurate"].text()
+    assert "probed" not in UNCACHED["accurate"].text()
     turns = QUALITIES["draft"].probe_every
     assert options(quality="draft", spp=2).point.probe_every == turns
     assert options(quality="draft", noise="independent").point.probe_every == 1
@@ -67,8 +67,8 @@ def test_balanced_holds_unless_a_quality_or_a_method_is_named() -> None:
     assert options(spp=4).point == replace(QUALITIES["balanced"], spp=4)
     for method in ("esim", "wlr-esim", "esim-ad", "irradiance"):
         assert options(method=method).point == replace(PLAIN, method=method)
-    assert options(method="irradiance", sampling="adaptive").point == ANEW["balanced"]
-    assert options(method="irradiance", pace="real").point == ANEW["balanced"]
+    assert options(method="irradiance", sampling="adaptive").point == UNCACHED["balanced"]
+    assert options(method="irradiance", pace="real").point == UNCACHED["balanced"]
 
 
 def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
@@ -78,8 +78,8 @@ def test_light_is_linear_between_frames_unless_lines_go_on_from_there() -> None:
     assert options(event_rule="interpolated").point.event_rule == "interpolated"
 
 
-def test_what_rules_kept_light_out_makes_the_default_uniform() -> None:
-    uniform = replace(ANEW["balanced"], sampling="uniform", probe_every=1)
+def test_what_rules_cached_light_out_makes_the_default_uniform() -> None:
+    uniform = replace(UNCACHED["balanced"], sampling="uniform", probe_every=1)
     assert options(noise="independent").point == replace(uniform, noise="independent")
     assert options(first_hit_rays=0).point == replace(uniform, first_hit_rays=0)
 
@@ -104,7 +104,7 @@ def test_the_clock_starts_from_balanced_with_and_without_a_governor() -> None:
     balanced = QUALITIES["balanced"]
     assert options(pace="real", governor=False).point == balanced
     assert options(pace="real", governor=False, quality="draft").point == QUALITIES["draft"]
-    uniform = replace(ANEW["balanced"], sampling="uniform", probe_every=1)
+    uniform = replace(UNCACHED["balanced"], sampling="uniform", probe_every=1)
     assert options(pace="real", noise="independent").point == replace(uniform, noise="independent")
     without_rays = replace(uniform, first_hit_rays=0)
     assert options(pace="real", first_hit_rays=0).point == without_rays
@@ -256,12 +256,12 @@ def test_wrong_sampling_is_told_in_a_sentence(given: dict[str, object], message:
     assert str(caught.value) == message
 
 
-def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
-    for name in ANEW:
+def test_cached_light_has_points_of_its_own() -> None:
+    for name in UNCACHED:
         point = options(quality=name).point
         assert options(quality=name, sampling="cached").point == point
         assert "light kept on surfaces" in point.text()
-        assert options(quality=name, sampling="adaptive").point == replace(ANEW[name], sampling="adaptive")
+        assert options(quality=name, sampling="adaptive").point == replace(UNCACHED[name], sampling="adaptive")
     assert options(sampling="cached").point == QUALITIES[DEFAULT]
     assert options(sampling="cached", spp=2).point == replace(QUALITIES[DEFAULT], spp=2)
     again = LiveOptions.from_dict(options(sampling="cached").as_dict())
@@ -269,7 +269,7 @@ def test_light_kept_on_surfaces_has_points_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("given", [{"quality": "exact"}, {"first_hit_rays": 0}, {"noise": "independent"}])
-def test_light_cannot_be_kept_without_what_it_needs(given: dict[str, object]) -> None:
+def test_light_cannot_be_cached_without_what_it_needs(given: dict[str, object]) -> None:
     with pytest.raises(InputError, match=r"needs `(first_hit_rays|noise)`"):
         options(sampling="cached", **given)
 

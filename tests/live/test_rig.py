@@ -70,8 +70,8 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_each_camera_is_as_if_it_were_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its events, its truth, and what is told of their noise, for which all pixels are looked at twice."""
-    monkeypatch.setattr(live_session, "SEEN_TWICE", 1)
+    """Its events, its truth, and what is told of their noise, for which all pixels are sampled twice."""
+    monkeypatch.setattr(live_session, "DUPLICATE_EVERY", 1)
     scene = rig(tmp_path)
     outputs = (str(tmp_path / "{camera}.h5"),)
     options = LiveOptions(scene, frame_count=6, quality="draft", truth=("depth",), outputs=outputs)

@@ -29,7 +29,7 @@ class FakeEffort:
 
 
 class SteeredSource:
-    """Looks for the map of each frame, as a renderer with adaptive sampling does."""
+    """A source that reads the map of each frame, as a renderer with adaptive sampling does."""
 
     width, height, names, frame_count = 4, 3, NAMES, None
 

@@ -194,7 +194,7 @@ def behind_a_panel(material, **rest):
     return hw.radiance(frame)[:, 7:9, 7:9].mean(axis=(1, 2))
 
 
-def test_backs_emit_and_scatter_apart():
+def test_backs_emit_and_scatter_separately():
     """Under a sky of 1 a back that scatters shows its colour, one that emits its emission besides."""
     sky = {"environment": (1.0, 1.0, 1.0)}
     lamp = Material(color=(0.6, 0.4, 0.2), emission=(4.0, 5.0, 6.0))

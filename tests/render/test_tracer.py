@@ -152,7 +152,7 @@ class Leave:
         return hw.translation(*(time_s * p for p in self.place))
 
 
-def test_a_tree_of_instances_is_built_anew_as_they_disperse(monkeypatch):
+def test_a_tree_of_instances_is_rebuilt_as_they_disperse(monkeypatch):
     """What was next to each other is so no more; the picture is that of a world placed there."""
     rng = np.random.default_rng(1)
     motions = [Leave(tuple(2 * rng.random(3) - 1)) for _ in range(30)]

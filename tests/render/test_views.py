@@ -62,7 +62,7 @@ def test_a_stereo_pair_takes_one_upload_and_equals_two_tracers(monkeypatch):
     assert np.any(pictures[0, 0] != pictures[0, 1][:, :, :12])
 
 
-def test_views_take_turns_at_different_times():
+def test_views_may_alternate_at_different_times():
     """A view that goes back in time finds the world as it was, whatever another has seen meanwhile."""
     data = SceneData(moving_world())
     left, right = (View(data, OPTIONS, camera=camera) for camera in eyes())

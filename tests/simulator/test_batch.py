@@ -51,7 +51,7 @@ def test_each_fires_what_it_fires_alone(tmp_path: Path, quality: str) -> None:
             np.testing.assert_array_equal(alone.pose("box"), poses[k])
 
 
-def test_one_begins_anew_or_goes_back_while_others_go_on(tmp_path: Path) -> None:
+def test_one_restarts_or_goes_back_while_others_go_on(tmp_path: Path) -> None:
     with clsim.batch(scene(tmp_path), 3, **OPTIONS) as simulators:
         first = [[go(simulator, k, step) for step in range(4)] for k, simulator in enumerate(simulators)]
         simulators[1].reset()

@@ -93,7 +93,7 @@ def test_poses_turn_by_slerp_and_grow_evenly() -> None:
     assert (driven.pose(3.0) == np.eye(4)).all()
 
 
-def test_a_way_that_begins_later_begins_where_the_thing_is(tmp_path: Path) -> None:
+def test_a_way_that_begins_later_begins_where_the_object_is(tmp_path: Path) -> None:
     start = look_at((0.0, 0.4, 3.0), (0.0, 0.4, 0.0))
     with simulator(tmp_path) as run:
         assert len(run.step(20_000)) == 0, "nothing moves"
@@ -153,7 +153,7 @@ def test_frames_can_be_seen(tmp_path: Path) -> None:
             run.frame()
         run.step(5_000)
         frame = run.frame()
-        assert frame.time_us == 5_000 and frame.planes is not run._eye._frame.planes
+        assert frame.time_us == 5_000 and frame.planes is not run._camera_pipeline._frame.planes
         assert frame.plane("G").mean() > 0.05
 
 
@@ -283,7 +283,7 @@ def test_from_a_snapshot_the_same_happens_again(tmp_path: Path, options: dict[st
 
 
 @pytest.mark.slow
-def test_light_that_is_kept_is_in_a_snapshot() -> None:
+def test_cached_light_is_in_a_snapshot() -> None:
     with clsim.Simulator("two-boxes", resolution=(32, 24), sampling="cached", fps=200.0) as run:
         run.step(20_000)
         saved = run.snapshot()
@@ -309,14 +309,14 @@ def test_what_is_driven_is_never_baked() -> None:
         driving.set_place("wall", ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 1.0), 5, 0)
 
 
-def test_names_that_several_things_have_name_none(tmp_path: Path) -> None:
+def test_names_that_several_objects_have_name_none(tmp_path: Path) -> None:
     file = tmp_path / "twins.toml"
     twin = '[[objects]]\nname = "twin"\nshape = "box"\n'
     file.write_text("[camera]\nposition = [0.0, 0.0, 3.0]\n[environment]\nradiance = [1.0, 1.0, 1.0]\n" + twin + twin)
     assert tuple(placed(clsim.load_scene(file))) == ("camera",)
 
 
-def test_light_that_is_kept_is_found_anew_once_a_lamp_is_set() -> None:
+def test_the_cache_is_emptied_once_a_lamp_is_set() -> None:
     """Half the light at once: the mean of what paths found before and after would be brighter."""
     with clsim.Simulator("two-boxes", resolution=(32, 24), fps=200.0) as run:
         run.step(10_000)

@@ -101,7 +101,7 @@ def test_a_lamp_at_the_frame_rate_looks_constant_and_a_warning_says_so(tmp_path:
         )
 
 
-def test_darkness_is_dark_whatever_was_kept_before(tmp_path: Path) -> None:
+def test_darkness_is_dark_whatever_was_cached_before(tmp_path: Path) -> None:
     """What steered samples remember of the light that was must not shine on; few first-hit rays are always the same."""
     off = Keyframed((0.0, 0.01, 0.02), ((1.0,) * 3, (0.0,) * 3, (2.0,) * 3), step=True)
     with clsim.Simulator(stage(tmp_path, off), fps=400.0, first_hit_rays=8) as run:

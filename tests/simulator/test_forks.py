@@ -54,7 +54,7 @@ def test_what_the_parent_has_run_is_refused_in_a_child_at_once(tmp_path: Path) -
     ):
         stage.step(until_us=0)
         next(stream)
-        view, frame = stage._eye.view, stage.frame()
+        view, frame = stage._camera_pipeline.view, stage.frame()
         assert view is not None
         for run in (
             lambda: next(clsim.stream("still")),

@@ -85,7 +85,7 @@ def test_steps_have_the_bits_of_a_live_rig(tmp_path: Path) -> None:
         assert clsim.open(str(tmp_path / f"{name}.npz")).read().tobytes() == events.tobytes()
 
 
-def test_a_rig_goes_back_and_begins_anew() -> None:
+def test_a_rig_goes_back_and_restarts() -> None:
     with clsim.RigSimulator(scene(), fps=FPS, quality="draft") as rig:
         with pytest.raises(Error, match="there is no frame yet"):
             rig.frame("left")

@@ -51,7 +51,7 @@ def test_steps_of_any_length_give_the_bits_of_a_live_run(options: dict[str, obje
         ("cornell", {"quality": "draft"}),
         pytest.param("moving-light", {"quality": "accurate"}, marks=pytest.mark.slow),
     ],
-    ids=["paths kept", "things go slowly", "a lamp moves"],
+    ids=["paths stored", "objects go slowly", "a lamp moves"],
 )
 def test_where_a_live_run_chooses_by_the_scene_so_does_a_simulator(scene: str, options: dict[str, object]) -> None:
     expected = live(scene, **options)
@@ -119,10 +119,10 @@ def test_settings_reach_the_stages() -> None:
 def test_a_reset_lets_go_of_what_was_built() -> None:
     with simulator("two-boxes") as run:
         run.step(0)
-        before = run._eye.view
+        before = run._camera_pipeline.view
         run.reset()
         with pytest.raises(RenderCancelled):
-            before.fill(1, run._eye._frame)
+            before.fill(1, run._camera_pipeline._frame)
 
 
 def test_what_could_not_be_built_is_told_and_built_by_the_next_step(monkeypatch: pytest.MonkeyPatch) -> None:

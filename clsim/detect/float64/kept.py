@@ -2,7 +2,7 @@
 
 `delta-r-exact` takes the residual of proposition 1 (Tsuji et al., ICIP 2023, equation 6) by brute force, to check the
 closed form. `published` does what the authors' program does, which is not what the paper says: it weighs the old
-window anew round the new centre, after normalising that centre by the *new* frame's window. Both keep K²·T samples per
+window again round the new centre, after normalising that centre by the *new* frame's window. Both keep K²·T samples per
 pixel, so they are for recorded sequences.
 """
 

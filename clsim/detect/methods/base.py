@@ -1,4 +1,4 @@
-"""What a method of detection is: how frames become brightness, and which pixels need a closer look."""
+"""The base of detection methods: how frames become brightness, and which pixels may fire."""
 
 from __future__ import annotations
 

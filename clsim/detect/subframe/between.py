@@ -36,7 +36,7 @@ class BetweenStats:
 
 @dataclass(frozen=True)
 class Motion:
-    """Where things go in a step.
+    """The motion field of a step: where surfaces go.
 
     Attributes:
         ways: to its end, ``[3, 2, H, W]`` [pixels]; see `clsim.frames.PixelTracer.motion`.
@@ -55,7 +55,7 @@ class Motion:
 
     @property
     def turns(self) -> bool:
-        """Whether things come back within the step, so that they were farther away than their ways to its end tell."""
+        """Whether motion comes back within the step, so that it went farther than the ways to its end tell."""
         to_end, to_middle = self._longest_px
         return to_middle > to_end
 
@@ -111,7 +111,7 @@ class Between(ABC):
         return self._find(path, motion, references)
 
     def _motion(self, path: BrightnessPath) -> Motion | None:
-        """Return where things go in a step; None where all rests."""
+        """Return where surfaces go in a step; None where all rests."""
         starts_s, ends_s = path.start_us * 1e-6, path.end_us * 1e-6
         ways = self._tracer.motion(starts_s, ends_s)
         halves = None if ways is None else self._tracer.motion(starts_s, 0.5 * (starts_s + ends_s))

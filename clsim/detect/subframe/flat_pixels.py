@@ -1,7 +1,7 @@
 """Brightness of pixels that show one flat surface all through a step: albedo is known, and light changes little.
 
 Nothing is traced for them. Whether something else comes over a pixel within the step is told by what surrounds it: all
-that could is somewhere around it in the frames at both ends, no farther than things go; so one of them clears it, if
+that could is somewhere around it in the frames at both ends, no farther than surfaces go; so one of them clears it, if
 nothing is there.
 """
 
@@ -38,7 +38,7 @@ _LEAST = 0.005
 _PROMPT = 0.5
 """Share of the error in time that will do, by which it may be late."""
 _NEAR = 0.8
-"""Share of a threshold from which on a pixel that may show something else is looked at."""
+"""Share of a threshold from which on a pixel that may show something else is traced."""
 _LONGEST = 2.5
 """Thresholds that brightness may go from knot to knot."""
 
@@ -117,9 +117,9 @@ class FlatPixels:
             sharp = np.log(light.sum(axis=0)).reshape(self._shape)
             bright = _blurred(sharp)
             even = np.abs(sharp - bright) < _EVEN
-            apart = ~(np.abs(np.diff(bright, axis=1, append=bright[:, -1:])) < _SHADOW)
-            apart |= ~(np.abs(np.diff(bright, axis=0, append=bright[-1:])) < _SHADOW)
-        self._ends = [*self._ends[-1:], (light, weighted.sum(axis=0), bounds | apart, even)]
+            steep = ~(np.abs(np.diff(bright, axis=1, append=bright[:, -1:])) < _SHADOW)
+            steep |= ~(np.abs(np.diff(bright, axis=0, append=bright[-1:])) < _SHADOW)
+        self._ends = [*self._ends[-1:], (light, weighted.sum(axis=0), bounds | steep, even)]
 
     def find(
         self, path: BrightnessPath, tracer: PixelTracer, motion: Motion, ends: tuple[F32, F32], tolerance_us: float
@@ -129,7 +129,7 @@ class FlatPixels:
         Args:
             path: of the step.
             tracer: what knows what is reflected.
-            motion: where things go; nothing is known where they turn back.
+            motion: where surfaces go; nothing is known where they turn back.
             ends: levels at both ends, ``[H·W]``.
             tolerance_us: error of an event's time that will do [µs].
         """
@@ -175,7 +175,7 @@ class FlatPixels:
 
 
 def _reach(ways: F32) -> tuple[I64, I64]:
-    """Return how far left and up, and right and down, things near each square go in a step, ``[2, rows, columns]``.
+    """Return how far left and up, and right and down, surfaces near each square go in a step, ``[2, rows, columns]``.
 
     Squares are `_TILE_PX` pixels wide and high.
     """

@@ -1,4 +1,4 @@
-"""Host side of forecast.cl: at which times within a step brightness should be known, from where things go."""
+"""Host side of forecast.cl: at which times within a step brightness should be known, from the motion field."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BEND = 0.14
 
 
 class Forecast:
-    """Carries the pictures at both ends of a step along the ways of things."""
+    """A forecast: the pictures at both ends of a step, carried along the motion field."""
 
     def __init__(self, place: Workplace[Grid], on: float, off: float, linear_light: bool) -> None:
         """Build the kernel for contrast thresholds [natural-log units], and light or its logarithm linear in time."""
@@ -40,7 +40,7 @@ class Forecast:
         Args:
             start, end: levels at both ends, ``[H, span]``.
             references: levels of the last events, ``[H, span]``; NaN where there is none.
-            ways: how far things go over each pixel, ``[3, 2, H, W]`` [pixels].
+            ways: the motion field, ``[3, 2, H, W]`` [pixels].
         """
         place, layout = self._place, self._place.layout
         height, width, span = layout.height, layout.width, layout.span

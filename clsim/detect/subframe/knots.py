@@ -37,14 +37,14 @@ class Knots:
         pixels: which pixel, a number from 0 on, ``[K]``.
         times: [ticks], ``[K]``.
         levels: [natural-log units], ``[K]``.
-        bulges: by how much the level may leave the line of a piece, ``[K]``; infinite where nobody knows.
+        error_bounds: by how much the level may leave the line of a piece, ``[K]``; infinite where nobody knows.
         linear_light: whether light is linear in time between knots; else its logarithm is, which levels are.
     """
 
     pixels: I64
     times: I64
     levels: F64
-    bulges: F64
+    error_bounds: F64
     linear_light: bool = False
 
     @property
@@ -60,16 +60,16 @@ class Knots:
         straight = self._on_line(self.levels[first], self.levels[last], share)
         # The parabola through the three leaves a line over the whole piece by so much.
         bend = CAUTION * np.abs(levels - straight) / (4.0 * share * (1.0 - share))
-        self.bulges[last] = bend * (1.0 - share) ** 2
+        self.error_bounds[last] = bend * (1.0 - share) ** 2
         self.pixels = np.insert(self.pixels, before, self.pixels[last])
         self.times = np.insert(self.times, before, times)
         self.levels = np.insert(self.levels, before, levels)
-        self.bulges = np.insert(self.bulges, before, bend * share**2)
+        self.error_bounds = np.insert(self.error_bounds, before, bend * share**2)
 
     def of(self, chosen: Mask) -> Knots:
         """Return the knots of some pixels, all of each."""
-        kept = self.pixels[chosen], self.times[chosen], self.levels[chosen], self.bulges[chosen]
-        return Knots(*kept, self.linear_light)
+        rows = self.pixels[chosen], self.times[chosen], self.levels[chosen], self.error_bounds[chosen]
+        return Knots(*rows, self.linear_light)
 
     def renumbered(self, numbers: I64) -> Knots:
         """Return the same with other numbers of pixels, rising, for those from 0 on."""
@@ -85,7 +85,7 @@ class Knots:
         share = (time - self.times[first]) / (self.times[last] - self.times[first])
         return self._on_line(self.levels[first], self.levels[last], share)
 
-    def guess_bulges(self) -> None:
+    def guess_error_bounds(self) -> None:
         """Take what is not known of a piece from how the slope changes at both its ends."""
         inside = ~self.firsts
         spans = np.where(inside, np.diff(self.times, prepend=0), 1).astype(np.float64)
@@ -98,8 +98,8 @@ class Knots:
         if self.linear_light:
             bends[:-1] /= heights
         bend = np.maximum(bends[:-1], bends[1:])
-        guessed = inside & np.isinf(self.bulges) & (bend > 0)
-        self.bulges[guessed] = CAUTION * bend[guessed] * spans[guessed] ** 2 / 8.0
+        guessed = inside & np.isinf(self.error_bounds) & (bend > 0)
+        self.error_bounds[guessed] = CAUTION * bend[guessed] * spans[guessed] ** 2 / 8.0
 
     def crossed(self, pieces: I64, levels: F64) -> tuple[F64, F64]:
         """Return at which share of each piece its line is at a level, or next to it, and its rise in a piece there."""
@@ -149,10 +149,10 @@ def join(parts: list[Knots]) -> Knots:
     """Return the knots of several parts, which have no pixel in common, in order."""
     pixels = np.concatenate([part.pixels for part in parts])
     order = np.argsort(pixels, kind="stable")
-    times, levels, bulges = (
-        np.concatenate([getattr(part, name) for part in parts])[order] for name in ("times", "levels", "bulges")
+    times, levels, error_bounds = (
+        np.concatenate([getattr(part, name) for part in parts])[order] for name in ("times", "levels", "error_bounds")
     )
-    return Knots(pixels[order], times, levels, bulges, parts[0].linear_light)
+    return Knots(pixels[order], times, levels, error_bounds, parts[0].linear_light)
 
 
 def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float, least: int) -> tuple[I64, I64]:
@@ -169,16 +169,16 @@ def vague(knots: Knots, references: F64, on: float, off: float, tolerance: float
     spans = np.diff(knots.times, prepend=0)
     long_enough = ~knots.firsts & (spans > least)
     crossed = np.flatnonzero(long_enough & (crossings != 0))
-    bulge, span = knots.bulges[crossed], spans[crossed]
+    error_bound, span = knots.error_bounds[crossed], spans[crossed]
     share, rise = knots.crossed(crossed, before[crossed] + np.where(crossings[crossed] > 0, on, -off))
     with np.errstate(divide="ignore", invalid="ignore"):
         # Near a piece's ends the parabola is near the line.
-        way = np.where(np.abs(crossings[crossed]) == 1, 4.0 * share * (1.0 - share) * bulge, bulge)
-        error = np.where(np.isinf(bulge), span, way * span / np.abs(rise))
+        way = np.where(np.abs(crossings[crossed]) == 1, 4.0 * share * (1.0 - share) * error_bound, error_bound)
+        error = np.where(np.isinf(error_bound), span, way * span / np.abs(rise))
     vaguely = error > tolerance
-    quiet = np.flatnonzero(long_enough & (crossings == 0) & np.isfinite(knots.bulges))
-    first, last, bulge = knots.levels[quiet - 1], knots.levels[quiet], knots.bulges[quiet]
-    highest, lowest = np.maximum(first, last) + bulge, np.minimum(first, last) - bulge
+    quiet = np.flatnonzero(long_enough & (crossings == 0) & np.isfinite(knots.error_bounds))
+    first, last, error_bound = knots.levels[quiet - 1], knots.levels[quiet], knots.error_bounds[quiet]
+    highest, lowest = np.maximum(first, last) + error_bound, np.minimum(first, last) - error_bound
     quiet = quiet[(highest - before[quiet] >= on) | (before[quiet] - lowest >= off)]
     # Those without a crossing are parted in the middle, so that neither their share nor their error matters.
     pieces = np.concatenate([crossed[vaguely], quiet])

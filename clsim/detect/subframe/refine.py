@@ -24,7 +24,7 @@ from clsim.opencl.path import BrightnessPath
 from clsim.opencl.workplace import Buffer, Grid, Workplace
 
 LONGEST_WAY_PX = 12.0
-"""Where things go farther in a step, pictures between its ends are traced, so that ways are no longer."""
+"""Where surfaces go farther in a step, pictures between its ends are traced, so that ways are no longer."""
 _MOST_PARTS = 32
 
 
@@ -153,7 +153,7 @@ class Refiner(Between):
         order = np.lexsort((all_times, pixels))
         unknown = np.full(len(pixels), np.inf)
         knots = Knots(pixels[order], all_times[order], found[order], unknown, self._linear_light)
-        knots.guess_bulges()
+        knots.guess_error_bounds()
         return knots
 
     def _sharpen(self, path: BrightnessPath, active: I64, knots: Knots, references: npt.NDArray[np.float64]) -> Knots:

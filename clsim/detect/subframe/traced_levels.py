@@ -1,4 +1,4 @@
-"""From the planes of pixels that were traced between two frames to their brightness."""
+"""The brightness of pixels that were traced between two frames, from their planes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TracedLevels(Protocol):
         ...
 
     def begin(self, start: F32, end: F32, ways: F32) -> None:
-        """Prepare for a step with those levels ``[H, W]`` at both ends, and ways of things ``[3, 2, H, W]``."""
+        """Prepare for a step with those levels ``[H, W]`` at both ends, and a motion field ``[3, 2, H, W]``."""
         ...
 
     def levels(self, planes: F32, pixels: I64, shares: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -113,8 +113,8 @@ class FirstHitLevels:
                 column = np.clip(np.round(x + gone * way[0, pixels]), 0, width - 1).astype(np.int64)
                 row = np.clip(np.round(y + gone * way[1, pixels]), 0, height - 1).astype(np.int64)
                 there = row * width + column
-                found, apart = self._light[end][there], self._ends[end][2][there] - depth
-                alike = np.exp(-np.square(apart / (_SAME_DEPTH * np.maximum(depth, 1e-6)))) + _STRANGER
+                found, nearer = self._light[end][there], self._ends[end][2][there] - depth
+                alike = np.exp(-np.square(nearer / (_SAME_DEPTH * np.maximum(depth, 1e-6)))) + _STRANGER
                 weight = np.where(np.isnan(found), 0.0, alike * (1.0 - np.abs(gone)))
                 total += weight
                 light += weight * np.nan_to_num(found)

@@ -1,4 +1,4 @@
-"""Whole pictures between two frames, as many as the fastest thing of the picture asks for.
+"""Whole pictures between two frames, as many as the fastest motion in the picture asks for.
 
 That is ESIM's second rule (Rebecq et al., CoRL 2018, section 4.2, λ_v): from one picture to the next nothing goes
 farther than λ pixels. So one fast pixel sets the pace of all; it is here as what tracing chosen pixels must beat.

@@ -1,1 +1,1 @@
-"""How much of a run's events is noise of rendering."""
+"""Noise meters: the share of a run's events that is noise of rendering."""

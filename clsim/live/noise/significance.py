@@ -1,4 +1,4 @@
-"""How much of a run is noise, from the standard errors of the brightness that events come from.
+"""A noise meter by the standard errors of the brightness that events come from.
 
 What `confidence` demands is left out: two seeds say that fewer events are noise then, but no smaller share of them.
 """
@@ -14,7 +14,7 @@ import numpy.typing as npt
 from clsim.detect.config import DetectorConfig
 from clsim.events import EventBatch
 from clsim.frames.frame import FloatArray
-from clsim.live.noise.second_look import SEEN_TWICE, Look
+from clsim.live.noise.duplicate_sampling import DUPLICATE_EVERY, IdealPixels
 
 Whole = npt.NDArray[np.integer]
 EVERY = 8
@@ -37,7 +37,7 @@ class TellsError(Protocol):
 
 
 class Significance:
-    """Adds up how likely events are noise: the chance that noise alone moves brightness by the threshold.
+    """A noise meter that adds up how likely events are noise: the chance that noise alone moves brightness so far.
 
     The error is that of one frame's brightness. Of a change it is more where noise is new in each frame, and less where
     both have the same: it is off by a half either way.
@@ -51,7 +51,7 @@ class Significance:
         self._config, self._ideal = config, ideal
         self._frames = self._events = 0
         self._noise = 0.0
-        self._look: Look | None = None
+        self._ideal_pixels: IdealPixels | None = None
 
     def watch(self, detector: TellsError, events: EventBatch) -> None:
         """Take notice of a frame, and of its events."""
@@ -61,18 +61,18 @@ class Significance:
                 self._judge(detector.error(), events["y"], events["x"], events["on"])
             return
         level = detector.level()
-        seen = level.reshape(-1)[::SEEN_TWICE].astype(np.float64)
-        if self._look is None:
-            self._look = Look(seen, seen.copy(), [])
-        self._look.step(seen, self._config.threshold_on, self._config.threshold_off, 0, 1)
-        fired, _ = self._look.take()
+        seen = level.reshape(-1)[::DUPLICATE_EVERY].astype(np.float64)
+        if self._ideal_pixels is None:
+            self._ideal_pixels = IdealPixels(seen, seen.copy(), [])
+        self._ideal_pixels.step(seen, self._config.threshold_on, self._config.threshold_off, 0, 1)
+        fired, _ = self._ideal_pixels.take()
         if len(fired):
-            y, x = np.divmod(np.where(fired < 0, ~fired, fired) * SEEN_TWICE, level.shape[1])
+            y, x = np.divmod(np.where(fired < 0, ~fired, fired) * DUPLICATE_EVERY, level.shape[1])
             self._judge(detector.error(), y, x, fired >= 0)
 
-    def begin_anew(self) -> None:
-        """Take the next frame for a first one, as the detector does where pixels are seen otherwise."""
-        self._look = None
+    def restart(self) -> None:
+        """Take the next frame for a first one, as the detector does where pixels are sampled otherwise."""
+        self._ideal_pixels = None
 
     def _judge(self, error: FloatArray | None, y: Whole, x: Whole, on: npt.NDArray[np.bool_]) -> None:
         if error is None:

@@ -1,4 +1,4 @@
-"""Where a run's events go: each output by itself, so that none spoils another."""
+"""Delivery of a run's events to its outputs, each by itself, so that none spoils another."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from clsim.truth.labels import Labeller
 
 @runtime_checkable
 class Recorder(Sink, Protocol):
-    """A sink that keeps frames beside their events."""
+    """A sink that stores frames with their events."""
 
     planes: tuple[str, ...]
     """Planes that it wants of each frame."""

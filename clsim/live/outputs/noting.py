@@ -1,4 +1,4 @@
-"""What was traced between two frames, as others may want to have it."""
+"""A record of the pixels that were traced between two frames."""
 
 from __future__ import annotations
 
@@ -59,11 +59,11 @@ class NotingTracer:
         return planes
 
     def motion(self, start_s: float, end_s: float) -> FloatArray | None:
-        """Return how far things go on the image from one time to another."""
+        """Return how far surfaces move on the image from one time to another."""
         return self._tracer.motion(start_s, end_s)
 
     def bounds(self) -> None:
-        """Know no flat surfaces, so that all that is looked at is traced, and noted."""
+        """Know no flat surfaces, so that all requests are traced, and noted."""
 
     def steady_shadows(self) -> npt.NDArray[np.bool_]:
         """Return which pixels are lit alike in the last two frames."""

@@ -1,4 +1,4 @@
-"""What stands beside the files of a run: how it was made, and where the camera was."""
+"""Sidecars of a run's files: how it was made, and where the camera was."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run did."""
+"""The summary of a run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ class Summary:
         steep_pixels: pixels that crossed more than 3 thresholds in one step, summed over steps.
         most_crossings: the largest number of thresholds that a pixel crossed in one step.
         capped_events: events not written because a pixel had too many in one step.
-        noise_share: share of the events that is likely noise of the rendering (see `clsim.live.noise.second_look`);
+        noise_share: share of the events that is likely noise of the rendering (`clsim.live.noise.duplicate_sampling`);
             None where that is not measured.
         ideal_noise_share: the same of what ideal pixels would fire in place of a real sensor; None where it is ideal.
         lost_events: events that the sensor's readout had no time for.
         dropped_frames, late_frames: frames lost, and frames begun more than a frame's time late, at real pace.
         paths, first_hit_rays: light paths and first-hit rays traced; None where frames were recorded.
-        light_s: time that was spent on finding kept light again, between frames; None where frames were recorded.
+        light_s: time that was spent on updating cached light, between frames; None where frames were recorded.
         effort: samples in force: ``probe_spp``, ``spp``, ``first_hit_rays``, ``every``; None for recorded frames.
         governor: what it decided; None without one.
         simulated_s: time from the first frame to the last.

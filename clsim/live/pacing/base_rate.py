@@ -1,4 +1,4 @@
-"""How fast things go over the image, and how many frames a second there are, at least, to trace pixels between."""
+"""How fast objects move over the image, and the base rate: the fewest frames a second, with pixels traced between."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ BASE_FPS = 30.0
 MOST_FPS = 64 * BASE_FPS
 """Frames per simulated second beyond which changing light asks for no more."""
 _WAY_PX = 12.0
-"""Way from frame to frame beyond which a thing, its light and its shadow are seen too seldom [pixels]."""
+"""Way from frame to frame beyond which an object, its light and its shadow are sampled too seldom [pixels]."""
 _APART_S = 1e-3
 """Time over which speeds are taken [s]."""
 _MOST_POSES = 2000
@@ -29,7 +29,7 @@ F64 = npt.NDArray[np.float64]
 def base_fps(world: World) -> float:
     """Return how many frames a second brightness between frames is found from: 30, or 2, 4, 8 … times as many.
 
-    They are so many that no thing goes much farther than 12 pixels from one to the next, but no more than the scene's
+    They are so many that no object goes much farther than 12 pixels from one to the next, but no more than the scene's
     own; and as many as changing light asks for, up to `MOST_FPS`.
     """
     fps = min(_in_steps(fastest_px_s(world) / _WAY_PX), world.fps)
@@ -39,7 +39,7 @@ def base_fps(world: World) -> float:
 
 
 def fastest_px_s(world: World) -> float:
-    """Return how fast the boxes of rigid things go over the image, seen from where the camera is then [pixels/s]."""
+    """Return how fast the boxes of rigid objects move over the image, seen from where the camera is then [pixels/s]."""
     moving = [each for each in world.instances if each.motion.duration_s > 0]
     duration_s = max((each.motion.duration_s for each in moving), default=0.0)
     fastest = 0.0
@@ -78,9 +78,9 @@ def camera_px_s(world: World) -> float:
     return fastest
 
 
-def _places(world: World, thing: Instance, number: int) -> F64:
-    """Return where about so many vertices of a thing are at the start [m], ``[n, 3]``."""
-    vertices, pose = world.meshes[thing.mesh].vertices, thing.motion.pose(0.0)
+def _places(world: World, instance: Instance, number: int) -> F64:
+    """Return where about so many vertices of an instance are at the start [m], ``[n, 3]``."""
+    vertices, pose = world.meshes[instance.mesh].vertices, instance.motion.pose(0.0)
     some = vertices[:: -(-len(vertices) // number)].astype(np.float64)
     return np.asarray(some @ pose[:3, :3].T + pose[:3, 3])
 

@@ -1,4 +1,4 @@
-"""When the frames of a run are due, and how late they are."""
+"""The frame clock: when the frames of a run are due, and how late they are."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ _MEASURED_FROM = 3
 """The first of them, counted from 1, whose time tells what a frame takes."""
 
 _RESTART_UP_FRAMES = 8 * UP_FRAMES
-"""Frames to wait before a level whose references are set anew, at the price of a frame without events."""
+"""Frames to wait before a level that resets the references, at the price of a frame without events."""
 
 
 class Steerable(Protocol):
@@ -42,7 +42,7 @@ class Governed:
         ]
         self.governor = Governor([level.cost for level in levels], 1.0 / fps, waits)
         self.restarts = 0
-        """How often references had to be set anew."""
+        """How often references had to be reset."""
         best = self.levels[0]
         self._trial = max(i for i, level in enumerate(levels) if level.first_hit_rays == best.first_hit_rays)
         self._applied = self._wanted = best

@@ -1,4 +1,4 @@
-"""What keeps a run within its time per frame: control alone, without threads and without a clock of its own."""
+"""The governor, which holds a run within its time per frame: control alone, without threads or a clock of its own."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
-# What things cost next to each other, in first-hit rays per pixel, as measured on a CPU; only ratios count.
+# Costs in first-hit rays per pixel, as measured on a CPU; only ratios count.
 _PATH = 4.0
 """A light path: 2.2 in two-boxes, where many end in the sky, 6.4 in cornell, where none does."""
 _DETECTION = 1.5
@@ -42,9 +42,9 @@ class Level:
     spp: int
     """Light paths of pixels of interest."""
     first_hit_rays: int
-    """Largest number of rays per pixel that look for the first hit alone."""
+    """Largest number of primary rays per pixel."""
     every: int = 1
-    """Frames in which all pixels are probed once, in turn."""
+    """Frames in which all pixels are probed once."""
     tolerance_us: float | None = None
     """Error of an event's time that will do [µs], where pixels are traced between frames; no part of an effort."""
 
@@ -83,9 +83,9 @@ class Level:
 
 def ladder(best: Level) -> list[Level]:
     """Return the levels from ``best`` down: a greater tolerance of times, then half the samples again and again, then
-    first-hit rays and probes in turn.
+    alternately fewer primary rays and rarer probes.
 
-    Where first-hit rays change, so does a still picture, and references must be set anew.
+    Where first-hit rays change, so does a still picture, and references must be reset.
     """
     levels = [best]
     while (tolerance_us := levels[-1].tolerance_us) is not None and tolerance_us < LARGEST_TOLERANCE_US:

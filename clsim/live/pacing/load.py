@@ -1,4 +1,4 @@
-"""How busy two threads keep the machine."""
+"""A meter of how busy two threads keep the machine."""
 
 from __future__ import annotations
 

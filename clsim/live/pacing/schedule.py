@@ -1,4 +1,4 @@
-"""Which frames a run renders, and when."""
+"""The schedule of a run: which frames are rendered, and when."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Schedule:
         fps: frames per simulated second.
         pass_frames: frame intervals in one pass of the motion; frame ``pass_frames`` of a loop is frame 0 again.
         total: number of frames in the run; None never ends.
-        loop: whether motion starts anew after each pass; otherwise frames beyond the pass continue the motion's end.
+        loop: whether motion restarts after each pass; otherwise frames beyond the pass continue the motion's end.
         periodic: whether the motion's end meets its start; where it does not, references are reset at the seam.
         recorded_times: whether the source's own times hold, rather than those of ``fps``.
     """
@@ -60,7 +60,7 @@ class Continuity:
         self._restarts.append(index)
 
     def breaks(self, index: int) -> bool:
-        """Tell whether references must be set anew at frame ``index``; for the consumer's thread, once a frame."""
+        """Tell whether references must be reset at frame ``index``; for the consumer's thread, once a frame."""
         found = self._schedule.crosses_seam(self._previous, index)
         self._previous = index
         while self._restarts and self._restarts[0] <= index:

@@ -36,7 +36,7 @@ def check_time(time: str) -> None:
 
 
 def way_px(time: str) -> float | None:
-    """Return how far things may go between pictures [pixels] where ``time`` is lambda=PIXELS; else None."""
+    """Return how far objects may move between pictures [pixels] where ``time`` is lambda=PIXELS; else None."""
     rule, _, number = time.partition("=")
     try:
         way = float(number) if rule == "lambda" else 0.0
@@ -78,7 +78,7 @@ class Retracing:
 
 
 class Looping:
-    """A tracer whose times are those of a run, in which the motion starts anew again and again.
+    """A tracer whose times are those of a run, in which the motion restarts again and again.
 
     Attributes:
         names: planes of what it traces.
@@ -92,7 +92,7 @@ class Looping:
         self._shift_s = 0.0
 
     def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
-        """Return how far things go on the image in a step; until the next one, its pass of the motion is traced."""
+        """Return how far surfaces move on the image in a step; until the next one, its pass of the motion is traced."""
         schedule = self._schedule
         index = round(start_s * schedule.fps)
         shown = schedule.source_index(index)

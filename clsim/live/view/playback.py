@@ -29,7 +29,7 @@ SPEEDS = (0.001, 10.0)
 class Playback:
     """Reads a recording for one page, in a thread of its own, and hands it to that page's hub.
 
-    A seek backwards opens the file anew and reads up to the place. ``on_error`` hears of a file that is damaged.
+    A seek backwards reopens the file and reads up to the place. ``on_error`` hears of a file that is damaged.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class Playback:
 
 
 class _Frames:
-    """Recorded frames, read forward; who goes back begins anew."""
+    """Recorded frames, read forward; to go back reopens them."""
 
     def __init__(self, read: Callable[[], TimedImages]) -> None:
         self._read = read

@@ -102,7 +102,7 @@ class TerminalScreen:
         lines = self._view.picture(size.columns, max(1, size.lines - 2), now_us)
         lines.append(f"\x1b[36m{status[: size.columns - 1]}\x1b[0m")
         start = f"\x1b[{self._painted}F" if self._painted else ""
-        if size != self._size:  # what was painted may have been wrapped: begin anew
+        if size != self._size:  # what was painted may have been wrapped: clear it
             start = "\x1b[2J\x1b[H"
         self._size, self._painted = size, len(lines)
         # Between these two marks, terminals that know them show nothing half painted.

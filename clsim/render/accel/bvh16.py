@@ -159,7 +159,7 @@ def _join(nodes: npt.NDArray[np.float32], leaves: npt.NDArray[np.float32]) -> np
 
 
 def _middle(corners: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Return the middle of what is far from the origin beside its own size, else the origin."""
+    """Return the middle of what is far from the origin relative to its own size, else the origin."""
     usable = corners[(np.abs(corners) <= FARTHEST).all(axis=1)].astype(np.float64)
     if not len(usable):
         return np.zeros(3, np.float32)

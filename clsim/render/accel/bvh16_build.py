@@ -33,7 +33,7 @@ TALLEST = 4 * MAX_DEPTH
 _TALLEST_GROWN = TALLEST - 16
 """Most levels that ``grow`` makes: what is improved may grow taller."""
 _OPEN = 512
-"""Nodes that the search for a place keeps in mind; what is beyond is not looked at."""
+"""Most nodes in the queue of the search for a place; what is beyond is not visited."""
 
 _SIZES = {
     "BLOCK_FLOATS": BLOCK_FLOATS,

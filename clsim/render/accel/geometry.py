@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """Meshes, instances and spheres, where they are, and points on them, as Warp functions."""
 
@@ -84,7 +83,7 @@ class Geometry:
 
 @wp.struct
 class Hit:
-    """The nearest thing a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
+    """The nearest surface that a ray meets; ``triangle`` and ``sphere`` are −1 where it is not one.
 
     Vertices, unit normal and the largest coordinate of the vertices, ``reach_m``, are those of the triangle in its
     mesh's space: the search has them at hand. ``boxed`` is whether the ray went into the box around an instance; where
@@ -231,7 +230,7 @@ def make_shading_row(features: Features) -> Any:
 
 
 def make_row(features: Features) -> Any:
-    """Return the Warp function ``row_at(count, index, time)``: where a table has number ``index`` of ``count`` things.
+    """Return the Warp function ``row_at(count, index, time)``: the row of a table for item ``index`` of ``count``.
 
     A ray's ``time`` goes from 0 to 1 through the interval; where there are ``instants``, it is the instant's number.
     """

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: RUF046, UP018
 """The intersection of rays with meshes, instances and spheres, as Warp functions.
 
@@ -289,7 +288,7 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
 def face(point: Surface, direction: wp.vec3) -> Surface:
     """Return the surface turned to the side that a ray along ``direction`` comes from.
 
-    Where the interpolated normal looks away from the ray although the triangle does not, the triangle's is used.
+    Where the interpolated normal faces away from the ray although the triangle does not, the triangle's is used.
     """
     turned = point
     if wp.dot(point.normal, direction) > 0.0:

@@ -1,4 +1,4 @@
-"""Which meshes rays search and where they stand: all that never moves is one mesh."""
+"""The placement of meshes that rays search: all that never moves is one mesh."""
 
 from __future__ import annotations
 

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
-"""Where a place on a surface is while what it lies on rests: the same for all times, as a Warp function."""
+"""The rest position of a place on a surface, the same for all times, as a Warp function."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The width below which no thing in a world lies: what looks wider than a pixel hides between no corners of one.
+"""The smallest width of anything in a world: what is seen wider than a pixel hides between no corners of one.
 
 A sheet is as wide as its triangles, but not where it is seen on its edge.
 """
@@ -23,11 +23,11 @@ _MOST_TRIANGLES = 1 << 16
 _SLIVER = 1e-6
 """Share of its longest side below which a triangle's height is taken for a rounding of none: nobody sees it."""
 _MOST_MOVING = 64
-"""Moving things from which on the same holds."""
+"""Moving objects from which on the same holds."""
 _TIMES = 33
-"""Times of a motion at which a thing's scale is looked at."""
+"""Times of a motion at which an object's scale is sampled."""
 _MOST_AT_ONCE = 1 << 14
-"""Sheets times places that are looked at together, so that memory does not grow."""
+"""Sheets times places that are evaluated together, so that memory does not grow."""
 _FOLD = np.cos(np.radians(30.0))
 """Cosine of the angle between two triangles below which both are as good as one sheet."""
 _TIP_RAD = np.radians(50.0)

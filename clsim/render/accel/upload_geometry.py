@@ -17,13 +17,13 @@ from clsim.render.accel.placement import Placement, uvs
 from clsim.render.device.arrays import array, write
 from clsim.render.features.features import SceneFeatures
 from clsim.render.motion.deform import DeformingMesh, box, deforms, flat_or_smooth
-from clsim.render.motion.shutter import SHUTTER_KEYS, bulge, key_steps, quaternions
+from clsim.render.motion.shutter import SHUTTER_KEYS, chord_error, key_steps, quaternions
 from clsim.scene import Mesh, Motion, SphereLight
 from clsim.scene.meshes.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
 _MOST_INSTANTS = 64
-"""Instants at a time where something moves: boxes of things hold all places that they have meanwhile."""
+"""Instants at a time where something moves: boxes of objects hold all places that they have meanwhile."""
 _MOST_VERTICES = 1 << 18
 """Vertices of what deforms, all its shapes together: they take memory."""
 
@@ -169,7 +169,7 @@ class GeometryData:
             self._moving_poses = poses[0, self.moving]
             self._lowers.assign(lowers.astype(np.float32))
             self._uppers.assign(uppers.astype(np.float32))
-            # A tree that is only fitted makes rays ever slower as objects disperse. To build it anew takes .4 µs an
+            # A tree that is only fitted makes rays ever slower as objects disperse. To rebuild it takes .4 µs an
             # instance, which is less than to tell whether it is worth it, and much less than to find where all are.
             self._instance_tree.rebuild()
             if self._features.motion_blur:
@@ -232,7 +232,7 @@ class GeometryData:
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
         if self._features.motion_blur:
             farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)), axis=1)
-            beyond = bulge(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
+            beyond = chord_error(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
             lowers, uppers = lowers - beyond, uppers + beyond
         return lowers, uppers
 

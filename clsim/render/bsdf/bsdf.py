@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""How surfaces scatter light: one pair of Warp functions for all scattering models that a scene has.
+"""The BSDF: one pair of Warp functions for all scattering models that a scene has.
 
 Each model is a file ``bsdf_*``: ``value`` gives f·cos θ and the density of its own sampling for two directions,
 ``sample`` draws a direction. Here directions are those of the world.

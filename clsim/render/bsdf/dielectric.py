@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Glass: smooth and rough interfaces that reflect and refract, and thin panes, as Warp functions.
 

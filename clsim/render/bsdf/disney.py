@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Disney's model as Mitsuba 3's ``principled`` has it, as Warp functions.
 

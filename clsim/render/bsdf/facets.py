@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """The microfacets of metals, glass and coats: GGX's, Beckmann's, and rougher along one tangent, as Warp functions."""
 

@@ -20,7 +20,7 @@ class Outgoing:
 
 @wp.struct
 class Scattering:
-    """f·cos θ [sr⁻¹] and the density of the model's own sampling [sr⁻¹] for one pair of directions, mirrors apart."""
+    """f·cos θ [sr⁻¹] and the density of the model's own sampling [sr⁻¹] for one pair of directions, without mirrors."""
 
     value: wp.vec3
     pdf: float

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Plastic: a dielectric coat over a diffuse base, as Mitsuba's plastic and roughplastic, as Warp functions."""
 

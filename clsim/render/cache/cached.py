@@ -1,17 +1,16 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046
-"""The kernel that takes light from what is kept on surfaces, and traces paths to know it better.
+"""The kernel that shades pixels from the radiance cache, and traces paths that refine it.
 
-A pixel's first-hit rays see what is there, by the same random numbers in every frame. Each takes the light at its own
-first hit from the cells of ``light_cache.py``, so that where a pixel shows two surfaces, each has its own light.
-Paths have random numbers of their own in every frame, and only what they add to the cells is seen: in the next frame.
-A pixel traces few of them, and the full number where little is known.
+A pixel's primary rays have the same random numbers in every frame. Each takes the light at its own first hit from the
+cells of ``light_cache.py``, so that where a pixel shows two surfaces, each has its own light. Paths have new random
+numbers in every frame. What they find is added to the cells, and shown from the next frame on. A pixel traces few of
+them, and the full number where little is known.
 
-Some pixels may be looked at again, by other random numbers in the same light, which counts as somewhat wrong: what two
-looks differ by is noise.
+Some pixels may be sampled a second time, with other random numbers and the same cache, whose error is added to one
+estimate and taken off the other. The difference between the two estimates is noise.
 
-Where pixels are traced between frames, they are seen in the light as it was known before the frame that ends the step,
-and so is that frame: brightness is then the same whatever the frames' times.
+Where pixels are also traced between frames, they are shaded by the cache as it was before the frame that ends the step,
+and so is that frame: brightness then does not depend on the frames' times.
 """
 
 from typing import Any
@@ -19,32 +18,41 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import transform_vector
-from clsim.render.cache.kept_light import Gathering, Lit, finished, gain, is_smooth, light_of, shown_in, wrong_by
+from clsim.render.cache.cached_light import (
+    GatheredLight,
+    Gathering,
+    finished,
+    gain,
+    is_smooth,
+    light_of,
+    shown_in,
+    wrong_by,
+)
 from clsim.render.cache.light_cache import Cell, Followed
 from clsim.render.cache.light_grid import layer_of
 from clsim.render.cache.stored_paths import OWN, Met
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.kernel_input import spectral_of
-from clsim.render.primary.closer_look import SHARE_ERROR, error_allowed, fire, level_of, look_closer
 from clsim.render.primary.first_hits import Seen
+from clsim.render.primary.refinement import SHARE_ERROR, error_allowed, fire, level_of, refine_primary_rays
+from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, lit_albedo, store_surfaces
 from clsim.render.primary.shadow_rays import Shadow, Shadows
-from clsim.render.primary.things import THINGS, Thing, lit_albedo, store_things
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sampling import brightness
 from clsim.render.sampling.sobol import reverse_bits
 
-_AGAIN = wp.constant(-3)
-"""Number of the random numbers of a second look."""
+_DUPLICATE = wp.constant(-3)
+"""Number of the random numbers of a duplicate sample."""
 _OFF = wp.constant(0.5**0.5)
-"""Standard errors of the light by which two looks are wrong, one up and one down: so they differ as two runs do."""
+"""Standard errors of cached light added to one estimate and taken off the other: so they differ as two runs do."""
 
 
 def make_cached(
     sobol: bool,
     anchored: bool,
     moves: bool,
-    look: Any,
+    sample_primary: Any,
     shoot: Any,
     scene_type: Any,
     view_type: Any,
@@ -53,27 +61,27 @@ def make_cached(
 ) -> Any:
     """Return the kernel; a thread is ``pixels`` pixels, or corners of pixels in the pass that fills ``corners``.
 
-    Kept from frame to frame: ``own``, vec3 ``[H·W]``, the irradiance that a pixel's own paths found last, ``traced``,
-    int32 ``[H·W]``, how many paths it ever had, and ``learnt``, float ``[H·W]``, by how much its log luminance has
-    changed in all because light is known better. Where ``settings.samples`` is 0 nothing is traced, and nothing learnt.
-    ``out_positions``, ``out_normals`` and ``out_lights``
-    ``[settings.samples, H·W]`` tell where the paths of the frame began and what they found (``light_cache.py``).
-    ``out_spent`` int32 ``[2, H·W]`` counts first-hit rays, and the paths of the last frame that traced any.
+    State from frame to frame: ``own``, vec3 ``[H·W]``, is the irradiance that a pixel's own paths found last;
+    ``traced``, int32 ``[H·W]``, how many paths it ever had; ``learnt``, float ``[H·W]``, by how much its log luminance
+    has changed in all because the cache became better. Where ``settings.samples`` is 0 no path is traced, and
+    ``learnt`` does not change. ``out_positions``, ``out_normals`` and ``out_lights`` ``[settings.samples, H·W]`` tell
+    where the paths of the frame began and what they found (``light_cache.py``). ``out_spent`` int32 ``[2, H·W]`` counts
+    primary rays, and the paths of the last frame that traced any.
 
-    ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame; it is kept too,
-    where ``steering.event`` tells at what they do.
+    ``fired``, float ``[H·W]``, is the level at which each pixel fired last, NaN before the first frame. It is state
+    too, where ``steering.event`` has thresholds.
 
-    ``learnt_twice``, float ``[3, H·W / n]``, is ``learnt`` of the second look at every n-th pixel last, and what either
-    has learnt more where the light might be off.
+    ``duplicate_learnt``, float ``[3, H·W / n]``, holds in its last row ``learnt`` of the second estimate of every n-th
+    pixel, and in the others what each estimate has learnt more because of its assumed error.
 
-    ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path, and asked
-    for only where the light is shown as it was ``earlier``.
+    ``own_before`` and ``learnt_before`` are copies of both from before the last frame that traced any path. They are
+    read only where the light is shown as it was ``earlier``.
 
-    ``out_shadows`` ``[H·W]`` tells of pixels in soft shadows which rays reach the lamps, where that is asked for.
+    ``out_shadows`` ``[H·W]`` records which rays of pixels in soft shadows reach the lamps, if ``tells_shadows``.
 
-    Once a frame is done, a pass with ``again`` = n > 0, whose threads are every n-th pixel, looks at these once more.
-    It writes to ``learnt_twice`` and ``out_twice`` ``[2, H·W / n]`` alone: the second has the luminance of what the
-    frame shows, and of what they see, one somewhat brighter and one darker, by how far the light might be off.
+    Once a frame is done, a pass with ``duplicate_every`` = n > 0, whose threads are every n-th pixel, samples these a
+    second time. It writes to ``duplicate_learnt`` and ``out_duplicate`` ``[2, H·W / n]`` alone. The latter gets the
+    luminance of the frame and that of the second sample, one raised and one lowered by the error of the cached light.
     """
 
     @wp.func
@@ -107,10 +115,10 @@ def make_cached(
         fired: wp.array(dtype=float),
         own_before: wp.array(dtype=wp.vec3),
         learnt_before: wp.array(dtype=float),
-        learnt_twice: wp.array2d(dtype=float),
-        again: int,
+        duplicate_learnt: wp.array2d(dtype=float),
+        duplicate_every: int,
         out_planes: wp.array2d(dtype=float),
-        out_twice: wp.array2d(dtype=float),
+        out_duplicate: wp.array2d(dtype=float),
         out_positions: wp.array2d(dtype=wp.vec4),
         out_normals: wp.array2d(dtype=wp.vec4),
         out_lights: wp.array2d(dtype=wp.vec3),
@@ -119,79 +127,81 @@ def make_cached(
         out_shadows: wp.array(dtype=Shadow),
     ):
         # Room is made, and arguments are copied, once for all pixels of a thread.
-        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         gathering = steering
-        gathering.asked.tells_error = again > 0
+        gathering.asked.tells_error = duplicate_every > 0
         first = first_pixel + wp.tid() * pixels
         for number in range(first, first + pixels):
-            pixel = number * wp.max(again, 1)
+            pixel = number * wp.max(duplicate_every, 1)
             spectral = spectral_of(settings, pixel)
             state = sampling.absorb(settings.stream, pixel)
-            if again > 0:
-                state = sampling.absorb(state, _AGAIN)
+            if duplicate_every > 0:
+                state = sampling.absorb(state, _DUPLICATE)
             stream = sampling.Stream()
             corner = wp.where(corner_pass, pixel, -1)
             nearest = wp.where(corner_pass, pixel, pixel + pixel // settings.width)
             row = settings.width + 1
-            looks = steering.looks
-            lit = Lit()
+            primary_rays = steering.primary_rays
+            gathered = GatheredLight()
             seen = Seen()
             last = int(0)
-            while looks.most > last:
-                last = looks.most
-                seen = look(
+            while primary_rays.most > last:
+                last = primary_rays.most
+                seen = sample_primary(
                     scene,
                     camera,
                     settings,
                     pixel,
                     0,
                     state,
-                    looks,
+                    primary_rays,
                     corner,
                     corners,
                     nearest,
                     row,
                     seen,
                     Shadows(),
-                    things,
+                    surfaces,
                 )
                 if corner_pass:
                     break
-                lit = light_of(cells, followed, things, seen.things, gathering, spectral)
+                gathered = light_of(cells, followed, surfaces, seen.surfaces, gathering, spectral)
                 error = float(SHARE_ERROR)
                 told = steering.event.on > 0.0
                 if told and seen.counted:
-                    so_far = finished(lit, own[pixel], own[pixel], spectral)
-                    gained = wp.where(again > 0, 0.0, gain(so_far, spectral))
+                    so_far = finished(gathered, own[pixel], own[pixel], spectral)
+                    gained = wp.where(duplicate_every > 0, 0.0, gain(so_far, spectral))
                     level = level_of(shown_in(so_far, False, learnt[pixel] + gained), steering.event, spectral)
                     error = error_allowed(level, fired[pixel], steering.event)
-                looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, error, told)
+                primary_rays = refine_primary_rays(
+                    gathered.brightness, gathered.squares, seen, steering.primary_rays, primary_rays, error, told
+                )
             if corner_pass:
                 continue
-            if steering.tells_shadows and again == 0:
+            if steering.tells_shadows and duplicate_every == 0:
                 out_shadows[pixel] = seen.shadow
-            if again > 0:
-                lit = finished(lit, own[pixel], own_before[pixel], spectral)
-                # Its rays end elsewhere in the cells, which learn something else there.
-                learnt_then = learnt_twice[2, number]
+            if duplicate_every > 0:
+                gathered = finished(gathered, own[pixel], own_before[pixel], spectral)
+                # Its rays hit other cells, which learn something else.
+                learnt_then = duplicate_learnt[2, number]
                 if settings.samples > 0:
-                    learnt_twice[2, number] = learnt_then + gain(lit, spectral)
+                    duplicate_learnt[2, number] = learnt_then + gain(gathered, spectral)
                 if not steering.earlier:
-                    learnt_then = learnt_twice[2, number]
+                    learnt_then = duplicate_learnt[2, number]
                 shows = wp.vec3(out_planes[0, pixel], out_planes[1, pixel], out_planes[2, pixel])
-                sees = shown_in(lit, steering.earlier, learnt_then)
+                sees = shown_in(gathered, steering.earlier, learnt_then)
                 for one in range(2):
-                    off, gained = wrong_by(lit, wp.where(one == 0, _OFF, -_OFF), steering.earlier, spectral)
+                    off, gained = wrong_by(gathered, wp.where(one == 0, _OFF, -_OFF), steering.earlier, spectral)
                     seen_by = brightness(wp.where(one == 0, shows, sees), spectral)
-                    learnt_twice[one, number] = learnt_twice[one, number] + gained
+                    duplicate_learnt[one, number] = duplicate_learnt[one, number] + gained
                     then = wp.where(steering.earlier, gained, 0.0)
-                    out_twice[one, number] = seen_by * wp.exp(off - learnt_twice[one, number] + then)
+                    out_duplicate[one, number] = seen_by * wp.exp(off - duplicate_learnt[one, number] + then)
                 continue
             wanted = int(settings.samples)
-            if lit.known >= steering.known and lit.finely >= steering.finely * lit.from_lamps:
-                turn = pixel % settings.width + pixel // settings.width + steering.turn
-                wanted = wp.where(turn % steering.every == 0, steering.probe, 0)
-            if lit.covered == 0.0 and steering.looks.most > 0:
+            if gathered.known >= steering.known and gathered.in_finest >= steering.in_finest * gathered.from_lamps:
+                phase = pixel % settings.width + pixel // settings.width + steering.phase
+                wanted = wp.where(phase % steering.every == 0, steering.probe, 0)
+            if gathered.covered == 0.0 and steering.primary_rays.most > 0:
                 wanted = 0
             before = own[pixel]
             radiance = wp.vec3(0.0, 0.0, 0.0)
@@ -227,18 +237,18 @@ def make_cached(
             if albedo[0] > 0.0:
                 own[pixel] = wp.cw_div(radiance, albedo)
             traced[pixel] = traced[pixel] + wanted
-            lit = finished(lit, own[pixel], before, spectral)
+            gathered = finished(gathered, own[pixel], before, spectral)
             learnt_so_far = learnt[pixel]
             if settings.samples > 0:
-                learnt[pixel] = learnt_so_far + gain(lit, spectral)
+                learnt[pixel] = learnt_so_far + gain(gathered, spectral)
                 out_spent[1, pixel] = wanted
             if not steering.earlier:
                 learnt_so_far = learnt[pixel]
-            shown = shown_in(lit, steering.earlier, learnt_so_far)
+            shown = shown_in(gathered, steering.earlier, learnt_so_far)
             if steering.event.on > 0.0:
                 level = level_of(shown, steering.event, spectral)
                 fired[pixel] = fire(level, fired[pixel], steering.event)
-            store_things(things, seen.things, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
+            store_surfaces(surfaces, seen.surfaces, seen.rays + wanted, shown, settings.spectral, pixel, out_planes)
             out_spent[0, pixel] = seen.rays
 
     return render_cached

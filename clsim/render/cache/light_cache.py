@@ -1,21 +1,20 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""Light kept on surfaces: what paths found, remembered in the cells of a hashed grid in the world.
+"""The radiance cache: means of what paths found, in the cells of a hashed grid on surfaces.
 
-Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever ended a first
-hit there may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face
-one of six ways; each path counts in such a cube and in larger ones, `LEVELS` in all. Seen from a first hit, the
-cells round it are interpolated, and where a level knows few paths the next coarser one takes part (after Binder,
-Fricke and Keller, "Massively Parallel Path Space Filtering", 2021, without its jitter).
+Where nothing but the camera moves, the irradiance of a surface does not change; so all paths that ever started there
+may be averaged. A cell holds the sum of irradiances found in a cube a few pixels wide, of surfaces that face one of six
+ways; each path counts in such a cube and in larger ones, `LEVELS` in all. For a first hit, the cells around it are
+interpolated, and where a level knows few paths the next coarser one takes part (after Binder, Fricke and Keller,
+"Massively Parallel Path Space Filtering", 2021, without its jitter).
 
-The average becomes better with every frame, and so it changes; that must fire no events. Hence a cell also keeps what
-it knew before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
+The mean becomes better with every frame, and so it changes; that must fire no events. Hence a cell also holds its mean
+before the last frame's paths, and `look_up` gives both: their ratio is a gain of knowledge, not of light.
 
-How well a cell knows its light follows from how different the paths are that it averages.
+The error of a cell's light is the standard error of its paths.
 
 Where something else than the camera moves, or light changes, cells lie on what moves, and some paths are stored in
-them and traced again (`stored_paths.py`). What these find now, beside what they found at first, tells how the light has
-changed since: `Followed` has that, and what is averaged is the light as it was then.
+them and traced again (`stored_paths.py`). The ratio of what these find now to what they found at first tells how the
+light has changed: `Followed` has that, and the mean is of the light as it was at first.
 """
 
 import warp as wp
@@ -53,7 +52,7 @@ _LEAST_FACTOR = wp.constant(0.05)
 
 @wp.struct
 class Cell:
-    """What those who look read of a cell.
+    """A cell of the cache, as shading reads it.
 
     Attributes:
         key: what tells it from others; 0 where the row is free.
@@ -82,7 +81,7 @@ class Cell:
 
 @wp.struct
 class Followed:
-    """How the light of a cell has changed: it is ``factor`` times what was averaged, and ``more``; stored paths tell.
+    """The change of a cell's light, by its stored paths: it is ``factor`` times what was averaged, and ``more``.
 
     Attributes:
         factor: by which the light has changed.
@@ -101,17 +100,17 @@ class Followed:
 
 
 @wp.struct
-class Kept:
-    """What the cells know of the light at a point.
+class CachedLight:
+    """The light at a point, interpolated from the cells around it.
 
     Attributes:
         light: irradiance over π, as the cells know it.
         known: number of paths that were near, in cells of all sizes.
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
-        finely: the same in the finest cells alone.
-        off: part of the light by which it might be off: in each cell by its standard error, too bright or too dark by
-            chance, which is always the same. Where nobody asked, 0.
+        in_finest: number of paths in the finest cells alone.
+        off: relative error of the light: that of each cell is its standard error with a random sign, which stays the
+            same. Where nobody asked, 0.
         off_before: the same of the light before.
         factor, more: of `Followed`, 1 and 0 where no path is stored.
     """
@@ -120,7 +119,7 @@ class Kept:
     known: float
     before: wp.vec3
     known_before: bool
-    finely: float
+    in_finest: float
     off: float
     off_before: float
     factor: wp.vec3
@@ -129,12 +128,12 @@ class Kept:
 
 @wp.struct
 class Asked:
-    """Which cells are asked for the light, and what counts as before.
+    """Settings of a look-up: which cells are read, and what counts as before.
 
     Attributes:
         finest: the first level that is asked; 0 has the finest cells.
         finest_before: the same, for the light as it was known before.
-        finest_if_smooth: no level below is asked where light is smooth, as none that is kept comes straight from lamps.
+        finest_if_smooth: no level below is looked up where light is smooth, as the cache holds no direct light there.
         last_update: what was known before is what cells knew before that update.
         tells_error: whether it is told how far the light might be off.
         follows: whether stored paths tell how the light has changed.
@@ -200,7 +199,7 @@ def _off(key: wp.int64, error: float) -> float:
 
 @wp.struct
 class Level:
-    """What the cells of one size know of the light at a point, or those of several sizes.
+    """The light at a point, by the cells of one size or of several.
 
     Attributes:
         light: irradiance over π.
@@ -265,12 +264,12 @@ def look_up(
     layer: int,
     smooth: bool,
     width_m: float,
-) -> Kept:
+) -> CachedLight:
     """Return what is known of the light on a surface, from cells no wider than ``width_m``, or coarser ones.
 
     The ``layer`` is one of `layer_of`. ``smooth`` is as in `Asked`.
     """
-    kept = Kept()
+    cached = CachedLight()
     least = wp.where(smooth, asked.finest_if_smooth, 0)
     finest = wp.max(asked.finest, least)
     finest_before = wp.max(asked.finest_before, least)
@@ -330,7 +329,7 @@ def look_up(
         # By the same rule in both, so that what was known before is what the last frame showed.
         if level >= finest:
             whole = _finer(whole, sums)
-            kept.finely = sums.paths
+            cached.in_finest = sums.paths
         if level >= finest_before:
             whole_before = _finer(whole_before, sums_before)
         if paths > 0.0:
@@ -340,21 +339,21 @@ def look_up(
             told += paths
         side_m = side_m * 0.5
         level = level - 1
-    kept.known = whole.paths
-    kept.factor = factor
-    kept.more = more
-    kept.light = wp.cw_mul(whole.light, factor) + more
-    kept.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
-    kept.known_before = whole_before.paths > 0.0
-    kept.before = wp.cw_mul(whole_before.light, factor) + more
-    kept.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
-    return kept
+    cached.known = whole.paths
+    cached.factor = factor
+    cached.more = more
+    cached.light = wp.cw_mul(whole.light, factor) + more
+    cached.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
+    cached.known_before = whole_before.paths > 0.0
+    cached.before = wp.cw_mul(whole_before.light, factor) + more
+    cached.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
+    return cached
 
 
 @wp.func
 def look_up_at(
     cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
-) -> Kept:
+) -> CachedLight:
     """Return what is known where a path began: its position and normal are as `light_updates.open_cells` takes them."""
     place = wp.vec3(position[0], position[1], position[2])
     facing = wp.vec3(normal[0], normal[1], normal[2])
@@ -363,15 +362,15 @@ def look_up_at(
 
 
 @wp.func
-def tells_before(kept: Kept) -> bool:
+def tells_before(cached: CachedLight) -> bool:
     """Whether light there tells what it was before it changed: what is dark now tells nothing."""
-    return kept.factor[0] + kept.factor[1] + kept.factor[2] > _LEAST_FACTOR
+    return cached.factor[0] + cached.factor[1] + cached.factor[2] > _LEAST_FACTOR
 
 
 @wp.func
-def before_change(kept: Kept, light: wp.vec3) -> wp.vec3:
+def before_change(cached: CachedLight, light: wp.vec3) -> wp.vec3:
     """Return what that light was before it changed."""
     before = wp.vec3()
     for c in range(3):
-        before[c] = wp.max(light[c] - kept.more[c], 0.0) / wp.max(kept.factor[c], _LEAST_FACTOR)
+        before[c] = wp.max(light[c] - cached.more[c], 0.0) / wp.max(cached.factor[c], _LEAST_FACTOR)
     return before

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""Where the cells of `light_cache.py` lie: cubes of a hashed grid, and the rows of a table that hold them."""
+"""The hashed grid of the radiance cache: cells are cubes, and a table's rows hold them."""
 
 import warp as wp
 

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""How the cells of `light_cache.py` come to know light: kernels that run between frames.
+"""Updates of the radiance cache: kernels that add paths to its cells between frames.
 
 Sums are of whole numbers (`_UNIT` parts), so that their order is without effect and runs are bit-identical.
 """
@@ -21,7 +20,7 @@ their places in the cell, u and v from 0 to 1: of these, of their squares and pr
 each."""
 _COUNT, _SQUARES, _PLACES = wp.constant(3), wp.constant(4), wp.constant(5)
 _PATHS = wp.constant(1)
-"""Of what a pixel spent: first-hit rays, and these."""
+"""Of what a pixel spent: primary rays, and these."""
 _LEVELS = wp.constant(LEVELS)
 _UNIT = wp.constant(4294967296.0)
 _LEAST_SPREAD = wp.constant(1.0e-4)
@@ -101,9 +100,9 @@ def add_to_cells(
             light = lights[i, pixel]
             known = bool(True)
             if asked.follows:
-                kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
-                known = tells_before(kept)
-                light = before_change(kept, light)
+                cached = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                known = tells_before(cached)
+                light = before_change(cached, light)
             p = positions[i, pixel]
             n = normals[i, pixel]
             axis = face_of(wp.vec3(n[0], n[1], n[2])) // 2
@@ -145,7 +144,7 @@ def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: flo
     uv = float(sums[row, _PLACES + 4]) * each - u * v
     ub = float(sums[row, _PLACES + 5]) * each - u * bright
     vb = float(sums[row, _PLACES + 6]) * each - v * bright
-    # Paths along a line tell nothing of what is beside it.
+    # Paths along a line tell nothing of what lies off it.
     uu += _LEAST_SPREAD
     vv += _LEAST_SPREAD
     across = wp.max(uu * vv - uv * uv, _LEAST_SPREAD * _LEAST_SPREAD)

@@ -17,11 +17,11 @@ from clsim.render.device.launch import Tiles, record
 _TILE = 2048
 """Paths of a launch."""
 _MOST_BOXES = 16
-"""Pairs of boxes that trails are compared with; of more things several share one."""
+"""Pairs of boxes that trails are compared with; of more instances several share one."""
 
 
 class MovingScene(Protocol):
-    """What is asked of a scene on a device."""
+    """A scene on a device, as far as stored paths need it."""
 
     device: Any
     scene: Any
@@ -38,7 +38,7 @@ class MovingScene(Protocol):
 
 
 class PathStore:
-    """Paths that are traced again where things move or lights change.
+    """Stored paths, traced again where instances move or lights change.
 
     Attributes:
         paths: how many were traced again so far.
@@ -57,7 +57,7 @@ class PathStore:
             data: what is rendered.
             settings: the `Settings` of the frames.
             most: paths that are stored in a cell.
-            every: frames in which each path is traced once, in turn, where lamps move.
+            every: frames in which each path is traced once where lamps move.
             threads: that trace; None takes one a core.
         """
         self._data, self._settings, self._most, self._every = data, settings, most, every
@@ -95,7 +95,7 @@ class PathStore:
         self._tiles.close()
 
     def table(self, rows: int) -> tuple[Any, Any]:
-        """Return sums, and what those who look read, of so many cells."""
+        """Return the sums of so many cells, and the `Followed` of each."""
         sums: Any = wp.zeros((rows, FOLLOWED_SUMS), dtype=wp.int64, device=self._device)
         followed: Any = wp.zeros(rows, dtype=Followed, device=self._device)
         return sums, followed

@@ -1,10 +1,9 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
-"""Paths that are stored in cells of light, and traced again with the same random numbers when what they met has moved.
+"""Stored paths: in cells of the cache, traced again with the same random numbers when what they met has moved.
 
-Each begins at a place on a surface, goes along with it, and has random numbers of its own for ever. So what all paths
-of a cell find is known at any time, whatever was before: what moves and comes back finds the same bits. What they find
-now, beside what they would find if light had not changed since the first frame, tells by which factor it has.
+Each begins at a place on a surface, moves along with it, and has the same random numbers in every frame. So what the
+paths of a cell find does not depend on the past: what moves and comes back gives the same bits. The ratio of what they
+find now to what they would find if light had not changed since the first frame is the factor by which it has.
 
 A path is traced again where a way of its trail (`trails.py`) leads through what has moved, where it begins on that, and
 where lights have changed.
@@ -20,9 +19,9 @@ from clsim.render.accel.geometry import make_placement, transform_vector
 from clsim.render.cache.light_cache import (
     LEVELS,
     Asked,
+    CachedLight,
     Cell,
     Followed,
-    Kept,
     before_change,
     look_up_at,
     tells_before,
@@ -31,7 +30,7 @@ from clsim.render.cache.trails import trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.primary.lamp_light import AT_NONE
-from clsim.render.primary.things import lit_albedo
+from clsim.render.primary.seen_surfaces import lit_albedo
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
@@ -44,9 +43,9 @@ _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
 _PATHS = wp.constant(1)
-"""Of what a pixel spent: first-hit rays, and these."""
+"""Of what a pixel spent: primary rays, and these."""
 OWN = wp.constant(1 << 16)
-"""Number of a pixel's first path: beyond those of all first-hit rays."""
+"""Number of a pixel's first path: beyond those of all primary rays."""
 _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)
@@ -140,11 +139,11 @@ def choose_paths(
                 wanted = float(most) * _unevenness(cells[row]) - float(sums[row, _COUNT])
                 there = cells[row].count - cells[row].count_before
                 chance = sampling.uniform_of(sampling.absorb(wp.uint64(pixel), number), 0)
-                kept = Kept()
-                kept.factor = wp.vec3(1.0, 1.0, 1.0)
+                cached = CachedLight()
+                cached.factor = wp.vec3(1.0, 1.0, 1.0)
                 if asked.follows and chance * there < wanted:
-                    kept = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
-                if chance * there < wanted and tells_before(kept):
+                    cached = look_up_at(cells, followed, asked, positions[i, pixel], normals[i, pixel])
+                if chance * there < wanted and tells_before(cached):
                     slot = wp.atomic_add(out_count, 0, 1)
                     if slot >= paths.shape[0]:
                         # They are counted, so that there is room when this is asked again.
@@ -153,7 +152,7 @@ def choose_paths(
                     path.met = met[i, pixel]
                     path.pixel = pixel
                     path.number = number
-                    path.base = before_change(kept, wp.vec3(1.0, 1.0, 1.0) + kept.more)
+                    path.base = before_change(cached, wp.vec3(1.0, 1.0, 1.0) + cached.more)
                     path.rows = wp.vec4i(rows[i, 0, pixel], rows[i, 1, pixel], rows[i, 2, pixel], rows[i, 3, pixel])
                     paths[slot] = path
 
@@ -193,8 +192,8 @@ def add_paths(
 ):
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
-    A thread is a path, from ``first`` on. Where lamps move and are followed in turn, changes are ``steady``: paths that
-    were not traced again change as they did before.
+    A thread is a path, from ``first`` on. Where lamps move and each frame follows a part of the paths, changes are
+    ``steady``: paths that were not traced again change as they did before.
     """
     i = first + wp.tid()
     if traced_again[i] > 0 or steady:

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
-"""Where a stored path goes: its places, and those of the lights that these asked, as Warp functions.
+"""The trail of a stored path: its vertices, and the points on lights that these sampled, as Warp functions.
 
 While nothing moves in or out of the way between two of these, the path finds what it found.
 """

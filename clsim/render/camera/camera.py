@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
 """The camera: rays through the pixels, as Warp functions.
 
@@ -317,12 +316,12 @@ class CameraData:
             self._view.rotations = array(turned, wp.quat, device)
         return self._view
 
-    def stand(self, time_s: float) -> bytes:
+    def pose_key(self, time_s: float) -> bytes:
         """Return what tells where the camera stands at a time."""
         return self._stood.rows(np.array([time_s])).tobytes()
 
     def forget(self) -> None:
-        """Look anew where the camera stands at instants: time has gone on, or it was moved."""
+        """Forget the poses at instants: time has gone on, or the camera was moved."""
         self._stood.forget()
 
     def _standing(self, times_s: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:

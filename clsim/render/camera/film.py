@@ -14,17 +14,17 @@ from clsim.render.sampling.sampling import brightness
 
 @wp.struct
 class Sample:
-    """What one camera ray saw; the features are those of the first hit.
+    """A sample: what one camera ray saw; the features are those of the first hit.
 
     ``emission`` is the part of the radiance that the first hit, or the sky behind it all, shines by itself; it is
-    filled in where first hits are sampled apart, and so is ``position``, where the features are. There ``uv`` and
+    filled in where there are primary rays, and so is ``position``, where the features are. There ``uv`` and
     ``front`` tell where on its surface that is; ``material`` is its number from 1, and ``triangle`` tells the triangle
     from others, both 0 where a mirror showed it.
 
-    ``coat`` is the albedo of a coat whose light is kept apart, and ``albedo`` then that of what lies below. Of a path,
-    ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
+    ``coat`` is the albedo of a coat whose light is cached separately, and ``albedo`` then that of what lies below. Of a
+    path, ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
 
-    ``lamp`` is whether light straight from lamps is found apart (``lamp_light.py``). A way to a place on one carries
+    ``lamp`` is whether direct light is analytic (``lamp_light.py``). A shadow ray to a place on a lamp carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
     the box around an instance, or met a lamp.
 

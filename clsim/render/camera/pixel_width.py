@@ -1,5 +1,4 @@
-# Warp: a variable that changes must be born by a call.
-"""How wide the pixels of a camera are.
+"""The width of a camera's pixels at a distance.
 
 Seen through most lenses they are so many radians wide, and what they show is the wider the farther away it is; through
 an orthographic one they are so many metres wide wherever that is. A pixel is both numbers, of which one is 0.
@@ -15,7 +14,7 @@ import warp as wp
 from clsim.scene import Camera
 
 _ANGLES = 1024
-"""Angles from the axis at which a lens is looked at."""
+"""Angles from the axis at which a lens is sampled."""
 
 
 @wp.func

@@ -1,7 +1,7 @@
 """How kernels are compiled: with which options, at the same time, and with headers that are read once for all.
 
 Kernels for a CPU include headers that take longer to read than a small kernel takes to compile. Warp precompiles them,
-for each set of options, but also for each thread of each process anew. Here they are kept beside the kernels in Warp's
+for each set of options, but also for each thread of each process. Here they are stored next to the kernels in Warp's
 cache.
 """
 

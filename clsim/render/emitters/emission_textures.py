@@ -13,7 +13,7 @@ from clsim.scene.world import Wrap
 _F64 = npt.NDArray[np.float64]
 
 _PARTS = 11
-"""Parts of a triangle's side: it is cut into as many squared, and looked at in the middle of each. Odd, for what
+"""Parts of a triangle's side: it is cut into as many squared, and sampled in the middle of each. Odd, for what
 repeats on a texture often does so by powers of 2."""
 _LEAST = 0.02
 """Share of the untextured light that counts at least: between these places there may be a bright spot."""

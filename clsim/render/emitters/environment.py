@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: RUF046, UP018
 """Environment maps: their radiance and how directions to them are drawn.
 
@@ -8,7 +7,7 @@ cell radiance exceeds its mean four times at most, so that weights are bounded. 
 inverting the cumulative distribution of rows and then that of the row's columns (Pharr, Jakob, Humphreys, Physically
 Based Rendering, 4th ed., §12.5), and then a cell by its share of the block. What is read for a draw is small, for it
 comes from far away in memory: shares are bytes, rounded up, so that a block's are one line of the processor's cache;
-and where to look in a cumulative distribution is guessed by a table, as good as the search and shorter.
+and where to begin in a cumulative distribution is guessed by a table, as good as the search and shorter.
 """
 
 import warp as wp

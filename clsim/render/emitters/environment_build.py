@@ -106,7 +106,7 @@ def guide(cumulative: F32) -> npt.NDArray[np.uint16]:
     parts = np.arange(count) / count + 1 / STEPS
     guesses = np.empty((*tables, count), np.uint16)
     for table in np.ndindex(*tables):
-        # In a table of zeros all is beyond the last entry, and never looked for.
+        # In a table of zeros all is beyond the last entry, and never searched.
         guesses[table] = np.minimum(np.searchsorted(cumulative[table], parts), min(entries - 1, 0xFFFF))
     return guesses
 

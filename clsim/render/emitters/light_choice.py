@@ -1,4 +1,4 @@
-"""With which probability each light is drawn: by the power that it sends into the scene, within bounds that are fair.
+"""Light selection probabilities: by the power that each light sends into the scene, within fair bounds.
 
 Power says little of what a point sees: a sun has most of it wherever the scene is wide, and a lamp may light all of a
 room. So what is far gets no more than all that is near, and what scattering finds never, or hardly ever, a least share.

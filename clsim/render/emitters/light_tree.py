@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046, SIM102
-"""Which of many lights is drawn for a point: by what each may send there, down a tree of lights.
+"""The light tree: one of many lights is drawn for a point, by what each may send there.
 
 A node bounds its lights: by a box, by a cone that holds the directions in which they face, and by the sum of what they
 send out. At each node one of its eight parts is drawn, by an estimate of the irradiance that it gives the point; so a

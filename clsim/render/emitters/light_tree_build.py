@@ -115,7 +115,7 @@ def _groups(bounds: _Rows, order: _I64) -> _Rows:
 
 
 def _arrange(places: _F64) -> _I64:
-    """Return which light stands where in the last row, −1 for none: halves of a group lie apart along its widest axis.
+    """Return which light stands where in the last row, −1 for none: halves of a group are split along its widest axis.
 
     All groups of a row are split at once; each half gets half of the lights, so that all ways down are as long.
     """
@@ -161,8 +161,8 @@ def _cone(a: _Rows, b: _Rows) -> tuple[_F64, _F64]:
     """Return axes and cosines of the narrowest cones about those of pairs."""
     angle_a, angle_b = (np.arccos(np.clip(each["facing"], -1, 1)) for each in (a, b))
     cosine = np.clip(np.sum(a["axis"] * b["axis"], axis=1), -1, 1)
-    apart = np.arccos(cosine)
-    half = 0.5 * (angle_a + apart + angle_b)
+    between = np.arccos(cosine)
+    half = 0.5 * (angle_a + between + angle_b)
     turn = half - angle_a
     across = b["axis"] - cosine[:, None] * a["axis"]
     length = np.linalg.norm(across, axis=1)
@@ -170,6 +170,6 @@ def _cone(a: _Rows, b: _Rows) -> tuple[_F64, _F64]:
     axis = a["axis"] * np.cos(turn)[:, None] + across * np.sin(turn)[:, None]
     facing = np.where((half >= math.pi) | (length < 1e-9) & (cosine < 0), -1.0, np.cos(np.minimum(half, math.pi)))
     for one, own, other in ((a, angle_a, angle_b), (b, angle_b, angle_a)):
-        inside = np.minimum(apart + other, math.pi) <= own + 1e-12
+        inside = np.minimum(between + other, math.pi) <= own + 1e-12
         axis[inside], facing[inside] = one["axis"][inside], one["facing"][inside]
     return axis, facing

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
 """Lights without size, as KHR_lights_punctual defines them: points, spots and directional lights."""
 

@@ -1,4 +1,4 @@
-"""How brightly a world shines at a time: what its lights were given, times how they change, in the kernels' arrays."""
+"""The radiance of lights at a time: what they were given, times how they change, in the kernels' arrays."""
 
 from __future__ import annotations
 

@@ -151,14 +151,14 @@ def _shares(power: _F64, far: npt.NDArray[np.bool_], in_tree: npt.NDArray[np.boo
         small: number of the first light that is no triangle.
         sky: what the environment sends into the scene [W].
     """
-    apart = ~in_tree
+    not_in_tree = ~in_tree
     # The tree stands between triangles and small lights: it may hold some of these, and has a least share as they do.
     middle = np.array([power[in_tree].sum()]) if in_tree.any() else np.zeros(0)
-    flat = [power[:small][apart[:small]], middle, power[small:][apart[small:]]]
-    near = [far[:small][apart[:small]], np.zeros(len(middle), bool), far[small:][apart[small:]]]
+    flat = [power[:small][not_in_tree[:small]], middle, power[small:][not_in_tree[small:]]]
+    near = [far[:small][not_in_tree[:small]], np.zeros(len(middle), bool), far[small:][not_in_tree[small:]]]
     drawn = fair(np.concatenate(flat), np.concatenate(near), len(middle) + len(flat[2]))
     # Scattering finds a constant environment just as well, so that lamps keep at least half of the samples.
     sky = min(sky, float(drawn.sum())) if drawn.sum() > 0 else sky
     own = np.zeros(len(power))
-    own[apart] = np.delete(drawn, len(flat[0])) if len(middle) else drawn
+    own[not_in_tree] = np.delete(drawn, len(flat[0])) if len(middle) else drawn
     return np.concatenate([own, [sky], drawn[len(flat[0]) : len(flat[0]) + len(middle)]])

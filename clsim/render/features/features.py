@@ -14,7 +14,7 @@ Strategy = Literal["mis", "light", "scatter"]
 
 @dataclass(frozen=True)
 class SceneFeatures:
-    """What a world on a device has, whoever looks at it.
+    """What a world on a device has, whatever the camera.
 
     Attributes:
         two_level: something moves or deforms, and rays pass through a tree over instances; else one mesh holds all.
@@ -36,7 +36,7 @@ class SceneFeatures:
         culled_backs: some used material's back is invisible to the camera.
         one_sided_lamps: some triangle emits from its front alone.
         triangle_lights: some triangle emits.
-        still_lamps: all such triangles stand still and look the same all over.
+        still_lamps: all such triangles stand still and shine the same all over.
         sphere_lights: the number of sphere lights is not zero.
         punctual_lights: the number of point, spot and directional lights is not zero.
         lamps_move: something that shines moves or deforms.
@@ -110,10 +110,10 @@ class Features(SceneFeatures):
         aperture: the camera's lens has a size.
         sobol: samples come from Sobol's sequence, in batches, and not from independent random numbers.
         variances: the planes of variances are wanted.
-        first_hits: first hits are sampled apart from paths, which are traced where they are worth it.
-        light_cache: first hits take their light from what is kept on surfaces.
-        coats: what the coats of plastics reflect is kept apart from the light on their bases.
-        lamp_light: light straight from lamps is found apart from paths, in closed form but for shadows.
+        first_hits: primary rays find first hits, and paths are traced where they are worth it.
+        light_cache: first hits take their light from the radiance cache.
+        coats: what the coats of plastics reflect is cached separately from the light on their bases.
+        lamp_light: direct light is analytic, but for its shadows.
         requests: a list tells which pixels are traced, and at which instants.
         strategy: how light is found: "mis" both ways, "light" by sampling lights alone, "scatter" by scattering alone.
             The last two are for checking the first.
@@ -142,7 +142,7 @@ class Features(SceneFeatures):
 
     @property
     def shadow_rays(self) -> bool:
-        """Whether it is told which rays of a pixel reach the lamps: all do or do not, and the light is kept."""
+        """Whether kernels record which shadow rays of a pixel reach the lamps: direct light is analytic, and cached."""
         return self.light_cache and self.lamp_light and self.sharp and not self.alpha
 
     @property
@@ -198,8 +198,8 @@ class Features(SceneFeatures):
         }
 
 
-def lamps_apart(scene: SceneFeatures, strategy: Strategy) -> bool:
-    """Whether light straight from lamps may be found apart from paths."""
+def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy) -> bool:
+    """Whether direct light may be analytic instead of being found by paths."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
     return plain and scene.few_lamps and scene.diffuse_lit and strategy == "mis"
 
@@ -217,13 +217,13 @@ def view_features(
     lights_set: bool = False,
     replay: bool = False,
 ) -> Features:
-    """Return the features of the kernel with which a camera looks at such a scene."""
-    lamp_light = first_hits and lamps_apart(scene, strategy)
+    """Return the features of the kernel with which a camera renders such a scene."""
+    lamp_light = first_hits and has_analytic_direct_light(scene, strategy)
     changes = light_cache and (scene.light_changes or lights_set)
-    about_kept_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
+    about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(
         # Of how many lamps there are, other kernels know nothing, and are the same ones.
-        **(vars(scene) | {"few_lamps": lamp_light} | about_kept_light),
+        **(vars(scene) | {"few_lamps": lamp_light} | about_cached_light),
         follow_specular=follow_specular and scene.mirrors,
         camera_blur=camera.shutter_s > 0 and camera.motion.duration_s > 0,
         projection=camera.lens.model,

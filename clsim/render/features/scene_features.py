@@ -1,11 +1,11 @@
-"""Finds what a world has for which kernels are built."""
+"""The features of a world for which kernels are built."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from clsim.render.features.bsdf_kinds import KINDS
-from clsim.render.features.features import SceneFeatures, lamps_apart
+from clsim.render.features.features import SceneFeatures, has_analytic_direct_light
 from clsim.render.features.scene_lamps import few_lamps, lamps_move, several_lights_of_a_tree, still_lamps
 from clsim.render.motion.deform import deforms
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
@@ -133,6 +133,6 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
     )
 
 
-def light_is_found_apart(world: World) -> bool:
-    """Whether light straight from lamps is found apart from paths, where first hits are; paths find the rest."""
-    return lamps_apart(scene_features(world, 0.0), "mis")
+def direct_light_is_analytic(world: World) -> bool:
+    """Whether direct light is analytic at first hits; paths find the rest."""
+    return has_analytic_direct_light(scene_features(world, 0.0), "mis")

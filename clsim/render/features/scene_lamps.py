@@ -1,4 +1,4 @@
-"""What the lights of a world are like, as far as it decides how light is found."""
+"""Properties of a world's lights that select how direct light is found."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers that belong to instants which are asked for again and again."""
+"""A cache of rows of numbers by instant, such as poses."""
 
 from __future__ import annotations
 

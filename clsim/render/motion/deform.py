@@ -1,6 +1,6 @@
-"""Meshes whose vertices move: skins and morph targets, shaped anew for each frame.
+"""Meshes whose vertices move: skins and morph targets, evaluated for each frame.
 
-A deforming mesh is searched by a tree of its own, which is built anew for each frame: that costs half a microsecond a
+A deforming mesh is searched by a tree of its own, which is rebuilt for each frame: that costs half a microsecond a
 triangle, and a tree that is only refitted serves rays badly after large motion.
 """
 
@@ -54,7 +54,7 @@ class DeformingMesh:
         self.tree = tree
 
     def update(self, time_s: float) -> npt.NDArray[np.float64]:
-        """Give the arrays the shape at that time, build the tree anew and return the mesh's box."""
+        """Give the arrays the shape at that time, rebuild the tree and return the mesh's box."""
         mesh = shaped(self._mesh, time_s)
         self._vertices.assign(mesh.vertices)
         if self._normals is not None:

@@ -16,7 +16,7 @@ class PoseCache:
     def __init__(self) -> None:
         """Know none."""
         self._known: dict[tuple[int, float], npt.NDArray[np.float64]] = {}
-        self._kept: dict[int, Motion] = {}
+        self._held: dict[int, Motion] = {}
 
     def pose(self, motion: Motion, time_s: float) -> npt.NDArray[np.float64]:
         """Return the pose of a motion at a time; it is asked once."""
@@ -25,8 +25,8 @@ class PoseCache:
         if found is None:
             if len(self._known) >= _MOST:
                 self._known.clear()
-            # While it is kept, nobody else has its number.
-            self._kept[id(motion)] = motion
+            # While it is held, nobody else has its number.
+            self._held[id(motion)] = motion
             found = self._known[key] = motion.pose(time_s)
         return found
 

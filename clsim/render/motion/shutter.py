@@ -1,5 +1,4 @@
-# Warp: a variable that changes must be born by a call.
-"""The interval of time that a scene's data covers: what moves has poses at equal steps through it, the keys.
+"""The shutter interval that a scene's data covers: what moves has poses at equal steps through it, the keys.
 
 Between two keys, positions go along the cubic with the speeds that motions have there (Hermite's), rotations by slerp,
 and the scale of a pose changes linearly: at ``SHUTTER_KEYS`` = 9, one turn within the interval keeps its radius to
@@ -94,7 +93,7 @@ def key_steps(motions: list[Motion], times_s: F64, positions: F64) -> F64:
     return steps * np.minimum(1.0, limit / np.maximum(lengths, 1e-300))[..., None]
 
 
-def bulge(positions: F64, steps: F64) -> F64:
+def chord_error(positions: F64, steps: F64) -> F64:
     """Return by how much each path ``[n, 3]`` may leave the boxes of its keys [m]: a bound."""
     chords = np.diff(positions, axis=0)
     return np.asarray(0.25 * np.maximum(np.abs(steps[:-1] - chords), np.abs(chords - steps[1:])).max(axis=0))

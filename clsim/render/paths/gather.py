@@ -1,4 +1,3 @@
-# Warp: wp.static drops a branch only where it stands alone.
 """All paths of a pixel, one after the other, as a Warp function."""
 
 from typing import Any

@@ -1,4 +1,4 @@
-"""The path tracing kernel, built for what a scene has: here its parts are put together, `path.py` is what it does."""
+"""The kernel factory: it composes a kernel from the parts that a scene needs; `path.py` is what it does."""
 
 from typing import Any
 
@@ -21,7 +21,7 @@ from clsim.render.paths.path_surfaces import make_colours, make_detailed, make_m
 from clsim.render.paths.shots import make_shoot, make_shoot_at
 from clsim.render.paths.towards_light import make_towards_light
 from clsim.render.primary.corners import make_flat_surfaces
-from clsim.render.primary.first_hits import make_look
+from clsim.render.primary.first_hits import make_sample_primary
 from clsim.render.primary.lamp_light import make_lamp_light
 from clsim.render.sampling import sampling
 from clsim.render.surfaces.alpha import make_alpha
@@ -37,7 +37,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     """Return the kernel ``render(scene, camera, settings, first_pixel, pixels, out_planes, out_bits)``.
 
     A thread is a pixel, or one of ``pixels`` if there are any. ``out_planes`` is float32 ``[C, H·W]`` and ``out_bits``
-    the same memory as unsigned integers. Where first hits are sampled apart, it is the kernel of ``steered.py``, and
+    the same memory as unsigned integers. With primary rays, it is the kernel of ``steered.py`` or ``cached.py``, and
     for requests one of ``retraced.py``.
     """
     closest, occluded, surface, surface_of = make_intersection(features, tree)
@@ -72,30 +72,30 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     agree, visibility, look_ahead = make_towards_light(features, occluded, transmittance, sample_light, lit_sides)
     weight = make_weight(features)
 
-    def make_tracer(only_look: bool) -> Any:
-        """Return the function that follows a path, or, if it shall ``only_look``, what a first-hit ray does."""
+    def make_tracer(primary_only: bool) -> Any:
+        """Return the function that follows a path, or, if ``primary_only``, its primary ray."""
         return make_trace(
             features,
-            only_look,
+            primary_only,
             closest_opaque,
             surface_of,
-            make_meet(features, only_look, materials, pick, mapped_normal, look_ahead),
+            make_meet(features, primary_only, materials, pick, mapped_normal, look_ahead),
             make_colours(features, albedo_of, mean_of_blend),
             make_detailed(features, textured),
             make_ending(features, sphere_pdf, environment, weight),
-            make_asking(features, only_look, sample_light, environment, scatter_value, agree, visibility),
+            make_asking(features, primary_only, sample_light, environment, scatter_value, agree, visibility),
             (outgoing, scatter, agree, side),
             (emitted, triangle_pdf, weight),
         )
 
-    # Twice: rays that only look go without all that paths need. Each is called from one place in a kernel.
-    shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(only_look=False), inline=True)))
-    glimpse_at = make_shoot_at(features, wp.func(make_tracer(only_look=True), inline=True))
+    # Twice: primary rays go without all that paths need. Each is called from one place in a kernel.
+    shoot = make_shoot(features.sobol, make_shoot_at(features, wp.func(make_tracer(primary_only=False), inline=True)))
+    shoot_primary_at = make_shoot_at(features, wp.func(make_tracer(primary_only=True), inline=True))
 
     if features.replay:
         from clsim.render.cache.stored_paths import make_replay
 
-        trace = wp.func(make_tracer(only_look=False), inline=True)
+        trace = wp.func(make_tracer(primary_only=False), inline=True)
         return make_replay(features, surface, trace, kernel_options())
 
     flat, mean_albedo = make_flat_surfaces(textured, coloured, mean_texture, albedo_of, features.coats)
@@ -105,16 +105,18 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     about_light = features.coats, features.shadow_rays
     lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
     wide_lamps = features.lamp_light and (features.triangle_lights or features.sphere_lights)
-    look = make_look(
-        features.sobol, features.sharp, *about_light, glimpse_at, flat, mean_albedo, lamps, wide_lamps, *types
+    sample_primary = make_sample_primary(
+        features.sobol, features.sharp, *about_light, shoot_primary_at, flat, mean_albedo, lamps, wide_lamps, *types
     )
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:
         from clsim.render.paths.retraced import make_retraced
 
-        paths, first_hits, in_kept_light = make_retraced(look, gather, store, wide_lamps, *types, kernel_options())
+        paths, first_hits, in_cached_light = make_retraced(
+            sample_primary, gather, store, wide_lamps, *types, kernel_options()
+        )
         if features.light_cache:
-            return in_kept_light
+            return in_cached_light
         return first_hits if features.first_hits else paths
     if features.first_hits:
         make: Any
@@ -122,7 +124,9 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             from clsim.render.cache.cached import make_cached as make
         else:
             from clsim.render.primary.steered import make_steered as make
-        kept = (features.anchored, features.two_level and not features.motion_blur) if features.light_cache else ()
-        return make(features.sobol, *kept, look, shoot, *types, kernel_options())
+        about_cache = (
+            (features.anchored, features.two_level and not features.motion_blur) if features.light_cache else ()
+        )
+        return make(features.sobol, *about_cache, sample_primary, shoot, *types, kernel_options())
 
     return make_plain(gather, store, *types, kernel_options())

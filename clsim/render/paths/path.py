@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018
-"""A path from the camera through the scene, or as much of it as a ray does that only looks.
+"""A path from the camera through the scene, or its primary ray alone.
 
 Paths with next-event estimation and Russian roulette; both ways to light share by the power heuristic (Veach 1997).
 """
@@ -31,7 +30,7 @@ _NEVER = wp.constant(1.0e-9)
 
 def make_trace(
     features: Features,
-    only_look: bool,
+    primary_only: bool,
     closest: Any,
     surface_of: Any,
     meet: Any,
@@ -46,7 +45,7 @@ def make_trace(
 
     Args:
         features: what the kernel is built for.
-        only_look: end at the first surface that is no mirror, and learn what a pixel shows.
+        primary_only: end at the first surface that is no mirror, which is what a pixel shows.
         closest: finds the nearest hit that stops the ray.
         surface_of: of a hit.
         meet, colours, detailed: of `path_surfaces`.
@@ -85,21 +84,21 @@ def make_trace(
         carried.last.position = start
         carried.last.normal = toward
         # What the planes show: the first surface, or the first that is no mirror.
-        looking = bool(True)
+        primary = bool(True)
         tint = wp.vec3(1.0, 1.0, 1.0)
         passed_m = float(0.0)
         # The product of squared relative indices, by which radiance, but not power, was divided on the way.
         eta2 = float(1.0)
         # Of the glass that the ray is in [m⁻¹].
         absorption = wp.vec3()
-        # Where the light of lamps is found apart.
-        apart = bool(False)
+        # Whether direct light at the last place is analytic.
+        analytic = bool(False)
         for depth in range(settings.max_depth):
             dimension = (depth + 1) * _DIMENSIONS
-            if wp.static(features.environment_map and by_light and not only_look):
+            if wp.static(features.environment_map and by_light and not primary_only):
                 foresee_environment(scene.lights.environment_image, uniform2(stream, dimension + sampling.LIGHT))
             hit = closest(scene, origin, direction, time, stream, depth)
-            if wp.static(only_look):
+            if wp.static(primary_only):
                 sample.boxed = sample.boxed or hit.boxed or hit.sphere >= 0
             if wp.static(features.absorption):
                 if hit.triangle >= 0 or hit.sphere >= 0:
@@ -110,7 +109,7 @@ def make_trace(
                 note_place(scene.geometry, stream.row, depth, origin, direction, hit)
                 sample.places = wp.min(depth + 1, PLACES)
             if hit.triangle < 0:
-                sample = ending(scene, sample, hit, origin, direction, time, carried, looking, passed_m)
+                sample = ending(scene, sample, hit, origin, direction, time, carried, primary, passed_m)
                 break
 
             point = face(surface_of(scene.geometry, hit, time), direction)
@@ -121,8 +120,8 @@ def make_trace(
             )
             point.shading_normal = normal
             followed = bool(False)
-            looked_at = looking
-            if looking:
+            was_primary = primary
+            if primary:
                 passed_m += hit.t
                 albedo, coat, coated = colours(scene, bsdf, point, kept_normal, direction, tint)
                 sample.hit = True
@@ -133,14 +132,14 @@ def make_trace(
                     rest, rest_normal = rest_of(scene.geometry, hit, point.front, time)
                     sample.rest = rest
                     sample.rest_normal = rest_normal
-                    if wp.static(not only_look):
+                    if wp.static(not primary_only):
                         sample.met_triangle = hit.triangle
                         sample.weights = wp.vec2(hit.weight0, hit.weight1)
                         sample.toward = direction
                 sample.albedo = albedo
                 if wp.static(features.coats):
                     sample.coat = coat
-                    if wp.static(not only_look):
+                    if wp.static(not primary_only):
                         if coated:
                             # Half of the paths find what the base sends out, half what the coat reflects.
                             sample.in_coat = (stream.key >> wp.uint64(20)) & wp.uint64(1) == wp.uint64(1)
@@ -149,12 +148,12 @@ def make_trace(
                                 sample.albedo = coat
                             else:
                                 bsdf.specular = wp.vec3()
-                looking = False
+                primary = False
                 if wp.static(features.follow_specular):
                     followed = bsdf.mirror
                     if wp.static(features.blends):
                         followed = followed and scene.materials.rows[point.material].blend_with < 0
-                    looking = followed
+                    primary = followed
             if wp.static(features.triangle_lights):
                 radiance = emitted(scene.materials, point)
                 if radiance[0] + radiance[1] + radiance[2] > 0.0:
@@ -162,7 +161,7 @@ def make_trace(
                     share = weight(carried.alone, carried.others < 1.0, carried.pdf, drawn)
                     sample.radiance += wp.cw_mul(carried.throughput, radiance) * share
             if wp.static(features.first_hits):
-                if looked_at:
+                if was_primary:
                     sample.position = point.position
                     sample.emission = sample.radiance
                     sample.uv = point.uv
@@ -171,10 +170,10 @@ def make_trace(
                     alone = depth == 0 and not detailed(scene.materials, point.material)
                     sample.triangle = wp.where(alone, 1 + hit.triangle + hit.instance * 65537, 0)
                 if wp.static(features.lamp_light):
-                    apart = looked_at and not looking and bsdf.kind == DIFFUSE
-                    sample.lamp = sample.lamp or apart
-                if wp.static(only_look):
-                    if not looking and not (apart and to_lamps != AT_NONE):
+                    analytic = was_primary and not primary and bsdf.kind == DIFFUSE
+                    sample.lamp = sample.lamp or analytic
+                if wp.static(primary_only):
+                    if not primary and not (analytic and to_lamps != AT_NONE):
                         break
             if not goes_on or bsdf.dark:
                 break
@@ -183,10 +182,10 @@ def make_trace(
             draw = choice[0]
             asks = not bsdf.mirror
             if wp.static(features.lamp_light):
-                carried.others = wp.where(apart, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
-                if apart:
+                carried.others = wp.where(analytic, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
+                if analytic:
                     # The lamps come first, and then the environment.
-                    if wp.static(only_look):
+                    if wp.static(primary_only):
                         draw = draw * (1.0 - carried.others)
                     else:
                         asks = carried.others > _NEVER
@@ -195,7 +194,7 @@ def make_trace(
             if wp.static(by_light and has_lights):
                 if asks:
                     sent = ask(
-                        scene, light, point, bsdf, to, out, carried, absorption, draw, apart, to_lamps, stream,
+                        scene, light, point, bsdf, to, out, carried, absorption, draw, analytic, to_lamps, stream,
                         dimension, time,
                     )  # fmt: skip
                     sample.radiance += sent.radiance
@@ -205,8 +204,8 @@ def make_trace(
                         sample.lamp_all = sent.lamp_all
                         sample.lamp_lit = sent.lamp_lit
             if wp.static(features.lamp_light):
-                if wp.static(only_look):
-                    if not looking:
+                if wp.static(primary_only):
+                    if not primary:
                         break
 
             lobe = float(0.0)

@@ -1,6 +1,5 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""Light that a path finds: where it ends on a lamp or in the sky, and by asking a light, as Warp functions."""
+"""Light that a path finds: where it ends on a lamp or in the sky, and by next-event estimation, as Warp functions."""
 
 from typing import Any
 
@@ -30,8 +29,8 @@ class Carried:
         throughput: share of light from there that reaches the camera.
         pdf: density of the direction where it was scattered last.
         alone: nothing but scattering finds light from there.
-        others: probability with which light other than the lamps' was drawn at the last place; 1 where these are not
-            found apart.
+        others: probability with which light other than the lamps' was drawn at the last place; 1 where the lamps' is
+            not analytic.
         last: that place.
     """
 
@@ -44,7 +43,7 @@ class Carried:
 
 @wp.struct
 class Sent:
-    """Light that a place sends on, straight from a light.
+    """Direct light that a place reflects.
 
     Attributes:
         radiance: what reaches the camera of it.
@@ -72,14 +71,14 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
         direction: wp.vec3,
         time: float,
         carried: Carried,
-        looking: bool,
+        primary: bool,
         passed_m: float,
     ) -> Sample:
         """Return the sample with the light of a sphere or the sky, and if the pixel shows it, what its planes tell."""
         sample = found
         met_sphere = False
         if wp.static(features.first_hits):
-            if looking:
+            if primary:
                 sample.triangle = 0
         if wp.static(features.sphere_lights):
             if hit.sphere >= 0:
@@ -88,7 +87,7 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
                 share = weight(carried.alone, carried.others < 1.0, carried.pdf, drawn)
                 radiance = scene.lights.sphere_radiance[hit.sphere]
                 sample.radiance += wp.cw_mul(carried.throughput, radiance) * share
-                if looking:
+                if primary:
                     sphere = sphere_at(scene.geometry, hit.sphere, time)
                     centre = wp.vec3(sphere[0], sphere[1], sphere[2])
                     sample.hit = True
@@ -107,7 +106,7 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
                 share = weight(carried.alone, False, carried.pdf, sky.pdf / carried.others)
                 sample.radiance += wp.cw_mul(carried.throughput, sky.radiance) * share
                 if wp.static(features.first_hits):
-                    if looking:
+                    if primary:
                         sample.emission = sample.radiance
         return sample
 
@@ -116,7 +115,7 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
 
 def make_asking(
     features: Features,
-    only_look: bool,
+    primary_only: bool,
     sample_light: Any,
     environment: Any,
     scatter_value: Any,
@@ -139,7 +138,7 @@ def make_asking(
         carried: Carried,
         absorption: wp.vec3,
         draw: float,
-        apart: bool,
+        analytic: bool,
         to_lamps: int,
         stream: sampling.Stream,
         dimension: int,
@@ -151,13 +150,13 @@ def make_asking(
         if wp.static(not ahead):
             u = uniform2(stream, dimension + sampling.LIGHT)
             place = draw
-            if wp.static(features.lamp_light and only_look):
-                if apart and to_lamps >= 0:
+            if wp.static(features.lamp_light and primary_only):
+                if analytic and to_lamps >= 0:
                     place = rim_draw(scene.lights, to_lamps)
                     u = rim_place(to_lamps)
             finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
             light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, place, finer, u, time)
-        if wp.static(features.lamp_light and not only_look):
+        if wp.static(features.lamp_light and not primary_only):
             light.pdf = light.pdf / carried.others
         if light.pdf > 0.0 and agree(point, light.direction):
             scattering = scatter_value(scene.materials, bsdf, point.shading_normal, out, light.direction)
@@ -167,7 +166,7 @@ def make_asking(
                 facing = wp.max(wp.dot(light.direction, point.shading_normal), 0.0)
                 sent.lamp_all = sampling.luminance(light.radiance) * facing / light.pdf
             lit_here = bool(value[0] + value[1] + value[2] > 0.0)
-            if wp.static(features.lamp_light and only_look):
+            if wp.static(features.lamp_light and primary_only):
                 # What is black tells as well whether the lamps' light arrives there.
                 lit_here = sent.lamp_all > 0.0
             if lit_here:
@@ -181,7 +180,7 @@ def make_asking(
                         if light.mapped:
                             sky = environment(scene.lights, point.shading_normal, light.direction)
                             value = wp.cw_mul(value, sky.radiance)
-                            # Beside a cell that is black, roundings may end in it.
+                            # Next to a cell that is black, roundings may end in it.
                             light.pdf = wp.max(sky.pdf / carried.others, 1.0e-30)
                     if wp.static(features.absorption):
                         way = absorption_towards(scene.materials, point, light.direction, absorption)

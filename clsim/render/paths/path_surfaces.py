@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018
 """What a path meets: what its surface is made of, and what a pixel shows of it, as Warp functions."""
 
@@ -21,11 +20,11 @@ from clsim.render.surfaces.materials import Bsdf, Materials, has_details
 from clsim.render.textures.ray_footprint import patch_round
 
 _PLACES = wp.constant(8)
-"""Places round a ray that only looks, of which the mean of a texture is taken."""
+"""Places around a primary ray, of which the mean of a texture is taken."""
 
 
 def make_meet(
-    features: Features, only_look: bool, materials: tuple[Any, ...], pick: Any, mapped_normal: Any, look_ahead: Any
+    features: Features, primary_only: bool, materials: tuple[Any, ...], pick: Any, mapped_normal: Any, look_ahead: Any
 ) -> Any:
     """Return the Warp function ``meet``: what a surface is made of where a path meets it.
 
@@ -33,7 +32,7 @@ def make_meet(
     """
     resolve, _, _, foresee, texture_seen, _, textured, coloured, texture_at, mean_texture = materials
     uniform2 = make_sampler(features.sobol)
-    ahead = looks_ahead(features) and not only_look
+    ahead = looks_ahead(features) and not primary_only
 
     @wp.func(inline=True)
     def meet(
@@ -48,7 +47,7 @@ def make_meet(
         width: wp.vec2,
         time: float,
     ):
-        """Return the normal that light sees, the surface's material, and the normal by which light is kept.
+        """Return the normal that light sees, the surface's material, and the normal by which light is cached.
 
         Last comes the light that was asked first, where rays to lights go before textures are read. ``far`` is how far
         the ray came.
@@ -57,19 +56,19 @@ def make_meet(
         dimension = (depth + 1) * sampling.DIMENSIONS_PER_BOUNCE
         if wp.static(features.blends):
             chance = FIRST
-            if wp.static(not only_look):
+            if wp.static(not primary_only):
                 chance = uniform2(stream, dimension + sampling.LOBE)[1]
             point.material = pick(scene.materials, point, chance)
-        # Light is kept by how a surface lies, without its normal map: cells know the mean of all that it bends.
+        # The cache uses the normal without its map: cells hold the mean of all that the map bends.
         kept_normal = point.shading_normal
-        if wp.static(features.normal_maps and not (only_look and features.light_cache)):
+        if wp.static(features.normal_maps and not (primary_only and features.light_cache)):
             point.shading_normal = mapped_normal(scene.materials, point, -direction)
         light = LightSample()
         if wp.static(ahead):
             spot = foresee(scene.materials, point)
             if goes_on:
                 light = look_ahead(scene, point, stream, dimension, choice, time)
-        if wp.static(only_look and features.textures):
+        if wp.static(primary_only and features.textures):
             texture = wp.vec3()
             if width[0] + width[1] > 0.0 and depth == 0 and textured(scene.materials, point.material):
                 patch = patch_round(point, direction, width_at(width, far))
@@ -85,7 +84,7 @@ def make_meet(
             kept_normal = point.shading_normal
         if wp.static(features.normal_maps and features.light_cache):
             if bsdf.mirror or (wp.static(features.lamp_light) and bsdf.kind == DIFFUSE):
-                if wp.static(only_look):
+                if wp.static(primary_only):
                     point.shading_normal = mapped_normal(scene.materials, point, -direction)
                 kept_normal = point.shading_normal
         return point.shading_normal, bsdf, kept_normal, light
@@ -117,7 +116,7 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
 
 
 def make_detailed(features: Features, textured: Any) -> Any:
-    """Return the Warp function ``detailed``: whether rays look there for what is finer than a pixel."""
+    """Return the Warp function ``detailed``: whether a material has detail that is finer than a pixel."""
 
     @wp.func
     def detailed(materials: Materials, material: int) -> bool:

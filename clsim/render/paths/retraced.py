@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
 """The kernels that trace chosen pixels at chosen times, with the random numbers that these pixels have in every frame.
 
@@ -9,21 +8,21 @@ from typing import Any
 
 import warp as wp
 
-from clsim.render.cache.kept_light import Gathering, Lit, light_of, seen_light
+from clsim.render.cache.cached_light import GatheredLight, Gathering, light_of, seen_light
 from clsim.render.cache.light_cache import Cell, Followed
 from clsim.render.camera.film import Sample
-from clsim.render.primary.closer_look import SHARE_ERROR, look_closer
 from clsim.render.primary.corners import corner_near
-from clsim.render.primary.first_hits import Looks, Seen
+from clsim.render.primary.first_hits import PrimaryRays, Seen
 from clsim.render.primary.lamp_light import same_light
+from clsim.render.primary.refinement import SHARE_ERROR, refine_primary_rays
+from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, store_surfaces
 from clsim.render.primary.shadow_rays import Shadow, Shadows
-from clsim.render.primary.things import THINGS, Thing, store_things
 from clsim.render.sampling import sampling
 
 _ROW, _FIRST = wp.constant(4), wp.constant(5)
 """Corners of a pixel lie in the middle of so many to a row, from that one on; around it are those next to them."""
 _LAST = wp.constant(12)
-"""Corners that are looked through before the pixel."""
+"""Corners that are sampled before the pixel."""
 
 
 @wp.func
@@ -40,7 +39,7 @@ def _are_lit_alike(corners: wp.array(dtype=Sample)) -> bool:
 
 
 def make_retraced(
-    look: Any,
+    sample_primary: Any,
     gather: Any,
     store: Any,
     wide_lamps: bool,
@@ -49,16 +48,16 @@ def make_retraced(
     settings_type: Any,
     options: Any,
 ) -> tuple[Any, Any, Any]:
-    """Return three kernels, of which a thread is a request: all paths of the pixel, its first-hit rays alone, or these
-    in the light that is kept on surfaces.
+    """Return three kernels, of which a thread is a request: all paths of the pixel, its primary rays alone, or these
+    shaded from the radiance cache.
 
     ``pixels`` and ``instants``, int32 ``[N]``, tell the pixel (y·width + x) and the instant of each request;
     ``out_planes``, float32 ``[C, N]``, is as for frames, and ``out_bits`` the same memory as unsigned integers. Of
-    first-hit rays alone, the plane of radiance is that of emission, and ``looks`` tells how many there are. Kept light
-    is that in which the last frame is seen (``cached.py``); ``passed``, float ``[instants]``, is the share of the time
+    primary rays alone, the plane of radiance is that of emission, and ``primary_rays`` tells how many there are.
+    Cached light is that of the last frame (``cached.py``); ``passed``, float ``[instants]``, is the share of the time
     from the frame before to the last one that has passed, −1 where that is not asked, and the shadows are theirs.
-    ``light_passed`` is the same for kept light, which changes along a line.
-    ``wide_lamps`` is whether first-hit rays ask lamps that have a size.
+    ``light_passed`` is the same for cached light, which changes linearly.
+    ``wide_lamps`` is whether shadow rays go to lamps that have a size.
     """
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
@@ -78,29 +77,29 @@ def make_retraced(
             moments = gather(scene, camera, settings, pixels[request], instants[request])
             store(moments, request, out_planes, out_bits)
 
-    # It is put where it is called, as what it calls is: kept apart, the scene would be copied for each pixel.
+    # Inlined, as what it calls is: a function of its own would copy the scene for each pixel.
     @wp.func(inline=True)
-    def look_around(
+    def sample_with_corners(
         scene: scene_type,
         camera: view_type,
         settings: settings_type,
         pixel: int,
         instant: int,
-        looks: Looks,
+        primary_rays: PrimaryRays,
         before: Seen,
         shadows: Shadows,
         corners: wp.array(dtype=Sample),
-        things: wp.array(dtype=Thing),
+        surfaces: wp.array(dtype=SeenSurface),
     ) -> Seen:
-        """Look through the corners of a pixel, and then at it; or go on from what was seen of it before.
+        """Sample the corners of a pixel, and then the pixel; or go on from what was seen of it before.
 
-        If these all see lamps in the same light, corners next to them tell whether it lies in a soft shadow.
+        If all corners get the same share of the lamps' light, corners next to them tell whether it is a soft shadow.
         """
         state = sampling.absorb(settings.stream, pixel)
         seen = Seen()
         line = pixel // settings.width
         column = pixel - line * settings.width
-        i = wp.where(looks.steps > 0 and not before.counted, 0, _LAST)
+        i = wp.where(primary_rays.steps > 0 and not before.counted, 0, _LAST)
         while i <= _LAST:
             if i == 4 and not (wp.static(wide_lamps) and _are_lit_alike(corners)):
                 i = int(_LAST)
@@ -111,21 +110,21 @@ def make_retraced(
                 corners[_FIRST + place[0] + place[1] * _ROW] = Sample()
                 i = i + 1
                 continue
-            seen = look(
+            seen = sample_primary(
                 scene,
                 camera,
                 settings,
                 pixel,
                 instant,
                 state,
-                looks,
+                primary_rays,
                 wp.where(i < _LAST, x + y * (settings.width + 1), -1),
                 corners,
                 wp.where(i < _LAST, _FIRST + place[0] + place[1] * _ROW, _FIRST),
                 _ROW,
                 before,
                 shadows,
-                things,
+                surfaces,
             )
             i = i + 1
         return seen
@@ -137,25 +136,34 @@ def make_retraced(
         settings: settings_type,
         first: int,
         count: int,
-        looks: Looks,
+        primary_rays: PrimaryRays,
         pixels: wp.array(dtype=int),
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
     ):
-        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
-            seen = look_around(
-                scene, camera, settings, pixels[request], instants[request], looks, Seen(), Shadows(), corners, things
+            seen = sample_with_corners(
+                scene,
+                camera,
+                settings,
+                pixels[request],
+                instants[request],
+                primary_rays,
+                Seen(),
+                Shadows(),
+                corners,
+                surfaces,
             )
             emission = wp.vec3()
-            for k in range(seen.things):
-                emission += things[k].emission * things[k].share
-            store_things(things, seen.things, seen.rays, emission, settings.spectral, request, out_planes)
+            for k in range(seen.surfaces):
+                emission += surfaces[k].emission * surfaces[k].share
+            store_surfaces(surfaces, seen.surfaces, seen.rays, emission, settings.spectral, request, out_planes)
 
     @wp.kernel(module="unique", enable_backward=False, module_options=options)
-    def retrace_in_kept_light(
+    def retrace_in_cached_light(
         scene: scene_type,
         camera: view_type,
         settings: settings_type,
@@ -175,15 +183,15 @@ def make_retraced(
         instants: wp.array(dtype=int),
         out_planes: wp.array2d(dtype=float),
     ):
-        things = wp.zeros(shape=wp.static(THINGS), dtype=Thing)
+        surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             pixel = pixels[request]
             gathering = steering
             gathering.asked.to_go = 1.0 - light_passed[instants[request]]
-            looks = steering.looks
-            lit = Lit()
+            primary_rays = steering.primary_rays
+            gathered = GatheredLight()
             seen = Seen()
             shadows = Shadows()
             shadows.share = passed[instants[request]]
@@ -191,14 +199,16 @@ def make_retraced(
                 shadows.before = shadows_before[pixel]
                 shadows.after = shadows_after[pixel]
             last = int(0)
-            while looks.most > last:
-                last = looks.most
-                seen = look_around(
-                    scene, camera, settings, pixel, instants[request], looks, seen, shadows, corners, things
+            while primary_rays.most > last:
+                last = primary_rays.most
+                seen = sample_with_corners(
+                    scene, camera, settings, pixel, instants[request], primary_rays, seen, shadows, corners, surfaces
                 )
-                lit = light_of(cells, followed, things, seen.things, gathering, settings.spectral)
-                looks = look_closer(lit.brightness, lit.squares, seen, steering.looks, looks, SHARE_ERROR, False)
-            shown = seen_light(lit, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
-            store_things(things, seen.things, seen.rays, shown, settings.spectral, request, out_planes)
+                gathered = light_of(cells, followed, surfaces, seen.surfaces, gathering, settings.spectral)
+                primary_rays = refine_primary_rays(
+                    gathered.brightness, gathered.squares, seen, steering.primary_rays, primary_rays, SHARE_ERROR, False
+                )
+            shown = seen_light(gathered, steering, own[pixel], own_before[pixel], learnt[pixel], settings.spectral)
+            store_surfaces(surfaces, seen.surfaces, seen.rays, shown, settings.spectral, request, out_planes)
 
-    return retrace_paths, retrace_first_hits, retrace_in_kept_light
+    return retrace_paths, retrace_first_hits, retrace_in_cached_light

@@ -1,6 +1,5 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018
-"""Rays of the camera, through places in a picture and in time, as Warp functions."""
+"""Camera rays, through places in a picture and in time, as Warp functions."""
 
 from typing import Any
 
@@ -20,8 +19,8 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
 
     Args:
         features: what the kernel is built for.
-        trace: follows a ray, or only looks: ``trace(scene, start, toward, time, settings, stream, to_lamps, width)``,
-            which returns a `Sample`.
+        trace: follows a path or a primary ray: ``trace(scene, start, toward, time, settings, stream, to_lamps,
+            width)``, which returns a `Sample`.
     """
     camera_ray = make_camera(features)
     uniform2 = make_sampler(features.sobol)
@@ -39,7 +38,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
 
-        One that only looks sees the mean of a texture over a square: a pixel of that ``width``, if it is not 0.
+        A primary ray sees the mean of a texture over a square: a pixel of that ``width``, if it is not 0.
         """
         lens = wp.vec2()
         if wp.static(features.aperture):
@@ -59,7 +58,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
             sample = trace(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
         return sample
 
-    # It is put where it is called, and ``trace`` too: kept apart, the scene would be copied for each ray.
+    # Inlined, and ``trace`` too: a function of its own would copy the scene for each ray.
     return wp.func(shoot_at, inline=True)
 
 

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""The way from a point to a light: whether light passes there, and how to look before textures are read.
+"""The way from a point to a light: whether light passes there, and shadow rays that go before textures are read.
 
 A texel takes as long to come from memory as a ray takes. So where there are image textures, texels are asked for, then
 the ray goes to the light, and then they are read.
@@ -22,8 +21,7 @@ from clsim.render.sampling.sobol import make_sampler
 def looks_ahead(features: Features) -> bool:
     """Whether the kernel's rays to lights go before textures are read.
 
-    A light tree asks how the surface sends light on, which its textures tell, and so does light that lamps give apart
-    from paths.
+    A light tree needs the surface's reflectance, which its textures tell, and so does analytic direct light.
     """
     asks = features.lamp_light or (features.light_tree and features.kinds != ("diffuse",))
     return features.strategy != "scatter" and features.images and not asks

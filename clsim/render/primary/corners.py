@@ -1,6 +1,5 @@
-# Warp: wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""What a pixel's four corners tell of it, as Warp functions.
+"""The four corners of a pixel, and what they tell of it, as Warp functions.
 
 ``corners[nearest]`` is what the top left one sees, and those below stand ``row`` farther on.
 """
@@ -14,7 +13,7 @@ from clsim.render.bsdf.plastic import base_albedo
 from clsim.render.camera.film import Sample
 from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.kernel_input import Scene
-from clsim.render.primary.things import Thing, lit_albedo, same_surface
+from clsim.render.primary.seen_surfaces import SeenSurface, lit_albedo, same_surface
 from clsim.render.textures.texture_data import Footprint, uv_in
 
 _OFF_UV = wp.constant(0.02)
@@ -69,33 +68,35 @@ def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: 
 
 
 @wp.func
-def centre_thing(things: wp.array(dtype=Thing), corners: wp.array(dtype=Sample), nearest: int, row: int, coats: bool):
-    """Put the one thing that a pixel shows where its corners see it on average: few rays inside are off the middle."""
-    if things[0].rays <= 0.0:
-        things[0].emission = wp.vec3()
-        things[0].albedo = wp.vec3()
+def centre_surface(
+    surfaces: wp.array(dtype=SeenSurface), corners: wp.array(dtype=Sample), nearest: int, row: int, coats: bool
+):
+    """Put the one surface that a pixel shows at the mean of what its corners see: that of few rays is off centre."""
+    if surfaces[0].rays <= 0.0:
+        surfaces[0].emission = wp.vec3()
+        surfaces[0].albedo = wp.vec3()
         if coats:
-            things[0].coat = wp.vec3()
+            surfaces[0].coat = wp.vec3()
         for i in range(4):
             corner = corners[nearest + (i & 1) + (i // 2) * row]
-            things[0].emission += 0.25 * corner.emission
-            things[0].albedo += 0.25 * lit_albedo(corner)
+            surfaces[0].emission += 0.25 * corner.emission
+            surfaces[0].albedo += 0.25 * lit_albedo(corner)
             if coats:
-                things[0].coat += 0.25 * corner.coat
+                surfaces[0].coat += 0.25 * corner.coat
     p = corners[nearest].position + corners[nearest + 1].position
-    things[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
+    surfaces[0].position = 0.25 * (p + corners[nearest + row].position + corners[nearest + row + 1].position)
     r = corners[nearest].rest + corners[nearest + 1].rest
-    things[0].rest = 0.25 * (r + corners[nearest + row].rest + corners[nearest + row + 1].rest)
+    surfaces[0].rest = 0.25 * (r + corners[nearest + row].rest + corners[nearest + row + 1].rest)
     n = corners[nearest].normal + corners[nearest + 1].normal
-    things[0].normal = 0.25 * (n + corners[nearest + row].normal + corners[nearest + row + 1].normal)
-    if things[0].lamp_all <= 0.0:
+    surfaces[0].normal = 0.25 * (n + corners[nearest + row].normal + corners[nearest + row + 1].normal)
+    if surfaces[0].lamp_all <= 0.0:
         # No ray inside asked for the lamps' light.
         for i in range(4):
             corner = corners[nearest + (i & 1) + (i // 2) * row]
-            things[0].lamp_all += corner.lamp_all
-            things[0].lamp_lit += corner.lamp_lit
+            surfaces[0].lamp_all += corner.lamp_all
+            surfaces[0].lamp_lit += corner.lamp_lit
     d = corners[nearest].depth + corners[nearest + 1].depth
-    things[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
+    surfaces[0].depth = 0.25 * (d + corners[nearest + row].depth + corners[nearest + row + 1].depth)
 
 
 def make_flat_surfaces(textured: Any, coloured: Any, mean_texture: Any, albedo_of: Any, coats: bool) -> tuple[Any, Any]:

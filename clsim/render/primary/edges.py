@@ -1,8 +1,7 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, RUF046, SIM102
 """The straight edge that may cross a pixel: what its corners tell, and the search for where it lies, as Warp functions.
 
-Where corners see two things, the places at which the edge crosses the pixel's border are found by bisection, and the
+Where corners see two surfaces, the places at which the edge crosses the pixel's border are found by bisection, and the
 share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel.
 """
 
@@ -14,7 +13,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.primary.corners import corner_at, corner_near
 from clsim.render.primary.lamp_light import same_light, same_share
-from clsim.render.primary.things import same_colour, same_surface
+from clsim.render.primary.seen_surfaces import same_colour, same_surface
 from clsim.render.sampling import sampling
 
 _OFF_LINE_PX = wp.constant(0.05)
@@ -33,21 +32,29 @@ def _alike(a: Sample, b: Sample, by_colour: bool, pixel: wp.vec2) -> bool:
 
 @wp.struct
 class Edge:
-    """What the corners tell, and how far the edge is placed.
+    """The edge in a pixel: what its corners tell, and how far the search has come.
 
-    ``shaded`` is that lamps' light reaches some of one surface and not all; rays inside, and corners next to the
-    pixel's, may tell that too.
-    ``alone`` is that all see one triangle, or none, ``whole`` that besides nothing is so small that it may hide before
-    it, or that all pass by the boxes in which things are.
-    ``flat`` is that all see one surface with a texture, ``plain`` that all look alike, ``straight`` that two things are
-    seen, with an edge in between that looks straight as far as one knows. The first is what the top left corner sees,
-    and the row ``second`` of the corners has the other. ``varied`` is that a ray inside saw another colour on one side
-    than its corner. ``marks`` has a bit for each corner that sees the second. ``area`` is the share of the first; the
-    edge goes through ``place``, ``along`` there.
+    The edge crosses the pixel's border in some of its four sides, which are searched one after the other by bisection.
 
-    The edge crosses the pixel's border in some of its four sides, which are taken in turn: ``side`` is the one where
-    rays look for it now, 4 where none is left. It lies behind ``low`` and within twice ``step``, as shares of the side
-    from the corner that sees the first; ``steps`` rays are to come. ``last`` is the newest corner of the first's area.
+    Attributes:
+        plain: all corners see the same.
+        straight: two surfaces are seen, with an edge in between that is straight as far as one knows.
+        varied: a ray inside saw another colour on one side than its corner.
+        by_colour: each colour of a surface counts as one.
+        flat: all see one surface with a texture.
+        alone: all see one triangle, or none.
+        whole: nothing is so small that it may hide before that triangle, or all pass by the boxes of objects.
+        shaded: direct light reaches a part of one surface; rays inside, and corners next to the pixel's, may tell that
+            too.
+        second: row of the corners that has the second surface; the first is what the top left corner sees.
+        marks: has a bit for each corner that sees the second.
+        area: share of the first.
+        place, along: a point of the edge, and its direction.
+        side: the side of the pixel that is searched, 4 where none is left.
+        low, step: the edge lies behind ``low`` and within twice ``step``, as shares of the side from the corner that
+            sees the first.
+        steps: rays that are to come.
+        last: newest corner of the first's area.
     """
 
     plain: bool
@@ -85,7 +92,7 @@ def _cross(a: wp.vec2, b: wp.vec2) -> float:
 
 @wp.func
 def on_side(edge: Edge, share: float) -> wp.vec2:
-    """Return a place on the side where the edge is looked for, that share of it away from the first's corner."""
+    """Return a place on the side that is searched, at that share of it from the first's corner."""
     marked = (edge.marks >> edge.side) & 1
     start = corner_at(edge.side + marked)
     return start + (corner_at(edge.side + 1 - marked) - start) * share

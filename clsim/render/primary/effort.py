@@ -1,4 +1,4 @@
-"""How many samples pixels get: what may change from frame to frame, and what is kept between them."""
+"""The sample budget of pixels: how many paths and primary rays each gets in a frame, by interest maps."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
-from clsim.render.primary.first_hits import Looks
-from clsim.render.primary.steered import CLOSER, GRADES, Steering
+from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.steered import GRADES, REFINED, Steering
 
 NEAR = 0.1
 """Where nobody knows an error, pixels within this share of the contrast threshold are near to an event."""
@@ -22,47 +22,47 @@ TIMELY = 0.25
 STILL = 0.05
 """Changes of a step below this share of the contrast threshold bring out that part of the standard error only."""
 _INSIDE = 4
-"""First-hit rays after which a pixel may be found to show one thing, where its corners are not looked at; an eighth of
-all, where that is more …"""
+"""Primary rays after which a pixel may be found to show one surface, if its corners are not sampled; an eighth of all,
+where that is more …"""
 _INSIDE_PLAIN = ((16, 1), (64, 2), (1 << 30, 3))
-"""… and where they are, by the first-hit rays that they are fewer than: they look for what is smaller than a pixel."""
+"""… and if they are, pairs of a number and the rays inside below it: these find what is smaller than a pixel."""
 _IN_SHADOW = 8
-"""Rays that look into a pixel that is lit in part, by the root of those into one that shows several things."""
+"""Primary rays in a part-lit pixel, over the root of those in one that shows several surfaces."""
 _MOST_IN_SHADOW = 2
-"""They are no more than so many times those."""
+"""The former are at most so many times the latter."""
 _IN_SHADOW_STILL = 3
-"""Rays by that root where other light is kept on surfaces and shadows lie still: such pixels take much of the time, and
-what fires is where shadows move."""
+"""The same as `_IN_SHADOW` with cached light where shadows lie still: such pixels take much of the time, and events
+come from where shadows move."""
 _AT_CONTRAST = 16
-"""Times the first-hit rays that may look where several things differ in brightness, and light is kept …"""
+"""Largest multiple of the primary rays where surfaces differ in brightness, with cached light …"""
 _ENOUGH_FOR_CONTRAST = 16
-"""… if there are so many of these rays …"""
-_ENOUGH_TO_LOOK_CLOSER = 12
-"""First-hit rays from which on more look where an event is near: …"""
-_AT_EVENT, _AT_EVENT_KEPT = 6, 8
-"""… at most so many times as many, or where light is kept, …"""
+"""… if there are so many of these rays."""
+_ENOUGH_TO_REFINE = 12
+"""Primary rays from which on more are used where an event is near, …"""
+_AT_EVENT, _AT_EVENT_CACHED = 6, 8
+"""… at most so many times as many, the second with cached light, …"""
 _MOST_COUNT = 1024
 """… and the most then."""
 _ENOUGH_TO_ASK = 16
-"""First-hit rays from which on each corner asks the lamps, where other light is kept."""
+"""Primary rays from which on each corner traces a shadow ray, with cached light."""
 ENOUGH_FOR_EDGES = 8
-"""First-hit rays from which on corners are looked at, and edges placed."""
+"""Primary rays from which on corners are sampled, and edges placed."""
 _AHEAD = DELAY + 0.5
 """Steps by which a change is drawn out, from the map's frame to half a step beyond the one that is rendered."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How much is spent on a pixel of a frame.
+    """The largest and smallest sample numbers of a pixel of a frame.
 
     Attributes:
         spp: paths where the most are needed to tell whether, or when, an event fires.
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
-        first_hit_rays: rays that look for the first hit alone, so many where a pixel shows more than one thing. Where
-            they find light straight from lamps, at least eight times the root of that look into a part-lit pixel, but
-            no more than twice as many (three times the root where light is kept on surfaces and shadows lie still).
-        every: a pixel that needs no more is probed in each so many-th frame, in turn with its neighbours.
+        first_hit_rays: primary rays where a pixel shows more than one surface. Where direct light is analytic, a
+            part-lit pixel gets at least eight times the root of that, but no more than twice as many (three times the
+            root with cached light where shadows lie still).
+        every: a pixel that needs no more is probed in every n-th frame, at another phase than its neighbours.
     """
 
     spp: int
@@ -86,8 +86,8 @@ class Effort:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """What first-hit rays see of a scene, however many there are.
+class PrimarySetup:
+    """What primary rays see of a scene, however many there are.
 
     Attributes:
         pixel: how wide a pixel is (`pixel_width.py`).
@@ -100,32 +100,32 @@ class Sight:
     lamps: bool = False
 
 
-def looks_of(first_hit_rays: int, sight: Sight, kept: bool = False, moves: bool = True) -> Any:
-    """Return how many first-hit rays a pixel gets by what it shows.
+def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False, moves: bool = True) -> Any:
+    """Return how many primary rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
-        sight: what they see.
-        kept: whether light is kept on surfaces.
+        primary_setup: what they see.
+        cached: whether light is cached on surfaces.
         moves: whether shadows may move over these.
     """
-    looks: Any = Looks()
-    looks.most, looks.pixel = first_hit_rays, wp.vec2(*sight.pixel)
-    looks.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
-    if kept and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
-        looks.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
-    if first_hit_rays >= _ENOUGH_TO_LOOK_CLOSER:
-        looks.at_event = min((_AT_EVENT_KEPT if kept else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
-    looks.few_ask = kept and first_hit_rays < _ENOUGH_TO_ASK
-    by_root = _IN_SHADOW_STILL if kept and not moves else _IN_SHADOW
-    looks.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
-    if sight.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
-        beside_corners = first_hit_rays // 4 if sight.lamps else first_hit_rays
-        looks.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
-        looks.by_edge = first_hit_rays // 3
-        looks.steps = (first_hit_rays - 1).bit_length()
-        looks.texels = 4 * first_hit_rays
-    return looks
+    primary_rays: Any = PrimaryRays()
+    primary_rays.most, primary_rays.pixel = first_hit_rays, wp.vec2(*primary_setup.pixel)
+    primary_rays.inside = min(max(_INSIDE, first_hit_rays // 8), first_hit_rays)
+    if cached and first_hit_rays >= _ENOUGH_FOR_CONTRAST:
+        primary_rays.at_contrast = min(_AT_CONTRAST * first_hit_rays, _MOST_COUNT)
+    if first_hit_rays >= _ENOUGH_TO_REFINE:
+        primary_rays.at_event = min((_AT_EVENT_CACHED if cached else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
+    primary_rays.few_ask = cached and first_hit_rays < _ENOUGH_TO_ASK
+    by_root = _IN_SHADOW_STILL if cached and not moves else _IN_SHADOW
+    primary_rays.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
+    if primary_setup.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
+        beside_corners = first_hit_rays // 4 if primary_setup.lamps else first_hit_rays
+        primary_rays.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)
+        primary_rays.by_edge = first_hit_rays // 3
+        primary_rays.steps = (first_hit_rays - 1).bit_length()
+        primary_rays.texels = 4 * first_hit_rays
+    return primary_rays
 
 
 def largest_around(values: Any, room: Any) -> Any:
@@ -139,25 +139,31 @@ def largest_around(values: Any, room: Any) -> Any:
 
 
 class MapReader:
-    """Spends by interest maps, which it finds on a board, and counts what its frames took.
+    """The base of sample allocators: reads interest maps from a board, and counts what frames took.
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        first_hit_rays: first-hit rays traced so far.
+        first_hit_rays: primary rays traced so far.
         paths: paths traced so far.
     """
 
     def __init__(
-        self, width: int, height: int, effort: Effort, sight: Sight, board: InterestBoard | None, device: Any
+        self,
+        width: int,
+        height: int,
+        effort: Effort,
+        primary_setup: PrimarySetup,
+        board: InterestBoard | None,
+        device: Any,
     ) -> None:
         """Begin before the first frame."""
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0
-        self._sight, self._board = sight, board
+        self._primary_setup, self._board = primary_setup, board
         self._number = 0
         self._index = -1
-        self._anew = True
+        self._restarts = True
         self._grades = np.zeros((height, width), dtype=np.uint8)
         self._padded = np.zeros((height + 2, width + 2), dtype=np.uint8)
         self._spent: Any = wp.zeros((2, width * height), dtype=wp.int32, device=device)
@@ -176,28 +182,28 @@ class MapReader:
 
 
 class Steerer(MapReader):
-    """Decides from interest maps which pixels of a frame get how many samples."""
+    """The sample allocator: decides from interest maps which pixels of a frame get how many samples."""
 
     def __init__(
         self,
         width: int,
         height: int,
         effort: Effort,
-        sight: Sight,
+        primary_setup: PrimarySetup,
         board: InterestBoard | None,
         device: Any,
         *,
-        looks_closer: bool = True,
+        refines: bool = True,
     ) -> None:
-        """Allocate what is kept from frame to frame.
+        """Allocate the state from frame to frame.
 
-        Where it never ``looks_closer``, a pixel is seen by as many rays in each frame, and between frames.
+        Where it never ``refines``, a pixel is seen by as many rays in each frame, and between frames.
         """
-        super().__init__(width, height, effort, sight, board, device)
+        super().__init__(width, height, effort, primary_setup, board, device)
         pixels = width * height
         self._before = effort
-        self._looks_closer = looks_closer
-        self._closer, self._moves = np.zeros((2, height, width), dtype=np.bool_)
+        self._refines = refines
+        self._refined, self._moves = np.zeros((2, height, width), dtype=np.bool_)
         self._device_grades: Any = wp.zeros(pixels, dtype=wp.uint8, device=device)
         self._irradiance: Any = wp.zeros(pixels, dtype=wp.vec3, device=device)
         self._correction: Any = wp.zeros((GRADES, pixels), dtype=wp.vec3, device=device)
@@ -205,7 +211,7 @@ class Steerer(MapReader):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What the kernel takes beside the scene and the frame; ``steering`` changes with each frame."""
+        """Arguments of the kernel without the scene and the frame; ``steering`` changes with each frame."""
         return {
             "steering": Steering(),
             "grades": self._device_grades,
@@ -222,16 +228,16 @@ class Steerer(MapReader):
         """
         effort = self.effort
         steering: Any = Steering()
-        steering.looks = looks_of(effort.first_hit_rays, self._sight)
-        steering.every, steering.turn = effort.every, self._number
+        steering.primary_rays = primary_rays_for(effort.first_hit_rays, self._primary_setup)
+        steering.every, steering.phase = effort.every, self._number
         steering.probe, steering.top = effort.probe_spp, effort.top
         # Where all get the same there is nothing to ask, and maybe nobody who answers.
         board = self._board if effort.probe_spp < effort.spp or effort.every > 1 else None
-        if index <= self._index or self._anew:
-            # Nothing that was kept tells of this frame.
+        if index <= self._index or self._restarts:
+            # No earlier state tells of this frame.
             self._before = effort
             self._grades.fill(GRADES + 1)
-            self._closer.fill(self._looks_closer and board is not None)
+            self._refined.fill(self._refines and board is not None)
             self._correction.zero_()
             self._known.zero_()
         else:
@@ -240,22 +246,22 @@ class Steerer(MapReader):
                 self._grades.fill(0)
             else:
                 self._grade(interest, effort.top)
-                if self._looks_closer:
+                if self._refines:
                     # What stands still goes on being seen by the same rays.
                     np.not_equal(interest.change, 0, out=self._moves)
-                    np.greater(self._grades, 0, out=self._closer, where=self._moves)
-        np.bitwise_or(self._grades, CLOSER, out=self._grades, where=self._closer)
+                    np.greater(self._grades, 0, out=self._refined, where=self._moves)
+        np.bitwise_or(self._grades, REFINED, out=self._grades, where=self._refined)
         wp.copy(self._device_grades, wp.array(self._grades.reshape(-1), dtype=wp.uint8, device="cpu", copy=False))
         before = self._before
         if (before.probe_spp, before.spp) != (effort.probe_spp, effort.spp):
             steering.before = before.probe_spp
-        self._before, self._index, self._anew = effort, index, False
+        self._before, self._index, self._restarts = effort, index, False
         self._number += 1
         return {"steering": steering}, effort.spp
 
     def forget(self) -> None:
         """Trace all paths in the next frame, and keep nothing of earlier ones: the light is another one."""
-        self._anew = True
+        self._restarts = True
         self._irradiance.zero_()
 
     def _grade(self, interest: InterestMap, top: int) -> None:

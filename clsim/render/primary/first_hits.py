@@ -1,13 +1,12 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: UP018, SIM102, RUF046
-"""What a pixel shows, from rays that look for the first hit alone.
+"""Primary rays: what a pixel shows, by the first hits alone.
 
 Rays at a pixel's four corners come first. A straight edge of something that is larger than a pixel leaves at least one
-corner on each of its sides; so where all four corners look alike, and a few rays inside do too, the pixel shows one
-thing. Where they show two, the places at which the edge crosses the pixel's border are found by bisection, and the
+corner on each of its sides; so where all four corners see the same, and a few rays inside do too, the pixel shows one
+surface. Where they show two, the places at which the edge crosses the pixel's border are found by bisection, and the
 share of each side is an area in closed form: k rays place a crossing to 2⁻ᵏ of a pixel, where counting n points
 anywhere in the pixel is right to about n^-¾. Rays inside tell the colours of both sides, and whether the edge is
-straight. Where it is not, or more than two things are seen, shares are counted.
+straight. Where it is not, or more than two surfaces are seen, shares are counted.
 
 An edge is one between surfaces, or, on one surface, between two colours. Where a pixel shows one flat surface with a
 texture, no rays are needed to know its colour: the places on it follow from those of the corners (perspective is linear
@@ -19,9 +18,19 @@ from typing import Any
 import warp as wp
 
 from clsim.render.camera.film import Sample
-from clsim.render.primary.corners import centre_thing, footprint_of, on_flat_surface
+from clsim.render.primary.corners import centre_surface, footprint_of, on_flat_surface
 from clsim.render.primary.edges import Edge, is_sound, make_judge, narrow, next_side, off_line, on_side
 from clsim.render.primary.lamp_light import AT_ANY, AT_NONE, same_light
+from clsim.render.primary.seen_surfaces import (
+    DARK,
+    SeenSurface,
+    add_to_surface,
+    begin_surface,
+    find_surface,
+    finish_surfaces,
+    resume_surfaces,
+    same_colour,
+)
 from clsim.render.primary.shadow_rays import (
     MOST_TOLD,
     Shadow,
@@ -30,16 +39,6 @@ from clsim.render.primary.shadow_rays import (
     next_that_differs,
     off_straight,
     straight,
-)
-from clsim.render.primary.things import (
-    DARK,
-    Thing,
-    add_to_thing,
-    begin_thing,
-    find_thing,
-    finish_things,
-    go_on_with_things,
-    same_colour,
 )
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler, reverse_bits
@@ -52,20 +51,20 @@ _CORNER = wp.constant(-3)
 
 
 @wp.struct
-class Looks:
-    """How many first-hit rays a pixel gets.
+class PrimaryRays:
+    """The numbers of primary rays that a pixel gets, by what it shows.
 
     Attributes:
         most: largest number.
-        inside: rays inside a pixel that shows one thing.
+        inside: rays inside a pixel that shows one surface.
         by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
-        steps: rays that place each crossing of an edge; 0 counts shares without looking at corners.
+        steps: rays that place each crossing of an edge; 0 counts shares without rays at corners.
         in_shadow: largest number where lamps light a part of what is seen.
         texels: places on a flat surface at which its texture is looked up.
         pixel: how wide a pixel is (`pixel_width.py`).
-        at_contrast: largest number where things are of very different brightness; up to ``most`` for no more.
+        at_contrast: largest number where surfaces are of very different brightness; up to ``most`` for no more.
         at_event: largest number near an event, where shares are counted.
-        few_ask: whether two of a pixel's corners ask the lamps, instead of all four.
+        few_ask: whether two of a pixel's corners trace shadow rays, instead of all four.
     """
 
     most: int
@@ -82,14 +81,14 @@ class Looks:
 
 @wp.struct
 class Seen:
-    """How many things a pixel shows, and how many rays it took, of which some looked ``inside``.
+    """How many surfaces a pixel shows, and how many rays it took, of which some were ``inside``.
 
-    ``counted`` is whether shares are counted by them, ``by_colour`` whether colours of one surface are things.
+    ``counted`` is whether shares are counted by them, ``by_colour`` whether each colour of a surface counts as one.
     ``shadow`` tells which of the latter reached the lamps, where it shows one triangle; where that is plain without
     them, they are 0, and its first bit is for all of the pixel.
     """
 
-    things: int
+    surfaces: int
     rays: int
     inside: int
     counted: bool
@@ -114,22 +113,22 @@ def _rim_of(corner: int, width: int, few_ask: bool) -> int:
 
 
 @wp.func
-def _wanted_inside(edge: Edge, looks: Looks) -> int:
-    """Return how many rays look inside a pixel, by what is known of it so far."""
-    wanted = wp.max(looks.most - edge.rays, _COUNTED)
+def _wanted_inside(edge: Edge, primary_rays: PrimaryRays) -> int:
+    """Return how many rays a pixel gets inside, by what is known of it so far."""
+    wanted = wp.max(primary_rays.most - edge.rays, _COUNTED)
     if edge.plain or edge.flat:
-        wanted = wp.where(edge.whole, 0, looks.inside)
+        wanted = wp.where(edge.whole, 0, primary_rays.inside)
     if edge.straight and not edge.varied:
-        wanted = looks.by_edge
-    wanted = wp.min(wanted, looks.most)
+        wanted = primary_rays.by_edge
+    wanted = wp.min(wanted, primary_rays.most)
     if edge.shaded:
-        wanted = wp.max(wanted, looks.in_shadow - edge.rays)
+        wanted = wp.max(wanted, primary_rays.in_shadow - edge.rays)
     return wanted
 
 
 @wp.func
 def _take_in(
-    things: wp.array(dtype=Thing),
+    surfaces: wp.array(dtype=SeenSurface),
     number: int,
     edge: Edge,
     sample: Sample,
@@ -142,7 +141,7 @@ def _take_in(
     """Add what a ray inside a pixel saw, and judge by it what the ``corner`` and the others told.
 
     Returns:
-        The edge, and the number of things.
+        The edge, and the number of surfaces.
     """
     after = edge
     known = number
@@ -151,25 +150,25 @@ def _take_in(
         after.flat = on_flat_surface(footprint, corner, sample, place, pixel)
         after.plain = after.plain and after.flat
     if not after.flat:
-        k = find_thing(things, known, sample, after.by_colour, pixel)
+        k = find_surface(surfaces, known, sample, after.by_colour, pixel)
     if k < 0:
         after.plain = after.plain and known == 0
         after.straight = False
         if k == -1:
-            known = begin_thing(things, known, sample)
+            known = begin_surface(surfaces, known, sample)
             k = known - 1
         else:
             k = -2 - k
-    elif after.straight and not same_colour(sample, things[k].first):
+    elif after.straight and not same_colour(sample, surfaces[k].first):
         after.varied = True
     if after.straight:
         after.straight = not off_line(after.place, after.along, place, k == 0)
-    after.shaded = after.shaded or not same_light(sample, things[k].first)
-    add_to_thing(things, k, sample, coats)
+    after.shaded = after.shaded or not same_light(sample, surfaces[k].first)
+    add_to_surface(surfaces, k, sample, coats)
     return after, known
 
 
-def make_look(
+def make_sample_primary(
     sobol: bool,
     edges: bool,
     coats: bool,
@@ -177,30 +176,29 @@ def make_look(
     shoot_at: Any,
     flat: Any,
     mean_albedo: Any | None,
-    light_things: Any | None,
+    light_surfaces: Any | None,
     wide_lamps: bool,
     scene_type: Any,
     view_type: Any,
     settings_type: Any,
 ) -> Any:
-    """Return the Warp function ``look``.
+    """Return the Warp function ``sample_primary``.
 
-    ``look(scene, camera, settings, pixel, instant, state, looks, corner, corners, nearest, row, before, shadows,
-    things)`` returns `Seen`. It looks at a pixel where ``corner`` is -1. It needs what its corners see first: the top
-    left one's stands in ``corners[nearest]``, and those below ``row`` farther on. With the number of a corner, of which
-    there is one more in a row than there are pixels, it looks through that one alone, and writes what it sees to
-    ``corners[nearest]``. Where shares are ``counted`` in what a look with fewer rays had ``before``, it goes on from
-    there.
+    ``sample_primary(scene, camera, settings, pixel, instant, state, primary_rays, corner, corners, nearest, row,
+    before, shadows, surfaces)`` returns `Seen`. It samples a pixel where ``corner`` is -1, and needs what its corners
+    see first: the top left one's is in ``corners[nearest]``, and those below ``row`` farther on. With the number of a
+    corner, of which there is one more in a row than there are pixels, it samples that one alone, and writes what it
+    sees to ``corners[nearest]``. Where shares are ``counted`` in what fewer rays saw ``before``, it goes on from there.
 
     Args:
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
-        coats: whether some things have a coat whose light is kept apart.
-        shadow_rays: whether it is told which rays reached the lamps, and ``shadows`` tell it of the frames around.
+        coats: whether some surfaces have a coat, whose light the cache holds separately.
+        shadow_rays: whether it records which rays reached the lamps, and ``shadows`` tell it of the frames around.
         shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width) -> Sample``.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
-        light_things: adds light straight from lamps to things (``lamp_light.py``); None where paths find it.
+        light_surfaces: adds analytic direct light to surfaces (``lamp_light.py``); None where paths find it.
         wide_lamps: whether some of these lamps have a size.
         scene_type, view_type, settings_type: structs of the first three.
     """
@@ -208,13 +206,15 @@ def make_look(
     judge_corners = make_judge(flat, wide_lamps, scene_type, settings_type)
 
     @wp.func
-    def paint(scene: scene_type, things: wp.array(dtype=Thing), corner: Sample, footprint: Footprint, texels: int):
-        """Give the one thing that a pixel shows the mean albedo of its texture."""
+    def paint(
+        scene: scene_type, surfaces: wp.array(dtype=SeenSurface), corner: Sample, footprint: Footprint, texels: int
+    ):
+        """Give the one surface that a pixel shows the mean albedo of its texture."""
         like = corner
         if wp.static(coats):
-            like.coat = things[0].coat
+            like.coat = surfaces[0].coat
         albedo = mean_albedo(scene, like, footprint, texels)
-        things[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
+        surfaces[0].albedo = wp.vec3(wp.max(albedo[0], DARK), wp.max(albedo[1], DARK), wp.max(albedo[2], DARK))
 
     # Both are called from one place, where the compiler puts them whole.
     @wp.func(inline=True)
@@ -223,15 +223,15 @@ def make_look(
         camera: view_type,
         settings: settings_type,
         instant: int,
-        looks: Looks,
+        primary_rays: PrimaryRays,
         corner: int,
         corners: wp.array(dtype=Sample),
         nearest: int,
         row: int,
         before: Seen,
-        things: wp.array(dtype=Thing),
+        surfaces: wp.array(dtype=SeenSurface),
     ) -> tuple[Edge, Footprint, int]:
-        """Return what the corners, or the look ``before``, tell of the edge, and the number of things so far."""
+        """Return what the corners, or the rays ``before``, tell of the edge, and the number of surfaces so far."""
         number = int(0)
         footprint = Footprint()
         edge = Edge()
@@ -239,26 +239,28 @@ def make_look(
         edge.by_colour = True
         edge.side = 4
         if wp.static(edges):
-            if looks.steps > 0 and corner < 0 and not before.counted:
-                edge = judge_corners(scene, settings, looks.pixel, camera.smallest_m[instant], corners, nearest, row)
+            if primary_rays.steps > 0 and corner < 0 and not before.counted:
+                edge = judge_corners(
+                    scene, settings, primary_rays.pixel, camera.smallest_m[instant], corners, nearest, row
+                )
                 if edge.flat:
-                    footprint = footprint_of(corners, nearest, row, looks.pixel)
+                    footprint = footprint_of(corners, nearest, row, primary_rays.pixel)
                 if edge.plain or edge.flat:
-                    number = begin_thing(things, number, corners[nearest])
+                    number = begin_surface(surfaces, number, corners[nearest])
                 if edge.straight:
-                    edge = next_side(edge, 0, looks.steps)
+                    edge = next_side(edge, 0, primary_rays.steps)
         if before.counted:
             edge.plain = False
             edge.by_colour = before.by_colour
             edge.rays = before.rays - before.inside
-            number = before.things
-            go_on_with_things(things, number)
+            number = before.surfaces
+            resume_surfaces(surfaces, number)
         return edge, footprint, number
 
     @wp.func(inline=True)
     def finish(
         scene: scene_type,
-        looks: Looks,
+        primary_rays: PrimaryRays,
         instant: int,
         corner: int,
         corners: wp.array(dtype=Sample),
@@ -272,61 +274,61 @@ def make_look(
         shadows: Shadows,
         more_light: float,
         shadow: Shadow,
-        things: wp.array(dtype=Thing),
+        surfaces: wp.array(dtype=SeenSurface),
     ) -> Seen:
-        """Give the things their shares, and what is known of them without rays."""
-        finish_things(things, number, edge.straight, edge.area, wp.static(coats))
-        # Where no ray looked inside, the corners tell all.
-        if (edge.plain or edge.flat) and looks.steps > 0 and corner < 0:
-            if inside == 0 or wp.static(light_things is not None):
-                centre_thing(things, corners, nearest, row, wp.static(coats))
+        """Give the surfaces their shares, and what is known of them without rays."""
+        finish_surfaces(surfaces, number, edge.straight, edge.area, wp.static(coats))
+        # Where no ray was inside, the corners tell all.
+        if (edge.plain or edge.flat) and primary_rays.steps > 0 and corner < 0:
+            if inside == 0 or wp.static(light_surfaces is not None):
+                centre_surface(surfaces, corners, nearest, row, wp.static(coats))
         if wp.static(edges and mean_albedo is not None):
             if edge.flat:
-                paint(scene, things, corners[nearest], footprint, looks.texels)
+                paint(scene, surfaces, corners[nearest], footprint, primary_rays.texels)
         seen = Seen()
         if wp.static(shadow_rays):
             if told:
                 most = straight(shadows, shadows.before.lamp_all, shadows.after.lamp_all)
                 lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light
-                things[0].lamp_all = most
-                things[0].lamp_lit = wp.clamp(lit, 0.0, most)
+                surfaces[0].lamp_all = most
+                surfaces[0].lamp_lit = wp.clamp(lit, 0.0, most)
             elif inside <= MOST_TOLD:
                 seen.shadow = shadow
                 seen.shadow.rays = wp.where(edge.shaded, inside, 0)
-                seen.shadow.lamp_all = things[0].lamp_all
-                seen.shadow.lamp_lit = things[0].lamp_lit
+                seen.shadow.lamp_all = surfaces[0].lamp_all
+                seen.shadow.lamp_lit = surfaces[0].lamp_lit
                 if not edge.shaded:
-                    seen.shadow.lit_rays = wp.uint64(wp.where(things[0].lamp_lit > 0.0, 1, 0))
-        if wp.static(light_things is not None):
-            light_things(scene.lights, scene.geometry, scene.materials, things, number, float(instant))
-        seen.things = number
+                    seen.shadow.lit_rays = wp.uint64(wp.where(surfaces[0].lamp_lit > 0.0, 1, 0))
+        if wp.static(light_surfaces is not None):
+            light_surfaces(scene.lights, scene.geometry, scene.materials, surfaces, number, float(instant))
+        seen.surfaces = number
         seen.rays = edge.rays + inside
         seen.inside = inside
         seen.by_colour = edge.by_colour
         seen.counted = number > 1 and not edge.straight
         return seen
 
-    # It too: kept apart, the scene would be copied for each pixel.
+    # Inlined too: a function of its own would copy the scene for each pixel.
     @wp.func(inline=True)
-    def look(
+    def sample_primary(
         scene: scene_type,
         camera: view_type,
         settings: settings_type,
         pixel: int,
         instant: int,
         state: wp.uint64,
-        looks: Looks,
+        primary_rays: PrimaryRays,
         corner: int,
         corners: wp.array(dtype=Sample),
         nearest: int,
         row: int,
         before: Seen,
         shadows: Shadows,
-        things: wp.array(dtype=Thing),
+        surfaces: wp.array(dtype=SeenSurface),
     ) -> Seen:
         stream = sampling.Stream()
         edge, footprint, number = begin(
-            scene, camera, settings, instant, looks, corner, corners, nearest, row, before, things
+            scene, camera, settings, instant, primary_rays, corner, corners, nearest, row, before, surfaces
         )
         inside = int(before.inside)
         # Where it is told, only rays are traced that differ between the frames around; they find so much more light.
@@ -338,7 +340,7 @@ def make_look(
             if edge.alone and (edge.plain or edge.flat):
                 shadow.triangle = corners[nearest].triangle
                 told = edge.shaded and are_told(shadows, shadow.triangle)
-        # One place where rays are traced, whatever they are for: the tracer is compiled into each such place anew.
+        # One place where rays are traced, whatever they are for: the tracer is compiled into each such place again.
         while True:
             at = int(pixel)
             places = edge.side < 4
@@ -355,25 +357,25 @@ def make_look(
                     place = on_side(edge, edge.low + edge.step)
             if corner < 0 and not places:
                 if wp.static(shadow_rays):
-                    if told and (edge.whole or inside >= looks.inside):
+                    if told and (edge.whole or inside >= primary_rays.inside):
                         differs = next_that_differs(shadows, inside)
                         skipped = skipped + differs - inside
                         inside = differs
-                if inside >= wp.where(told, shadows.before.rays, _wanted_inside(edge, looks)):
+                if inside >= wp.where(told, shadows.before.rays, _wanted_inside(edge, primary_rays)):
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
                     stream.reversed_index = reverse_bits(wp.uint32(inside))
                 stream.key = sampling.stream_key(sampling.absorb(state, inside))
                 place = uniform2(stream, sampling.CAMERA)
-            # Where the corners tell of one thing, and of its light, rays inside need not ask for that again.
-            asked = looks.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
+            # Where the corners tell of one surface, and of its light, rays inside need no shadow rays.
+            asked = primary_rays.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
             to_lamps = wp.where(places or asked, AT_NONE, AT_ANY)
             if wp.static(edges):
                 if corner >= 0:
-                    to_lamps = _rim_of(corner, settings.width, looks.few_ask)
-            # Rays inside a pixel that shows many things share its area, and so the textures in it.
-            width = looks.pixel / wp.sqrt(float(looks.most))
+                    to_lamps = _rim_of(corner, settings.width, primary_rays.few_ask)
+            # Rays inside a pixel that shows many surfaces share its area, and so the textures in it.
+            width = primary_rays.pixel / wp.sqrt(float(primary_rays.most))
             if corner >= 0 or places or edge.flat:
                 width = wp.vec2()
             sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
@@ -382,16 +384,16 @@ def make_look(
                     corners[nearest] = sample
                     break
             if places:
-                edge = narrow(edge, sample, corners, nearest, looks.pixel, looks.steps)
+                edge = narrow(edge, sample, corners, nearest, primary_rays.pixel, primary_rays.steps)
                 if edge.side >= 4 and edge.straight:
-                    number = begin_thing(things, number, corners[nearest])
-                    number = begin_thing(things, number, corners[edge.second])
+                    number = begin_surface(surfaces, number, corners[nearest])
+                    number = begin_surface(surfaces, number, corners[edge.second])
             else:
                 if wp.static(shadow_rays):
                     if sample.triangle != shadow.triangle:
                         shadow.triangle = 0
                         if told:
-                            # Something else came over the pixel: all rays are to look.
+                            # Something else came over the pixel: all rays are needed.
                             told = False
                             skipped = 0
                             inside = 0
@@ -403,12 +405,12 @@ def make_look(
                 inside = inside + 1
                 if is_sound(sample) and not told:
                     edge, number = _take_in(
-                        things, number, edge, sample, place, footprint, corners[nearest], looks.pixel, coats
+                        surfaces, number, edge, sample, place, footprint, corners[nearest], primary_rays.pixel, coats
                     )
         seen = finish(
-            scene, looks, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number, told,
-            shadows, more_light, shadow, things,
+            scene, primary_rays, instant, corner, corners, nearest, row, edge, footprint, inside - skipped, number,
+            told, shadows, more_light, shadow, surfaces,
         )  # fmt: skip
         return seen
 
-    return look
+    return sample_primary

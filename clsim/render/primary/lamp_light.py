@@ -1,11 +1,10 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018, RUF046
-"""Light straight from lamps on what a pixel shows, without noise where nothing stands between, as Warp functions.
+"""Analytic direct light of lamps on the surfaces of a pixel, multiplied by its traced visibility, as Warp functions.
 
 What a few lamps would send to a diffuse surface if nothing stood between is known in closed form: Lambert's formula for
 polygons (1760), for spheres the one of Snyder (Area Light Sources for Real-Time Graphics, 1996). Only which share of it
 arrives is found by rays: Σ V·f / Σ f over places on the lamps, where V is whether the way is free and f what comes from
-there (Heitz, Hill, McGuire, Combining Analytic Direct Illumination and Stochastic Shadows, I3D 2018). First-hit rays
+there (Heitz, Hill, McGuire, Combining Analytic Direct Illumination and Stochastic Shadows, I3D 2018). Primary rays
 end with one such way each. Where all that a pixel sees of a surface is lit, or all is dark, the share is exact.
 
 Paths that begin there leave that light out.
@@ -21,7 +20,7 @@ from clsim.render.emitters.environment import STEP
 from clsim.render.emitters.lights import Lights, sphere_cone
 from clsim.render.emitters.punctual import make_punctual
 from clsim.render.features.features import Features
-from clsim.render.primary.things import Thing
+from clsim.render.primary.seen_surfaces import SeenSurface
 from clsim.render.sampling.sampling import angle_of
 
 _SMALL = wp.constant(1.0e-4)
@@ -125,9 +124,9 @@ def triangle_irradiance(a: wp.vec3, b: wp.vec3, c: wp.vec3, normal: wp.vec3) -> 
 
 
 def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
-    """Return the Warp function ``light_things(lights, geometry, materials, things, number, time)``.
+    """Return the Warp function ``light_surfaces(lights, geometry, materials, surfaces, number, time)``.
 
-    It adds to the ``emission`` of each thing that a pixel shows what light straight from lamps it reflects.
+    It adds to the ``emission`` of each surface of a pixel the direct light that it reflects.
     ``on_lamp`` is of `make_lights`, which takes the same ``shining``.
     """
     sphere_at = make_sphere_at(features)
@@ -191,27 +190,32 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
         return total / wp.pi
 
     @wp.func
-    def light_things(
-        lights: Lights, geometry: Geometry, materials: Any, things: wp.array(dtype=Thing), number: int, time: float
+    def light_surfaces(
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        surfaces: wp.array(dtype=SeenSurface),
+        number: int,
+        time: float,
     ):
         share = float(0.0)
         for k in range(number):
-            first = things[k].first
+            first = surfaces[k].first
             if first.lamp:
-                lit = things[k].lamp_lit
-                most = things[k].lamp_all
+                lit = surfaces[k].lamp_lit
+                most = surfaces[k].lamp_all
                 if most <= 0.0:
                     lit = first.lamp_lit
                     most = first.lamp_all
                 if most <= 0.0:
-                    # Nothing was asked here: as much as of the thing before arrives.
+                    # No shadow ray started here: the visibility is that of the surface before.
                     lit = share
                     most = 1.0
                 share = lit / most
                 if lit > 0.0:
-                    normal = wp.normalize(things[k].normal)
-                    light = lamp_light(lights, geometry, materials, things[k].position, normal, time)
-                    things[k].from_lamps = wp.cw_mul(things[k].albedo, light) * (lit / most)
-                    things[k].emission += things[k].from_lamps
+                    normal = wp.normalize(surfaces[k].normal)
+                    light = lamp_light(lights, geometry, materials, surfaces[k].position, normal, time)
+                    surfaces[k].from_lamps = wp.cw_mul(surfaces[k].albedo, light) * (lit / most)
+                    surfaces[k].emission += surfaces[k].from_lamps
 
-    return light_things
+    return light_surfaces

@@ -1,4 +1,4 @@
-"""Which rays of a pixel in a soft shadow reach the lamps, as Warp functions: kept from frame to frame.
+"""Shadow rays of pixels in soft shadows: which reach the lamps, remembered from frame to frame, as Warp functions.
 
 Such a pixel shows one triangle, and each of its rays has the same place in the pixel and on a lamp in every frame.
 While the camera goes on by a pixel, most of them stay lit, or stay dark. So between two frames only those rays are

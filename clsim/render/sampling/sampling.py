@@ -91,7 +91,7 @@ def uniform_of(word: wp.uint64, index: int) -> float:
 
 @wp.struct
 class Stream:
-    """The random numbers of one sample: ``key`` for independent ones, the next two for Sobol's sequence.
+    """A sampler's state, the random numbers of one sample: ``key`` for independent ones, the next two for Sobol's.
 
     ``row`` is the number of a stored path (`stored_paths.py`).
     """

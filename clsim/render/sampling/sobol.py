@@ -1,10 +1,10 @@
 """Owen-scrambled Sobol points, as Warp functions.
 
 Each pair of dimensions takes the first two dimensions of Sobol's sequence, the order of its points and their
-coordinates scrambled anew ("padding"; Burley, Practical Hash-based Owen Scrambling, JCGT 9(4), 2020). The second one's
-generator matrix is Pascal's triangle modulo 2, whose product with a number takes five steps. The hash in which a bit
-depends on lower bits alone is Laine and Karras's (EGSR 2011) with the constants of Vegdahl ("Building a Better LK
-Hash", 2021).
+coordinates scrambled independently ("padding"; Burley, Practical Hash-based Owen Scrambling, JCGT 9(4), 2020). The
+second one's generator matrix is Pascal's triangle modulo 2, whose product with a number takes five steps. The hash in
+which a bit depends on lower bits alone is Laine and Karras's (EGSR 2011) with the constants of Vegdahl ("Building a
+Better LK Hash", 2021).
 """
 
 from typing import Any

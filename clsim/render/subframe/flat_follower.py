@@ -1,4 +1,4 @@
-"""Host side of flat_pixels.py: what pixels reflect that show one flat surface, at any time of a step."""
+"""Host side of flat_pixels.py: the light of pixels that show one flat surface, at any time of a step."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018, RUF046
-"""What pixels reflect that show one flat, textured surface while the camera moves, at any time, as Warp kernels.
+"""Flat pixels, which show one flat, textured surface while the camera moves: their light at any time, as Warp kernels.
 
-What a ray at a pixel's corner meets on a plane that does not move is known without looking for it. So the corners of a
+What a ray at a pixel's corner meets on a plane that does not move is known without tracing it. So the corners of a
 frame tell for each of them where it lies on the surface at a few instants of a step; in between that place is a
 polynomial in time. The mean of the texture between four corners is the pixel's albedo. Light is known at both ends of
 the step, and goes straight between. Both are multiplied at as many times as it takes until lines between them will do.
@@ -20,7 +19,7 @@ from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.primary.corners import make_flat_surfaces
-from clsim.render.primary.things import DARK
+from clsim.render.primary.seen_surfaces import DARK
 from clsim.render.surfaces.materials import make_materials
 from clsim.render.textures.checkerboards import square_shown
 from clsim.render.textures.texture_data import Footprint, uv_in
@@ -35,7 +34,7 @@ _COEFFICIENTS = wp.types.matrix(shape=(INSTANTS, INSTANTS), dtype=wp.float32)(
 """From what a polynomial is at the instants of a step to its coefficients, from the constant one on."""
 _INSTANTS, _MOST_KNOTS = wp.constant(INSTANTS), wp.constant(MOST_KNOTS)
 _STRIDE = wp.constant(4)
-"""Corners from which a surface's uv are read lie so far apart, where it reaches so far: float32 asks for it."""
+"""Distance between the corners from which a surface's uv are read, where it reaches so far: float32 asks for it."""
 _DEPTH = 18
 _DEEPEST = wp.constant(_DEPTH - 1)
 """How often a step is halved."""

@@ -1,6 +1,5 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102
-"""Where on the image things go in a step of time, as Warp kernels, by single rays.
+"""The motion field: where on the image surfaces go in a step of time, by single rays, as Warp kernels.
 
 What the ray meets is carried to the other instant by its instance's motion, and projected there; unless the camera is a
 pinhole or orthographic, by Newton's method on its rays, so that every lens has its projection. On what deforms it goes
@@ -22,7 +21,7 @@ _ITERATIONS = wp.constant(4)
 _NEAR_PX = wp.constant(0.002)
 """After so small a step of Newton's method the next one would be below 10⁻⁴ pixels."""
 _FARTHEST = wp.constant(4.0)
-"""Widths of the picture beyond which it does not matter where things are."""
+"""Widths of the picture beyond which it does not matter where surfaces are."""
 _SKY_M = wp.constant(1.0e6)
 FRACTIONS = 256
 """Into how many parts a pixel is divided where lengths of ways are compared."""
@@ -32,9 +31,9 @@ _LONGEST_PX = wp.constant(4000.0)
 
 @one_at_a_time
 def build_motion_field(features: Features, tree: Tree) -> Any:
-    """Return the kernel ``follow(scene, camera, settings, blocks, apart, start, at, seen, places, out_ways)``.
+    """Return the kernel ``follow(scene, camera, settings, blocks, spacing, start, at, seen, places, out_ways)``.
 
-    A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``apart`` pixels wide and
+    A thread is ``blocks`` blocks: on a CPU arguments are copied for each thread. A block is ``spacing`` pixels wide and
     high, and one pixel of it is followed: the first, or in every other block, as on a chessboard, the last, so that no
     line slips through. It sees at instant ``start``, 0 or 1, at the place ``at`` of the pixel's square, 0 to 1 each.
     ``places``, vec4 of each block, is where that is by the other instant, and 1, or 0 where the lens sees nothing; they
@@ -77,13 +76,13 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         """Return where a pinhole without distortion sees a place."""
         image = camera.images[instant]
         way = wp.inverse(wp.transpose(image)) * (place - camera.positions[instant])
-        # What is behind the camera is as far away as what is beside it.
+        # What is behind the camera counts as far away as what is at its side.
         at = wp.vec2(way[0], way[1])
         return at / wp.max(way[2], wp.length(at) / (_FARTHEST * float(width)))
 
     @wp.func
     def searched(camera: CameraState, place: wp.vec3, instant: int, near: wp.vec2, width: int) -> wp.vec2:
-        """Return where a lens sees a place, looking for it from another place of the image on."""
+        """Return where a lens sees a place, by a search that begins at another place of the image."""
         at = near
         left = int(_ITERATIONS)
         while left > 0:
@@ -114,21 +113,21 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         camera: CameraState,
         settings: Settings,
         blocks: int,
-        apart: int,
+        spacing: int,
         start: int,
         at: wp.vec2,
         seen: bool,
         places: wp.array(dtype=wp.vec4),
         out_ways: wp.array(dtype=wp.vec2),
     ):
-        columns = (settings.width + apart - 1) // apart
+        columns = (settings.width + spacing - 1) // spacing
         begin = wp.tid() * blocks
         for block in range(begin, wp.min(begin + blocks, out_ways.shape[0])):
             column = block % columns
             row = block // columns
-            within = ((column + row) & 1) * (apart - 1)
-            x = float(column * apart + within) + at[0]
-            y = float(row * apart + within) + at[1]
+            within = ((column + row) & 1) * (spacing - 1)
+            x = float(column * spacing + within) + at[0]
+            y = float(row * spacing + within) + at[1]
             found = places[block]
             if not seen:
                 ray = camera_ray(camera, x, y, wp.vec2(), float(start))
@@ -156,21 +155,21 @@ def pass_over(
     ways: wp.array2d(dtype=wp.vec2),
     columns: int,
     rows: int,
-    apart: float,
+    spacing: float,
     out_longest: wp.array(dtype=wp.int64),
 ):
     """Tell each block of the longest way over it: its length in `FRACTIONS`, then the row and the block it is of.
 
-    A thread is a row of ``ways`` ``[R, rows·columns]`` and a block, which is ``apart`` pixels wide; bits of
+    A thread is a row of ``ways`` ``[R, rows·columns]`` and a block, which is ``spacing`` pixels wide; bits of
     ``out_longest`` ``[rows·columns]`` from 32 on hold the length, the others row · blocks + block.
     """
     row, block = wp.tid()
     way = ways[row, block]
     length = wp.min(wp.length(way), _LONGEST_PX)
-    steps = int(wp.ceil(length / apart))
+    steps = int(wp.ceil(length / spacing))
     key = (wp.int64(int(length * _FRACTIONS)) << wp.int64(32)) | wp.int64(row * columns * rows + block)
     for i in range(steps + 1):
-        share = float(i) / float(wp.max(steps, 1)) / apart
+        share = float(i) / float(wp.max(steps, 1)) / spacing
         x = int(wp.floor(float(block % columns) + 0.5 + way[0] * share))
         y = int(wp.floor(float(block // columns) + 0.5 + way[1] * share))
         if x >= 0 and x < columns and y >= 0 and y < rows:

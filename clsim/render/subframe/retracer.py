@@ -16,7 +16,7 @@ from clsim.render.camera.pixel_width import pixel_of
 from clsim.render.device.launch import Tiles, record, tile_size
 from clsim.render.options import RenderOptions
 from clsim.render.paths.integrator import build_kernel
-from clsim.render.primary.effort import Sight, looks_of
+from clsim.render.primary.effort import PrimarySetup, primary_rays_for
 from clsim.render.sampling.sampling import stream_state
 from clsim.render.scene_data import SceneData
 from clsim.render.subframe.flat_pixels import INSTANTS
@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 _MIDDLE = ((0.5, 0.5),)
 _FINE = ((0.125, 0.625), (0.375, 0.125), (0.625, 0.875), (0.875, 0.375))
 _RAYS_OF_A_PATH = 16
-"""First-hit rays at most that a pixel may get for what a path costs."""
-_STANDS = 4
-"""Stands of the camera from which is kept what is seen: those of the ends of a step and of its middle, and none."""
+"""Primary rays at most that a pixel may get for what a path costs."""
+_POSES_REMEMBERED = 4
+"""Camera poses of which the places seen are remembered: the ends of a step and its middle, and none."""
 _MOST_REQUESTS = 1 << 20
 """Requests of a launch, so that memory does not grow."""
 
@@ -41,14 +41,14 @@ class Retracer:
     """One camera's pixels, traced where and when somebody asks.
 
     A pixel has the same bits at a time as in the frame of that time, as far as its planes are here: of frames with
-    first-hit rays those that such rays find, and instead of radiance emission alone, unless light is kept on surfaces:
+    primary rays those that such rays find, and instead of radiance emission alone, unless light is cached on surfaces:
     then radiance is in the light of the last frame.
 
     Attributes:
         names: the planes.
         lit: whether radiance is whole; else it is emission alone.
         requests: how many were answered so far.
-        samples: paths, or first-hit rays, traced so far.
+        samples: paths, or primary rays, traced so far.
     """
 
     def __init__(
@@ -63,10 +63,10 @@ class Retracer:
         Args:
             data: what is rendered, with a place for each of several instants; nothing else moves it.
             options: how it is rendered; as for the frames.
-            view: returns what renders the frames: requests have its first-hit rays, and the light that it keeps on
-                surfaces. Where it does, it must be given.
+            view: returns what renders the frames: requests have its primary rays, and its radiance cache. Where there
+                is one, it must be given.
             by_frames: whether of rays in soft shadows only those are traced that differ between the frames around,
-                where light is kept at a pace: a pixel has its brightness to about 0.1 % then.
+                where light is cached at a pace: a pixel has its brightness to about 0.1 % then.
 
         Raises:
             InputError: frames have noise of their own, or the camera exposes for a while.
@@ -82,22 +82,22 @@ class Retracer:
         self.requests = self.samples = 0
         self._data, self._device = data, data.device
         self._first_hits = options.first_hit_rays
-        self._view, self._in_kept_light, self._by_frames = view, options.light_cache, by_frames
-        self.lit = self._in_kept_light or not self._first_hits
+        self._view, self._in_cached_light, self._by_frames = view, options.light_cache, by_frames
+        self.lit = self._in_cached_light or not self._first_hits
         self._features = features = options.features(data.features, camera, requests=True)
         self._shape = camera.height, camera.width
         self._follow: tuple[Any, Any, Any, Any] | None = None
-        self._stands: dict[bytes | None, Any] = {}
+        self._places_by_pose: dict[bytes | None, Any] = {}
         self._kernel = build_kernel(features, data.tree)
         smallest_m = data.smallest_m if self._first_hits else None
         self._camera = CameraData(camera, features, data.origin_m, self._device, smallest_m)
         self._settings: Any = settings_of(options, camera, data.world.sensor)
         self._settings.stream = stream_state(options.seed, None)
-        self._sight = Sight(pixel_of(camera), features.sharp, features.lamp_light)
+        self._primary_setup = PrimarySetup(pixel_of(camera), features.sharp, features.lamp_light)
         if self._first_hits:
             data.add_texture_levels()
             self._settings.samples = self._first_hits
-        # Most pixels need few of their first-hit rays.
+        # Most pixels need few of their primary rays.
         paths = -(-self._settings.samples // _RAYS_OF_A_PATH) if self._first_hits else self._settings.samples
         size = options.tile_pixels or tile_size(paths, self._device)
         self._tiles = Tiles(self._record, "first", _MOST_REQUESTS, size, options.threads, self._device.is_cpu, "count")
@@ -132,7 +132,7 @@ class Retracer:
         return planes
 
     def motion(self, start_s: float, end_s: float) -> npt.NDArray[np.float32] | None:
-        """Return how far things go on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
+        """Return how far surfaces move on the image from one time to another, ``[3, 2, H, W]`` [pixels right and down].
 
         The first is the way of what a pixel sees at the start, the second that of what it sees at the end, the third
         the longest that leads over it or a neighbour. None where nothing moves meanwhile.
@@ -150,9 +150,9 @@ class Retracer:
         launch.set_param_by_name("scene", self._data.scene)
         for k in (0, 1):
             launch.set_param_by_name("start", k)
-            stand = self._camera.stand(float(instants_s[k])) if self._apart > 1 else None
-            launch.set_param_by_name("seen", stand is not None and stand in self._stands)
-            launch.set_param_by_name("places", self._places_seen_from(stand))
+            pose_key = self._camera.pose_key(float(instants_s[k])) if self._spacing > 1 else None
+            launch.set_param_by_name("seen", pose_key is not None and pose_key in self._places_by_pose)
+            launch.set_param_by_name("places", self._places_seen_from(pose_key))
             for row, place in enumerate(self._places):
                 launch.set_param_by_name("at", wp.vec2(*place))
                 launch.set_param_by_name("out_ways", ways[2 * row + k])
@@ -166,13 +166,13 @@ class Retracer:
         over = found.reshape(-1, 2)[keys & 0xFFFFFFFF]
         over[keys < 1 << 32] = 0.0
         result = np.concatenate([found[:2], over[None]]).transpose(0, 2, 1).reshape(3, 2, rows, columns)
-        alike = result.repeat(self._apart, axis=2).repeat(self._apart, axis=3)
+        alike = result.repeat(self._spacing, axis=2).repeat(self._spacing, axis=3)
         return np.ascontiguousarray(alike[:, :, :height, :width])
 
     def bounds(self) -> npt.NDArray[np.bool_] | None:
         """Return where more is seen in the last frame than one flat surface whose albedo its texture tells, ``[H, W]``.
 
-        None where that is not known, since no rays look through pixels' corners, or things move by themselves.
+        None where that is not known, since no rays go through pixels' corners, or objects move by themselves.
         """
         corners = self._corners
         if corners is None:
@@ -190,7 +190,7 @@ class Retracer:
     def steady_shadows(self) -> npt.NDArray[np.bool_]:
         """Return which pixels are lit alike, ray by ray, in the last two frames; see `PixelTracer.steady_shadows`."""
         assert self._view is not None, "bounds are asked for first"
-        return self._view().light_keeper.steady_shadows()
+        return self._view().light_cache_host.steady_shadows()
 
     def reflected(
         self, pixels: npt.NDArray[np.int64], light: npt.NDArray[np.float32], start_s: float, end_s: float,
@@ -200,7 +200,7 @@ class Retracer:
         assert self._follower is not None and self._view is not None, "bounds are asked for first"
         instants_s = np.linspace(start_s, end_s, INSTANTS)
         camera = self._camera.at_instants(instants_s)
-        texels = looks_of(self._view().effort.first_hit_rays, self._sight).texels
+        texels = primary_rays_for(self._view().effort.first_hit_rays, self._primary_setup).texels
         return self._follower.reflected(pixels, light, self._corners, camera, texels, fineness)
 
     def cancel(self) -> None:
@@ -241,15 +241,15 @@ class Retracer:
         view = None if self._view is None else self._view()
         if not self._first_hits:
             changed["out_bits"] = bits
-        elif self._in_kept_light and view is not None:
-            keeper = view.light_keeper
-            passed = self._passed(instants_s, keeper.step_us)
-            changed |= keeper.shown | {"passed": wp.array(passed, dtype=wp.float32, device=self._device)}
-            start_us, end_us = keeper.step_us or (0, 0)
+        elif self._in_cached_light and view is not None:
+            cache_host = view.light_cache_host
+            passed = self._passed(instants_s, cache_host.step_us)
+            changed |= cache_host.shown | {"passed": wp.array(passed, dtype=wp.float32, device=self._device)}
+            start_us, end_us = cache_host.step_us or (0, 0)
             shares = np.clip((instants_s * 1e6 - start_us) / max(end_us - start_us, 1), 0.0, 1.0)
             changed["light_passed"] = wp.array(shares, dtype=wp.float32, device=self._device)
         elif view is not None:
-            changed["looks"] = looks_of(view.effort.first_hit_rays, self._sight)
+            changed["primary_rays"] = primary_rays_for(view.effort.first_hit_rays, self._primary_setup)
         if not self._tiles.run(len(pixels), changed):
             raise RenderCancelled
         out: npt.NDArray[np.float32] = planes.numpy()
@@ -285,12 +285,12 @@ class Retracer:
             "instants": self._upload(np.zeros(tile)),
             "out_planes": planes,
         }
-        if self._in_kept_light:
-            from clsim.render.cache.light_keeper import nothing_shown
+        if self._in_cached_light:
+            from clsim.render.cache.light_cache_host import nothing_shown
 
             arguments |= nothing_shown(self._device)
         elif self._first_hits:
-            arguments["looks"] = looks_of(self._first_hits, self._sight)
+            arguments["primary_rays"] = primary_rays_for(self._first_hits, self._primary_setup)
         else:
             arguments["out_bits"] = bits
         return record(self._kernel, tile, self._device, **arguments)
@@ -298,7 +298,7 @@ class Retracer:
     @property
     def _corners(self) -> Any:
         """What the corners of the last frame's pixels saw; None where flat surfaces cannot be told by them."""
-        told = self._in_kept_light and self._data.still and self._features.textures and self._view is not None
+        told = self._in_cached_light and self._data.still and self._features.textures and self._view is not None
         return self._view().corners if told and self._view is not None else None
 
     @property
@@ -307,7 +307,7 @@ class Retracer:
         return _MIDDLE + _FINE if self._data.features.instants else _MIDDLE
 
     @property
-    def _apart(self) -> int:
+    def _spacing(self) -> int:
         """Pixels from one that is followed to the next: where the camera alone moves, neighbours go alike."""
         return 2 if self._data.still else 1
 
@@ -315,7 +315,7 @@ class Retracer:
     def _blocks(self) -> tuple[int, int]:
         """Rows and columns of pixels that are followed."""
         height, width = self._shape
-        return -(-height // self._apart), -(-width // self._apart)
+        return -(-height // self._spacing), -(-width // self._spacing)
 
     def _rests(self, start_s: float, end_s: float) -> bool:
         """Whether all is where it was, at the middle and the end of a step."""
@@ -326,15 +326,15 @@ class Retracer:
         pairs = ((motion, time_s) for motion in world.motions() for time_s in later_s)
         return all(np.array_equal(motion.pose(start_s), motion.pose(time_s)) for motion, time_s in pairs)
 
-    def _places_seen_from(self, stand: bytes | None) -> Any:
-        """Return the room for what is seen from a stand of the camera, where all else rests; None keeps nothing."""
-        places = self._stands.pop(stand, None)
-        if places is None and len(self._stands) >= _STANDS:
-            places = self._stands.pop(next(iter(self._stands)))
+    def _places_seen_from(self, pose_key: bytes | None) -> Any:
+        """Return the array of places seen from a camera pose, where all else rests; None remembers nothing."""
+        places = self._places_by_pose.pop(pose_key, None)
+        if places is None and len(self._places_by_pose) >= _POSES_REMEMBERED:
+            places = self._places_by_pose.pop(next(iter(self._places_by_pose)))
         if places is None:
             rows, columns = self._blocks
             places = wp.zeros(rows * columns, dtype=wp.vec4, device=self._device)
-        self._stands[stand] = places
+        self._places_by_pose[pose_key] = places
         return places
 
     def _record_motion(self) -> tuple[Any, Any, Any, Any]:
@@ -347,10 +347,11 @@ class Retracer:
         launch = record(
             kernel, blocks // each, self._device, scene=self._data.scene,
             camera=self._camera.at_instants(np.zeros(2)), settings=self._settings, blocks=each,
-            apart=self._apart, start=0, at=wp.vec2(), seen=False, places=self._places_seen_from(None), out_ways=ways[0],
+            spacing=self._spacing, start=0, at=wp.vec2(), seen=False, places=self._places_seen_from(None),
+            out_ways=ways[0],
         )  # fmt: skip
         spread = wp.launch(
-            build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._apart), longest],
+            build_pass_over(), dim=ways.shape, inputs=[ways, columns, rows, float(self._spacing), longest],
             device=self._device, record_cmd=True,
         )  # fmt: skip
         return launch, spread, ways, longest

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: RUF046, SIM102, UP018
 """Rays through cut-out and translucent surfaces and culled backs, as Warp functions.
 

@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Microfacets: the distributions GGX and Beckmann, Smith's shadowing and Fresnel's equations, as Warp functions.
 

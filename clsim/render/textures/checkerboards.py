@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018
 """Checkerboards, and their means over what a pixel shows, as Warp functions."""
 

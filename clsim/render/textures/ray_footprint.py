@@ -1,4 +1,4 @@
-"""What a bundle of rays shows of a texture, as a Warp function."""
+"""The footprint of a bundle of rays on a texture, as a Warp function."""
 
 import warp as wp
 

@@ -1,4 +1,4 @@
-"""What textures are read from, and what of one a pixel shows.
+"""Texture data, and the footprint of a pixel on one.
 
 All images lie one after the other in one array of texels, RGBA in the bytes of a word from the lowest up; a table says
 where each begins and how it is read. A texture's uv are u right and v up.

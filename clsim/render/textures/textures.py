@@ -1,4 +1,3 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: SIM102, UP018
 """Textures: checkerboards and images, filtered by hand, as Warp functions."""
 

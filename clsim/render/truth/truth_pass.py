@@ -38,7 +38,7 @@ class TruthPass:
         sharp = replace(camera, shutter_s=0.0, lens=replace(camera.lens, aperture_radius_m=0.0))
         own = PlaneSet((), (), planes.truth)
         features = truth_features(view_features(data.features, sharp), own)
-        look, follow = build_truth(features, own, data.tree)
+        trace_centres, follow = build_truth(features, own, data.tree)
         self._data = data
         self._camera = CameraData(sharp, features, data.origin_m, data.device)
         self._first_row = planes.first(planes.truth[0].name)
@@ -53,8 +53,8 @@ class TruthPass:
         objects.of_triangle = array(data.triangle_objects, wp.int32, data.device)
         objects.count = len(data.world.instances)
         shared = {"scene": data.scene, "camera": self._camera.at(0.0), "width": camera.width, "first_pixel": 0}
-        self._look = record(
-            look, pixels, data.device, objects=objects, out_hits=hits, out_planes=self._planes, **shared
+        self._trace_centres = record(
+            trace_centres, pixels, data.device, objects=objects, out_hits=hits, out_planes=self._planes, **shared
         )
         self._follow: Any = None
         if self._flow_rows:
@@ -76,7 +76,7 @@ class TruthPass:
         ``ends_us`` holds the time to which each plane of flow leads; where that is None the flow is not valid, and a
         plane that is not among them stays as it was. The scene is left at one of these times.
         """
-        self._launch(self._look, time_us)
+        self._launch(self._trace_centres, time_us)
         for name, row in self._flow_rows.items():
             if name not in ends_us:
                 continue

@@ -1,9 +1,9 @@
-# Warp: a variable that changes must be born by a call, and wp.static drops a branch only where it stands alone.
 # ruff: noqa: RUF046, SIM102, UP018
 """The kernels of truth: what the middle of each pixel shows, and where that goes.
 
-``look`` traces a ray through each pixel's centre and keeps what it met. ``follow`` runs when the scene and the camera
-have been moved to another time: it finds the same points there, projects them, and asks whether the camera sees them.
+``trace_centres`` traces a ray through each pixel's centre and stores what it met. ``follow`` runs when the scene and
+the camera have been moved to another time: it finds the same points there, projects them, and asks whether the camera
+sees them.
 """
 
 from dataclasses import replace
@@ -66,7 +66,7 @@ def _even_odds(word: wp.uint64, layer: int) -> float:
 
 @one_at_a_time
 def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, Any]:
-    """Return the kernels ``look`` and ``follow``; a thread is a pixel, and ``out_planes`` is ``[C, H·W]``.
+    """Return the kernels ``trace_centres`` and ``follow``; a thread is a pixel, and ``out_planes`` is ``[C, H·W]``.
 
     ``planes`` holds truth alone, and says which rows of ``out_planes`` are which.
     """
@@ -99,7 +99,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         out_planes[row + 2, pixel] = value[2]
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
-    def look(
+    def trace_centres(
         scene: Scene,
         camera: CameraState,
         objects: Objects,
@@ -226,7 +226,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         out_planes[row + 2, pixel] = valid
         out_planes[row + 3, pixel] = covisible
 
-    return look, follow
+    return trace_centres, follow
 
 
 def truth_features(features: Features, planes: PlaneSet) -> Features:

@@ -105,23 +105,23 @@ def test_where_something_may_come_over_a_pixel_it_is_told_when_it_may_fire_by_it
     pixels, times = found.peaks(start, 0.2, 0.2)
     np.testing.assert_allclose(times[pixels == unsure] / TICKS_PER_S * 1e6, [STEP_US], atol=2)
     assert not len(found.peaks(start, 0.2, 5.0)[0])
-    # One that is known needs no look, and one without a reference does not fire.
+    # One that is known needs no ray, and one without a reference does not fire.
     assert 10 * SIZE[1] + 30 not in pixels and not len(found.peaks(np.full_like(start, np.nan), 0.2, 0.2)[0])
 
 
-def test_nothing_is_known_of_a_step_in_which_things_turn_back():
+def test_nothing_is_known_of_a_step_in_which_motion_turns_back():
     """What is farther away than the step's way may come and go meanwhile."""
     assert found_by(Wall(), halfway=0.9)[0].known.any() and not found_by(Wall(), halfway=1.5)[0].known.any()
 
 
 @pytest.mark.parametrize("ratio, kept", [(1.03, True), (3.0, False)], ids=["wide", "sharp"])
-def test_a_shadow_with_a_sharp_edge_is_looked_at(ratio, kept):
+def test_a_shadow_with_a_sharp_edge_is_traced(ratio, kept):
     light = np.full(SIZE, 2.0, np.float32)
     light[:, 30:] /= ratio
     assert found_by(Wall(), lights=(light, light))[0].known.reshape(SIZE)[20, 30] == kept
 
 
-def test_light_that_differs_from_pixel_to_pixel_is_looked_at():
+def test_light_that_differs_from_pixel_to_pixel_is_traced():
     """Rays have found it, so that it goes in stairs: in soft shadows, one pixel is off by a ray of 25."""
     uneven = np.full(SIZE, 2.0, np.float32)
     uneven[20, 30] *= 0.96
@@ -136,11 +136,11 @@ def test_uneven_light_is_known_where_the_same_rays_found_it_in_both_frames():
     assert found_by(Wall(steady=True), lights=(uneven, uneven))[0].known.reshape(SIZE)[20, 30]
 
 
-def test_light_that_changes_much_is_looked_at():
+def test_light_that_changes_much_is_traced():
     assert not found_by(Wall(), lights=(2.0, 3.0))[0].known.any()
 
 
-def test_a_pixel_that_shows_something_else_too_is_looked_at():
+def test_a_pixel_that_shows_something_else_too_is_traced():
     """Its albedo is not that of the surface its corners see."""
     assert not found_by(Wall(), albedos=0.5)[0].known.any()
 

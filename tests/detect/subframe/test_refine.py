@@ -1,4 +1,4 @@
-"""Events between frames, with a tracer that knows its scene in closed form: things that go over a wall."""
+"""Events between frames, with a tracer that knows its scene in closed form: objects that go over a wall."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_a_thin_bar_that_comes_and_goes_between_frames_fires_where_it_goes():
     assert scene.asked < 4 * len(events) and stats.many_crossings == 0
 
 
-def test_what_rests_until_the_middle_of_a_step_is_looked_at():
+def test_what_rests_until_the_middle_of_a_step_is_traced():
     class Late(Bars):
         def motion(self, start_s, end_s):
             return super().motion(start_s, end_s) if end_s - start_s > 0.02 else None
@@ -108,7 +108,7 @@ def test_what_rests_until_the_middle_of_a_step_is_looked_at():
     assert scene.asked > 0 and len(errors(events, reference)) >= 0.99 * len(reference)
 
 
-def test_what_goes_there_and_back_within_a_step_is_looked_at():
+def test_what_goes_there_and_back_within_a_step_is_traced():
     class Swing(Bars):
         def place(self, time_s):
             return 0.5 - 0.5 * np.cos(2.0 * np.pi * 30.0 * time_s)
@@ -149,17 +149,17 @@ def test_where_all_rests_no_frame_but_the_first_is_searched_for_flat_pixels():
     assert len(searched) == 1
 
 
-def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_come_over_it():
+def test_what_goes_dark_within_a_step_is_traced_though_something_else_may_come_over_it():
     """A wall of squares finer than pixels: alike in both frames, and darker between them; a hole in it goes 3 px."""
     names = (*RADIANCE, *ALBEDO, *COVERAGE)
-    looks = []
+    requests = []
 
     class Squares(Bars):
         def luminance(self, pixels, times_s):
             return 0.5 - 0.2 * np.sin(np.pi * 30.0 * times_s) ** 2 + 0.0 * pixels
 
         def trace(self, pixels, times_s):
-            looks.extend(zip(pixels.tolist(), times_s.tolist(), strict=True))
+            requests.extend(zip(pixels.tolist(), times_s.tolist(), strict=True))
             return np.tile(super().trace(pixels, times_s), (3, 1))[:7]
 
         def motion(self, start_s, end_s):
@@ -172,7 +172,7 @@ def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_com
             return np.zeros(HEIGHT * WIDTH, bool)
 
         def reflected(self, pixels, light, start_s, end_s, fineness):
-            # Highest and lowest lie so near to each other that they are looked at together.
+            # Highest and lowest lie so near to each other that they are traced together.
             shares = np.tile(np.array([0.0, 0.499, 0.501, 1.0], np.float32), len(pixels))
             values = np.tile(np.array([0.5, 0.3, 0.7, 0.5], np.float32), len(pixels))
             return Reflected(pixels, pixels, 4 * np.arange(len(pixels) + 1), shares, values)
@@ -187,7 +187,7 @@ def test_what_goes_dark_within_a_step_is_looked_at_though_something_else_may_com
     detector.close()
     # Twice down and once up again.
     assert set(np.unique(events["x"] % 4)) == {1, 2, 3} and len(events) == 3 * 0.75 * WIDTH * HEIGHT
-    assert len(set(looks)) == len(looks), "a pixel is looked at twice at a time"
+    assert len(set(requests)) == len(requests), "a pixel is traced twice at a time"
 
 
 @pytest.mark.parametrize("fps", [30, 60, 240])

@@ -108,21 +108,23 @@ def test_bends_between_known_levels_are_guessed_from_both_sides():
     x = np.array([0, 0.25, 0.5, 0.75, 1.0])
     levels = np.concatenate([x**2, 3 * x])
     knots = Knots(np.repeat([0, 1], 5), np.tile((x * STEP).astype(int), 2), levels, np.full(10, np.inf))
-    knots.guess_bulges()
+    knots.guess_error_bounds()
     # A parabola x² leaves its chord by h²/4, and more is taken; a straight line tells of no bend.
-    np.testing.assert_allclose(knots.bulges[1:5], CAUTION * 0.25**2 / 4)
-    assert np.isinf(knots.bulges[[0, 5]]).all()
-    assert np.isinf(knots.bulges[6:]).all()
+    np.testing.assert_allclose(knots.error_bounds[1:5], CAUTION * 0.25**2 / 4)
+    assert np.isinf(knots.error_bounds[[0, 5]]).all()
+    assert np.isinf(knots.error_bounds[6:]).all()
 
 
 def test_bends_of_light_are_guessed_as_those_of_its_logarithm():
     x = np.array([0, 0.25, 0.5, 0.75, 1.0])
     knots = Knots(np.zeros(5, int), (x * STEP).astype(int), np.log1p(x**2), np.full(5, np.inf), linear_light=True)
-    knots.guess_bulges()
+    knots.guess_error_bounds()
     middle = 0.5 * (x[:-1] + x[1:])
     # In the middle of a piece a parabola of light is h²/4 below its chord.
     off = np.log1p((0.25**2 / 4) / (1 + middle**2))
-    assert np.all(knots.bulges[1:] >= 0.75 * CAUTION * off) and np.all(knots.bulges[1:] <= 1.5 * CAUTION * off)
+    assert np.all(knots.error_bounds[1:] >= 0.75 * CAUTION * off) and np.all(
+        knots.error_bounds[1:] <= 1.5 * CAUTION * off
+    )
 
 
 @pytest.mark.parametrize("linear_light", [False, True])

@@ -56,7 +56,7 @@ def test_a_few_frames_are_judged_and_where_nobody_knows_none():
 
 
 class Sees:
-    """A detector of 62 pixels, of which the first and the last are among those that ideal pixels look at."""
+    """A detector of 62 pixels, of which the first and the last are among those that are judged as ideal pixels."""
 
     def __init__(self, first_error, last_error):
         self.errors = np.full((2, 31), np.nan, np.float32)
@@ -86,7 +86,7 @@ def test_after_a_new_beginning_ideal_pixels_take_the_next_frame_for_a_first_one(
     detector = Sees(0.1, 0.1)
     judged = Significance(DetectorConfig("irradiance", threshold_on=ON, threshold_off=OFF), ideal=False)
     judged.watch(detector, events_at(on=True))
-    judged.begin_anew()
+    judged.restart()
     detector.levels += 1.0
     judged.watch(detector, events_at(on=True))
     assert judged.noise_share is None

@@ -86,7 +86,7 @@ def test_a_camera_is_as_fast_as_most_of_what_it_sees():
     ("turns_per_s", "own", "expected"),
     [(0.2, 960.0, 30.0), (5.0, 960.0, 120.0), (5.0, 100.0, 100.0), (0.2, 24.0, 24.0)],
 )
-def test_fast_things_get_more_frames(turns_per_s, own, expected):
+def test_fast_objects_get_more_frames(turns_per_s, own, expected):
     """5 turns are 1111 px/s, at 12 a frame 92.6 frames; the scene's own rate is the most."""
     assert base_fps(world(Spin(turns_per_s), own)) == expected
 

@@ -103,7 +103,7 @@ def test_whole_pictures_and_chosen_pixels_find_the_same_events():
 
     def run(**options):
         with clsim.Simulator("two-boxes", resolution=(32, 24), **options) as simulator:
-            return simulator.step(66_667), simulator._eye.detector.between.stats
+            return simulator.step(66_667), simulator._camera_pipeline.detector.between.stats
 
     (close, many), (wide, few) = run(time="lambda=0.05"), run(time="lambda=0.5")
     chosen, _ = run(time="adaptive", time_tolerance_us=10.0)
@@ -135,7 +135,7 @@ def test_a_scene_that_stands_still_asks_for_nothing():
     assert clsim.stream("still", resolution=(32, 24), frame_count=3).fps == 120.0
     with clsim.Simulator("still", **SMALL) as simulator:
         assert len(simulator.step(100_000)) == 0
-        assert simulator._eye.detector.between.stats.requests == 0
+        assert simulator._camera_pipeline.detector.between.stats.requests == 0
 
 
 @pytest.mark.slow
@@ -145,7 +145,7 @@ def test_light_cannot_be_set_while_time_is_adaptive():
 
 
 def test_where_lamps_move_frames_are_as_many_as_without_and_it_is_told():
-    """Light found anew knows nothing of a lamp's way between frames; kept light and whole paths do."""
+    """Uncached light knows nothing of a lamp's way between frames; cached light and whole paths do."""
     moving, kept, whole, still = (
         plan_stages(LiveOptions(scene, time="adaptive", **given))
         for scene, given in (
@@ -222,7 +222,7 @@ def test_frames_are_rendered_at_the_times_of_a_file_and_pixels_between_them(tmp_
     assert run.invoke(app, asked).exit_code == 0
     with np.load(between / "between-000002.npz") as traced, clsim.Simulator("two-boxes", **SMALL) as simulator:
         simulator.step(66_667)
-        assert simulator._eye.detector.between.stats.requests > len(traced["x"]) > 100
+        assert simulator._camera_pipeline.detector.between.stats.requests > len(traced["x"]) > 100
         assert traced["planes"].shape == (len(traced["names"]), len(traced["x"]))
         assert 1 / 30 < traced["time_s"].min() < traced["time_s"].max() < 2 / 30
     for wrong, told in (

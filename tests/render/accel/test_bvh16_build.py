@@ -12,13 +12,13 @@ from clsim.render.accel.bvh16_traverse import MAX_DEPTH
 from tests.render.accel.test_bvh16 import arrays, directions, shoot
 
 
-def slivers(things, n=30):
+def slivers(surfaces, n=30):
     """Vertices of things of n small triangles each, and of as many long thin ones, which planes sort badly."""
     rng = np.random.default_rng(3)
-    centres = rng.uniform(-1, 1, (things, 1, 1, 3))
-    small = centres + rng.normal(scale=0.03, size=(things, n, 3, 3))
-    ends = rng.uniform(-1, 1, (things, 2, 3))
-    long = np.concatenate([ends, ends[:, 1:] + 0.01 * rng.normal(size=(things, 1, 3))], axis=1)
+    centres = rng.uniform(-1, 1, (surfaces, 1, 1, 3))
+    small = centres + rng.normal(scale=0.03, size=(surfaces, n, 3, 3))
+    ends = rng.uniform(-1, 1, (surfaces, 2, 3))
+    long = np.concatenate([ends, ends[:, 1:] + 0.01 * rng.normal(size=(surfaces, 1, 3))], axis=1)
     return np.concatenate([small.reshape(-1, 3), long.reshape(-1, 3)])
 
 

@@ -1,4 +1,4 @@
-"""The narrowest thing of a world, in closed form, and pixels into which no ray need look for what is narrower."""
+"""The smallest width in a world, in closed form, and pixels that need no ray for what is narrower."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def test_it_is_no_more_than_a_lamps_diameter():
 
 
 @pytest.mark.usefixtures("ordinary")
-def test_no_ray_looks_for_what_cannot_be_there():
-    """A crumb behind the camera makes rays look everywhere; that costs rays, and shows nothing else."""
+def test_no_ray_searches_for_what_cannot_be_there():
+    """A crumb behind the camera brings rays into all pixels; that costs rays, and shows nothing else."""
     scene = textured_world()
     floor, _, lamp = scene.meshes
     still, camera = scene.instances[0], replace(scene.camera, width=36, height=30)
@@ -113,7 +113,7 @@ def test_seen_on_its_edge_a_sheet_has_no_width():
 
 
 def seen_coverage(mesh, crumb=()):
-    """Return how much of each pixel of a column dark things cover before the sky."""
+    """Return how much of each pixel of a column dark sheets cover before the sky."""
     scene = hw.world(
         mesh, *crumb, view=hw.camera(hw.translation(0, 0, 5), 36, 30, 40.0), environment=(1.0, 1.0, 1.0),
         materials=(Material(color=(0.02, 0.02, 0.02)), Material(kind="conductor", color=(1.0, 1.0, 1.0))),

@@ -1,4 +1,4 @@
-"""Coats of plastics in kept light: in white light from all around, what they reflect is known in closed form."""
+"""Coats of plastics in cached light: in white light from all around, what they reflect is known in closed form."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ def test_a_coat_over_a_checkerboard_in_white_light_is_the_closed_form(nonlinear)
     floor = hw.quad((-SIDE_M / 2, 0, SIDE_M / 2), (SIDE_M, 0, 0), (0, 0, -SIDE_M))
     view = hw.camera(hw.look_from(EYE, (0, 0, 0)), WIDTH, HEIGHT, FOV_DEG)
     world = hw.world(floor, materials=(coated,), textures=(board,), view=view, environment=(1.0, 1.0, 1.0))
-    kept = Run(world, light_cache=True, spp=16, probe_spp=4, first_hit_rays=32).fill(0).planes[:3]
+    cached = Run(world, light_cache=True, spp=16, probe_spp=4, first_hit_rays=32).fill(0).planes[:3]
     true = truth(colors, nonlinear)
     assert 0.05 < true[0].min() < 0.5 < true[0].max() < 1.01
-    # Each channel in all, and each pixel beside the noise of the light.
-    np.testing.assert_allclose(kept.mean(axis=(1, 2)), true.mean(axis=(1, 2)), rtol=0.004)
-    relative = np.tensordot(LUMINANCE, kept, 1) / np.tensordot(LUMINANCE, true, 1)
+    # Each channel in all, and each pixel but for the noise of the light.
+    np.testing.assert_allclose(cached.mean(axis=(1, 2)), true.mean(axis=(1, 2)), rtol=0.004)
+    relative = np.tensordot(LUMINANCE, cached, 1) / np.tensordot(LUMINANCE, true, 1)
     assert np.abs(relative - 1).max() < 0.04 and np.abs(relative - 1).mean() < 0.01, relative

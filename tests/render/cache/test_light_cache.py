@@ -1,4 +1,4 @@
-"""Light kept on surfaces: it comes to the truth, learning it is no event, and nothing moves where it is kept."""
+"""The radiance cache: it comes to the truth, learning it is no event, and nothing moves where it is used."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from clsim.errors import InputError
-from clsim.render import Effort, RenderOptions, light_is_found_apart, light_stands_still
-from clsim.render.cache import light_keeper
+from clsim.render import Effort, RenderOptions, direct_light_is_analytic, light_stands_still
+from clsim.render.cache import light_cache_host
 from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
 from clsim.scene.defaults.drift import drifting
@@ -19,7 +19,7 @@ from tests.render.test_tracer import LAMP, moving_world
 
 pytestmark = pytest.mark.usefixtures("ordinary")
 
-UNTOLD = light_keeper.next_event(None, Sensor())
+UNTOLD = light_cache_host.next_event(None, Sensor())
 CACHED = {"light_cache": True, "spp": 4, "probe_spp": 1}
 
 
@@ -37,9 +37,9 @@ def test_the_light_comes_to_the_truth():
     world = textured_world()
     run = Run(world, **CACHED)
     for index in range(24):
-        kept = run.fill(index)
+        cached = run.fill(index)
     truth = hw.render(world, spp=1024, sampler="sobol")
-    ratio = luminance(kept).mean() / luminance(truth).mean()
+    ratio = luminance(cached).mean() / luminance(truth).mean()
     assert ratio == pytest.approx(1.0, abs=0.05)
 
 
@@ -75,9 +75,9 @@ def test_how_noisy_light_is_is_the_mean_of_relative_variances():
     """Pixels: paths found 1 and 3, twice 5, nothing, and one missed. Of the first the mean is 2, the variance 2."""
     lights = np.array([[1, 5, 0, 7], [3, 5, 0, 9]], np.float32)[..., None] * np.ones(3, np.float32)
     begin = np.array([[True, True, True, False], [True] * 4])
-    assert light_keeper._relative_variance(lights, begin) == pytest.approx((2 / 2**2 + 0) / 2)
-    assert light_keeper._relative_variance(1e-30 * lights, begin) == pytest.approx(0.25)
-    assert light_keeper._relative_variance(lights, ~begin) == 0.0
+    assert light_cache_host._relative_variance(lights, begin) == pytest.approx((2 / 2**2 + 0) / 2)
+    assert light_cache_host._relative_variance(1e-30 * lights, begin) == pytest.approx(0.25)
+    assert light_cache_host._relative_variance(lights, ~begin) == 0.0
 
 
 def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
@@ -95,7 +95,7 @@ def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
 
 def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
     """Where no path had found light, the first that does tells of it, and of no change."""
-    monkeypatch.setattr(light_keeper, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
+    monkeypatch.setattr(light_cache_host, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
     run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
     seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
     assert (seen[0] < np.log(2e-4)).sum() > 10
@@ -103,13 +103,13 @@ def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
 
 
 @pytest.mark.parametrize("light_hz", [None, 1e6])
-def test_a_second_look_changes_nothing_and_sees_the_same_but_for_noise(light_hz):
+def test_duplicate_pixels_change_nothing_and_see_the_same_but_for_noise(light_hz):
     """Also where each frame is shown in the light as it was known before."""
     world = panning(textured_world())
-    once, twice = (Run(world, look_again=every, light_hz=light_hz, **CACHED) for every in (0, 3))
+    once, twice = (Run(world, duplicate_every=every, light_hz=light_hz, **CACHED) for every in (0, 3))
     for index in range(3):
         np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
-        first, again = twice.tracer.seen_twice(twice.frame)
+        first, again = twice.tracer.sampled_twice(twice.frame)
     assert first == pytest.approx(luminance(twice.frame).reshape(-1)[::3], rel=0.2)
     assert again.mean() == pytest.approx(first.mean(), rel=0.02)
     # What shows the sky alone is seen alike.
@@ -120,33 +120,33 @@ def test_a_second_look_changes_nothing_and_sees_the_same_but_for_noise(light_hz)
 
 
 @pytest.mark.parametrize("world", [panning(textured_world()), dim_room()], ids=["floor", "dim room"])
-def test_two_looks_differ_as_two_seeds_do(world):
-    """By the noise of first hits, which is most of it on the floor, and of the light that is kept."""
-    looks, seeds, dark = [], [], 1e-3
+def test_two_estimates_differ_as_two_seeds_do(world):
+    """By the noise of first hits, which is most of it on the floor, and of the cached light."""
+    primary_rays, seeds, dark = [], [], 1e-3
     for seed in range(4):
-        twice, other = (Run(world, seed=seed + apart, look_again=1, **CACHED) for apart in (0, 100))
+        twice, other = (Run(world, seed=seed + offset, duplicate_every=1, **CACHED) for offset in (0, 100))
         for index in range(0, 16, 4):
             seen, differs = (luminance(run.fill(index)).reshape(-1) for run in (twice, other))
-            one, again = twice.tracer.seen_twice(twice.frame)
-            looks.append(np.log((one + dark) / (again + dark)))
+            one, again = twice.tracer.sampled_twice(twice.frame)
+            primary_rays.append(np.log((one + dark) / (again + dark)))
             seeds.append(np.log((seen + dark) / (differs + dark)))
-    spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in (looks, seeds)]
+    spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in (primary_rays, seeds)]
     # Standard errors count paths as independent, and these are spread evenly: more is told than there is.
     np.testing.assert_allclose(*spread, rtol=0.6)
 
 
-def test_two_looks_at_a_still_picture_stay_as_they_are():
-    run = Run(textured_world(), look_again=1, **CACHED)
+def test_two_estimates_of_a_still_picture_stay_as_they_are():
+    run = Run(textured_world(), duplicate_every=1, **CACHED)
     run.fill(0)
-    first = run.tracer.seen_twice(run.frame).copy()
+    first = run.tracer.sampled_twice(run.frame).copy()
     for index in range(1, 12):
         run.fill(index)
-    change = np.abs(np.log(run.tracer.seen_twice(run.frame) / first))
+    change = np.abs(np.log(run.tracer.sampled_twice(run.frame) / first))
     assert np.abs(np.log(first[0] / first[1])).max() > 0.1, "they differ much"
     assert np.quantile(change, 0.95) < 0.005 and change.max() < 0.1
 
 
-def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
+def test_pixels_whose_surfaces_differ_in_brightness_get_more_rays(monkeypatch):
     """A lamp before a floor and the sky: the shares of what lies in one pixel are counted well."""
     world = textured_world()
 
@@ -164,7 +164,7 @@ def test_more_rays_look_where_several_things_differ_in_brightness(monkeypatch):
 
 @pytest.mark.slow
 def test_lamps_smaller_than_a_pixel_do_not_vanish():
-    """Dots between the corners of pixels, seen by the fewest rays of kept light: one looks into each pixel."""
+    """Dots between the corners of pixels, seen by the fewest rays with cached light: one inside each pixel."""
     side = 2 * np.tan(np.radians(20.0)) / 16
     lamps = [
         hw.quad(((x - 7.85) * side, (y - 7.85) * side, -1), (0.7 * side, 0, 0), (0, 0.7 * side, 0), material=1)
@@ -189,10 +189,10 @@ def test_paths_are_spent_where_little_is_known():
 
 @pytest.mark.slow
 def test_where_paths_find_all_light_most_are_traced_at_first():
-    """Two passes will do where light is even; the first looks nowhere. What comes into view is soon known as well."""
+    """Two passes will do where light is even; the first has no primary rays. What comes into view is soon known too."""
     world = textured_world()
     world = panning(replace(world, materials=(world.materials[0], hw.GREY)))
-    assert not light_is_found_apart(world)
+    assert not direct_light_is_analytic(world)
     run = Run(world, light_cache=True, spp=16, probe_spp=1, probe_every=8)
     covered = (run.fill(0).plane("Coverage") > 0).sum()
     assert run.spent[0] == 16 * (world.camera.width * world.camera.height + covered)
@@ -231,7 +231,7 @@ def test_at_a_pace_light_becomes_better_at_the_same_times_whatever_the_frames(fp
 def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
     """Else a frame would have more paths than there is room for."""
 
-    class Hurried(light_keeper.LightKeeper):
+    class Hurried(light_cache_host.LightCacheHost):
         @property
         def effort(self):
             now, self._now = self._now, Effort(2 * self._now.spp, 1, 8)
@@ -241,25 +241,27 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         def effort(self, value):
             self._now = value
 
-    keeper = Hurried(4, 3, Effort(2, 1, 8), effort.Sight((0.01, 0.0), sharp=True), None, UNTOLD, 0, None, "cpu")
+    cache_host = Hurried(
+        4, 3, Effort(2, 1, 8), effort.PrimarySetup((0.01, 0.0), sharp=True), None, UNTOLD, 0, None, "cpu"
+    )
     for index in range(3):
-        changed, paths = keeper.prepare(index, 1_000 * index)
+        changed, paths = cache_host.prepare(index, 1_000 * index)
         assert changed["out_lights"].shape == (paths, 12)
 
 
 def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
     """Corners of pixels are seen for as many rays as the frame has."""
     calm, hurried = (Run(textured_world(), **CACHED) for _ in range(2))
-    keeper = hurried.tracer.light_keeper
-    prepare = keeper.prepare
+    cache_host = hurried.tracer.light_cache_host
+    prepare = cache_host.prepare
 
     def prepare_and_change(*arguments):
-        keeper.effort = Effort(4, 1, 8)
+        cache_host.effort = Effort(4, 1, 8)
         found = prepare(*arguments)
-        keeper.effort = Effort(4, 1, 4)
+        cache_host.effort = Effort(4, 1, 4)
         return found
 
-    keeper.prepare = prepare_and_change
+    cache_host.prepare = prepare_and_change
     for index in range(2):
         np.testing.assert_array_equal(hurried.fill(index).planes, calm.fill(index).planes)
 
@@ -267,7 +269,7 @@ def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
 def test_a_table_that_grows_loses_nothing(monkeypatch):
     world = panning(textured_world())
     large = Run(world, **CACHED)
-    monkeypatch.setattr(light_keeper, "_CELLS_PER_PIXEL", 0.25)
+    monkeypatch.setattr(light_cache_host, "_CELLS_PER_PIXEL", 0.25)
     small = Run(world, **CACHED)
     few = small.tracer._steerer._cells.shape[0]
     for index in range(4):
@@ -276,8 +278,8 @@ def test_a_table_that_grows_loses_nothing(monkeypatch):
 
 
 def test_a_table_that_may_not_grow_forgets(monkeypatch):
-    monkeypatch.setattr(light_keeper, "_CELLS_PER_PIXEL", 0.25)
-    monkeypatch.setattr(light_keeper, "_LARGEST_TABLE", 64)
+    monkeypatch.setattr(light_cache_host, "_CELLS_PER_PIXEL", 0.25)
+    monkeypatch.setattr(light_cache_host, "_LARGEST_TABLE", 64)
     run = Run(panning(textured_world()), **CACHED)
     for index in range(4):
         frame = run.fill(index)
@@ -310,9 +312,9 @@ def test_a_coat_reflects_what_it_does_at_the_angles_that_a_pixel_shows():
     floor = hw.quad((-30, 0, 30), (60, 0, 0), (0, 0, -60))
     view = hw.camera(hw.look_from((0, 2, 5), (0, 0, 0)), 24, 18)
     world = hw.world(floor, materials=(coated,), view=view, environment=(1.0, 1.0, 1.0))
-    kept = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
+    cached = luminance(Run(world, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16).fill(0))
     truth = luminance(hw.render(world, spp=256, sampler="sobol"))
-    np.testing.assert_allclose(kept.mean(axis=1), truth.mean(axis=1), rtol=0.01)
+    np.testing.assert_allclose(cached.mean(axis=1), truth.mean(axis=1), rtol=0.01)
 
 
 def floor_in_lamplight(floor, *textures):
@@ -329,23 +331,23 @@ def floor_in_lamplight(floor, *textures):
 
 @pytest.mark.slow
 def test_what_is_glossy_keeps_the_shadows_of_lamps():
-    """Beside a wall for which light straight from the lamp is found apart, so that few paths would do."""
+    """Next to a wall with analytic direct light, for which few paths would do."""
     world = floor_in_lamplight(Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.8))
-    assert light_is_found_apart(world)
+    assert direct_light_is_analytic(world)
     truth = log_brightness(hw.render(world, spp=2048, sampler="sobol"))
-    kept = Run(world, first_hit_rays=32, light_cache=True, spp=32, probe_spp=1).fill(0)
-    assert np.sqrt(np.mean((log_brightness(kept) - truth) ** 2)) < 0.25
+    cached = Run(world, first_hit_rays=32, light_cache=True, spp=32, probe_spp=1).fill(0)
+    assert np.sqrt(np.mean((log_brightness(cached) - truth) ** 2)) < 0.25
 
 
 def test_lamps_alone_are_nothing_to_be_lit():
-    """They count as diffuse, but no light is found apart for them."""
+    """They count as diffuse, but have no analytic direct light."""
     world = floor_in_lamplight(Material(kind="conductor", alpha=0.3))
-    assert light_is_found_apart(world)
-    assert not light_is_found_apart(replace(world, materials=(world.materials[2], *world.materials[1:])))
+    assert direct_light_is_analytic(world)
+    assert not direct_light_is_analytic(replace(world, materials=(world.materials[2], *world.materials[1:])))
 
 
 @pytest.mark.slow
-def test_a_normal_map_is_no_edge_where_light_is_kept():
+def test_a_normal_map_is_no_edge_where_light_is_cached():
     """The cells know the mean light of all that it bends, so it takes no more rays to see."""
     rough = Material(kind="principled", color=(0.5, 0.5, 0.5), alpha=0.4)
     texels = np.array([[[230, 128, 204, 255], [25, 128, 204, 255]]], np.uint8)

@@ -21,7 +21,7 @@ from tests.render import hand_worlds as hw
 pytestmark = pytest.mark.usefixtures("ordinary")
 
 SIZE = (24, 18)
-KEPT = RenderOptions(
+OPTIONS = RenderOptions(
     spp=8, probe_spp=1, probe_every=1000, first_hit_rays=16, sampler="sobol", light_cache=True, fps=120, frames=8
 )
 STAYS = (0.0, 0.0, 0.0, 1.0)
@@ -29,7 +29,7 @@ STAYS = (0.0, 0.0, 0.0, 1.0)
 
 def pictures(world, times_us, **changed):
     """Return the radiance of frames at those times ``[frames, 3, H, W]``, and how many paths each took."""
-    tracer = PathTracer(world, replace(KEPT, **changed))
+    tracer = PathTracer(world, replace(OPTIONS, **changed))
     frame = Frame(page_aligned((len(tracer.names), tracer.height, tracer.width)), tracer.names)
     shown, paths = [], [0]
     try:
@@ -98,7 +98,7 @@ def test_no_path_is_traced_where_nothing_has_moved():
 
 @pytest.mark.slow
 def test_light_changes_as_it_does_by_many_paths():
-    """A box that comes into a room shades and lights it; beside pictures of 4,096 paths."""
+    """A box that comes into a room shades and lights it; against pictures of 4,096 paths."""
     comes = driven(hw.IDENTITY, ((0.0, (0.9, 0.4, -1.2)), (0.1, (0.0, 0.4, 0.2))))
     world = room(comes, lamp_at(), environment=(0.3, 0.3, 0.3))
     shown, _ = pictures(world, [0, 100_000], stored_paths=512, spp=32)
@@ -151,7 +151,7 @@ def ask(
 
 @given(st.integers(0, 2**32 - 1))
 def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
-    """Beside ten thousand points on each way, for boxes a little larger and a little smaller."""
+    """Against ten thousand points on each way, for boxes a little larger and a little smaller."""
     rng = np.random.default_rng(seed)
     places, boxes = int(rng.integers(1, 5)), rng.uniform(-1, 1, (2, 3))
     trail = rng.uniform(-2, 2, (16, 3)).astype(np.float32)

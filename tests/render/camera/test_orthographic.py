@@ -116,7 +116,7 @@ def planes_of(world: World, options: RenderOptions, frames: int = 1):
         tracer.close()
 
 
-def test_first_hit_rays_and_kept_light_show_what_paths_show() -> None:
+def test_first_hit_rays_and_cached_light_show_what_paths_show() -> None:
     """Flat textures, edges and cells of light are as wide as metres of a pixel ask for."""
     world = a_room()
     paths = planes_of(world, RenderOptions(spp=1024, threads=2), 2)

@@ -10,7 +10,7 @@ import pytest
 import clsim
 from clsim.render import SceneData, light_stands_still
 from clsim.render.emitters.light_list import small_lights
-from clsim.render.primary.effort import GRADES, Effort, Sight, Steerer
+from clsim.render.primary.effort import GRADES, Effort, PrimarySetup, Steerer
 from clsim.scene import EnvironmentMap, ImageTexture, Material, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
 from clsim.scene.motion import euler_quaternion, rotation_matrix
@@ -84,7 +84,7 @@ def test_a_lamp_that_is_dark_at_first_is_drawn_as_often_as_when_it_is_brightest(
 
 
 def test_whether_light_changes_is_not_asked_in_each_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes a look at all materials."""
+    """To find out takes a pass over all materials."""
     data = SceneData(clsim.load_scene("still"))
     monkeypatch.setattr(World, "light_changes", None)
     assert data.shine(0.0, 0.0).size == 0
@@ -97,7 +97,9 @@ def test_light_that_changes_does_not_stand_still() -> None:
 
 
 def test_once_light_has_changed_all_paths_are_traced_and_no_correction_is_left() -> None:
-    steerer = Steerer(4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), Sight((0.01, 0.0), sharp=True), None, "cpu")
+    steerer = Steerer(
+        4, 3, Effort(spp=8, probe_spp=1, first_hit_rays=4), PrimarySetup((0.01, 0.0), sharp=True), None, "cpu"
+    )
 
     def wanted(index: int) -> set[int]:
         steerer.arguments["correction"].fill_(7.0)

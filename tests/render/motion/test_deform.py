@@ -43,7 +43,7 @@ class Lift:
 
 
 def swelling(time_s=None, moving=False, smooth=True):
-    """A deforming ball beside a still one; at a given time, the same with a mesh that has that shape for good."""
+    """A deforming ball next to a still one; at a given time, the same with a mesh that has that shape for good."""
     rest = hw.ball(0.4, rings=8, smooth=True)
     deforming = replace(rest, deformation=Swell(rest, smooth))
     motion = Lift() if moving else hw.IDENTITY

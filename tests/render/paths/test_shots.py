@@ -11,7 +11,7 @@ from clsim.render.scene_data import SceneData
 from clsim.scene import load_world
 
 
-def test_no_function_is_kept_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_function_is_inlined(monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths are put into their kernel: called, each ray would have a copy of the scene's structs."""
     world = load_world("two-boxes")
     features = RenderOptions().features(SceneData(world).features, world.camera)

@@ -10,7 +10,7 @@ import pytest
 from clsim.errors import Error
 from clsim.frames import InterestBoard, InterestMap
 from clsim.render import Effort, RenderCancelled
-from clsim.render.primary.effort import SURE, Sight, looks_of
+from clsim.render.primary.effort import SURE, PrimarySetup, primary_rays_for
 from clsim.render.primary.steered import GRADES
 from tests.render.primary.test_steered import Run, log_brightness, textured_world, walled_world
 from tests.render.test_tracer import lit_world, moving_world
@@ -36,7 +36,7 @@ def at(interest, y, x, *, distance=0.0, change=0.0, error=0.0):
 
 
 def paths_after(interest, spp=16, probe_spp=1, every=1):
-    """The paths of each pixel in the frame that goes by that map: all samples but its one first-hit ray."""
+    """The paths of each pixel in the frame that goes by that map: all samples but its one primary ray."""
     board = InterestBoard()
     run = Run(walled_world(), board, spp=spp, probe_spp=probe_spp, probe_every=every, first_hit_rays=1)
     for k in range(2):
@@ -185,8 +185,8 @@ def test_a_map_that_the_same_thread_has_not_published_is_told_of():
         run.fill(2)
 
 
-def test_few_first_hit_rays_look_into_part_lit_pixels_no_more_than_twice_as_often() -> None:
-    sight = Sight((0.01, 0.0), sharp=True, lamps=True)
-    assert [looks_of(rays, sight).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
-    assert looks_of(64, sight, kept=True).in_shadow == 64
-    assert looks_of(8, sight, kept=True, moves=False).in_shadow == 8
+def test_part_lit_pixels_get_at_most_twice_as_many_rays_where_rays_are_few() -> None:
+    primary_setup = PrimarySetup((0.01, 0.0), sharp=True, lamps=True)
+    assert [primary_rays_for(rays, primary_setup).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
+    assert primary_rays_for(64, primary_setup, cached=True).in_shadow == 64
+    assert primary_rays_for(8, primary_setup, cached=True, moves=False).in_shadow == 8

@@ -1,4 +1,4 @@
-"""What a pixel shows: areas beside straight edges and means of flat textures, against closed forms and plain rays."""
+"""Primary rays: areas at straight edges and means of flat textures, against closed forms and plain rays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("ordinary")
 
 SIZE = (32, 24)
 COUNTED = 7
-"""First-hit rays too few for corners to be looked at: shares are those of the rays."""
+"""Primary rays too few for corners to be sampled: shares are those of the rays."""
 
 
 @pytest.mark.parametrize("kind", [pytest.param("geometric", marks=pytest.mark.slow), "albedo"])

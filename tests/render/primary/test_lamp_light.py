@@ -1,4 +1,4 @@
-"""Light straight from lamps: closed forms against sums over many directions, and pictures against plain paths."""
+"""Analytic direct light: closed forms against sums over many directions, and pictures against plain paths."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 import warp as wp
 
 from clsim.render.device.compiler import kernel_options
-from clsim.render.features.scene_features import light_is_found_apart
+from clsim.render.features.scene_features import direct_light_is_analytic
 from clsim.render.primary.lamp_light import sphere_irradiance, triangle_irradiance
 from clsim.scene import ImageTexture, Material, PunctualLight, SphereLight, Static
 from tests.render import hand_worlds as hw
@@ -136,14 +136,14 @@ def from_above(**lights):
 
 
 def luminances(world, spp, paths):
-    """Return a picture whose lamps' light is found apart, and one of plain paths."""
+    """Return a picture with analytic direct light, and one of plain paths."""
     seen = Run(world, spp=spp, max_depth=2, first_hit_rays=16).fill(0)
     plain = Run(world, spp=paths, max_depth=2, first_hit_rays=0).fill(0)
     return [np.tensordot(LUMINANCE, each.planes[:3], axes=1) for each in (seen, plain)]
 
 
 @pytest.mark.slow
-def test_the_shadow_in_a_weak_lamps_light_is_seen_beside_a_strong_ones():
+def test_the_shadow_in_a_weak_lamps_light_is_seen_next_to_a_strong_ones():
     """Two suns, of which one has a tenth of the light: corners ask both, and not by their power."""
     suns = [
         PunctualLight("directional", (light,) * 3, Static(hw.look_from((x, 1, 0), (0, 0, 0), up=(0, 0, 1))))
@@ -164,7 +164,7 @@ def test_the_edge_of_a_sharp_cone_lies_within_pixels():
     rim = (plain > 0.02 * plain.max()) & (plain < 0.98 * plain.max())
     assert rim.sum() > 50
     assert np.abs(seen - plain)[rim].mean() < 0.02 * plain.max()
-    assert light_is_found_apart(from_above(punctual_lights=(replace(spot, inner_deg=13.0),)))
+    assert direct_light_is_analytic(from_above(punctual_lights=(replace(spot, inner_deg=13.0),)))
 
 
 @pytest.mark.slow

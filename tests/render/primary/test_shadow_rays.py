@@ -1,4 +1,4 @@
-"""Rays into soft shadows that are taken from the frames around: against all of them, traced anew."""
+"""Rays into soft shadows that are taken from the frames around: against all of them, traced."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def test_light_that_the_same_rays_found_is_a_line_in_time(found):
     (_, traced), (few, every), steady = found
     in_shadow = few[0] < every[0]
     assert 30 < (steady & in_shadow).sum() < in_shadow.sum()
-    # Steady pixels needed no ray inside but one that looks for what is small.
+    # Steady pixels needed no ray inside but one for what is small.
     assert few[:2][:, steady & in_shadow].max() <= 2 < few[:2][:, ~steady & in_shadow].max()
     assert traced.min() > 0.0
 
@@ -80,5 +80,5 @@ def test_black_squares_are_no_shadow():
         tracer.fill(0, frame)
         tracer.close()
         found.append(frame.planes[:3].sum(axis=0))
-    kept, plain = (np.log(each[found[1] > 0.01]) for each in found)
-    assert np.sqrt(np.mean((kept - plain) ** 2)) < 0.3
+    sparse, plain = (np.log(each[found[1] > 0.01]) for each in found)
+    assert np.sqrt(np.mean((sparse - plain) ** 2)) < 0.3

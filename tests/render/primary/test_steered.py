@@ -1,4 +1,4 @@
-"""First-hit rays and steered samples: the same picture for less, and a change of effort that nobody sees."""
+"""Primary rays and steered samples: the same picture for less, and a change of effort that nobody sees."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ def test_a_rise_towards_a_threshold_is_near():
     assert run.spent[0] == 120 + (9 + 9 + 4) * 7
 
 
-def test_first_hit_rays_end_where_all_look_alike():
+def test_first_hit_rays_end_where_all_see_the_same():
     run = Run(lit_world())
     run.tracer.effort = Effort(1, 1, 16)
     frame = run.fill(0)
@@ -193,7 +193,7 @@ def test_a_change_of_effort_changes_nothing_in_a_still_scene():
         assert np.abs(log_brightness(run.fill(k)) - first).max() < 1e-4, effort
 
 
-def test_without_the_kept_difference_a_change_of_samples_would_fire():
+def test_without_the_control_variate_a_change_of_samples_would_fire():
     """The step that the test above must not see: the same samples, rendered by themselves."""
     few, many = (log_brightness(Run(textured_world(), spp=spp).fill(0)) for spp in (1, 64))
     assert (np.abs(few - many) > 0.14).mean() > 0.2
@@ -245,7 +245,7 @@ def test_paths_go_where_a_surface_is_seen_alone():
         before = covered
 
 
-def test_no_ray_looks_in_between_corners_that_pass_by_all_boxes():
+def test_no_ray_goes_between_corners_that_pass_by_all_boxes():
     """But where a lamp may be smaller than a pixel."""
     view = hw.camera(hw.look_from((0, 0, 3), (0, 0, 0)), 24, 24)
     world = hw.world(hw.ball(0.3, rings=12), motions=[LEADS], view=view, environment=(0.7, 0.7, 0.7))
@@ -265,7 +265,7 @@ def test_no_ray_looks_in_between_corners_that_pass_by_all_boxes():
     assert (tiny >= 2).all()
 
 
-def test_going_back_in_time_starts_anew():
+def test_going_back_in_time_restarts():
     run = Run(walled_world(), spp=8, probe_spp=1)
     spent = []
     for index in (0, 1, 0, 1):

@@ -43,7 +43,7 @@ def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear, lens):
     world = replace(world, camera=replace(world.camera, lens=lens, width=SIZE[0], height=SIZE[1]))
     with clsim.Simulator(world, **options) as simulator:
         simulator.step(66_667)
-        tracer = simulator._eye.detector._tracer
+        tracer = simulator._camera_pipeline.detector._tracer
         pixels = np.flatnonzero(found[-1].known)
         fineness = Fineness(least=0.002, late=0.0, longest=0.5, finest=1e-4, linear=linear)
         light = np.zeros((6, SIZE[0] * SIZE[1]), np.float32)
@@ -64,7 +64,7 @@ def test_albedo_between_frames_is_what_rays_find(monkeypatch, linear, lens):
         seen = planes[tracer.names.index(ALBEDO[1])] * (1.0 + 0.1 * shares)
         # Beside the lines there is what float32 leaves of places on far surfaces.
         assert np.quantile(np.abs(lines / seen - 1), 0.95) < 0.004 and np.abs(lines / seen - 1).max() < 0.02
-        # What stays as it is looks so to rays.
+        # What stays as it is does so for rays.
         rest = np.setdiff1d(told.known, told.pixels)[:100].astype(np.int32)
         ends = [tracer.trace(rest, np.full(len(rest), time))[tracer.names.index(ALBEDO[1])] for time in (START_S, 0.05)]
         np.testing.assert_allclose(*ends, rtol=1e-4)
@@ -76,12 +76,12 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
         options = {"resolution": SIZE, "quality": "balanced", "time": "adaptive", "time_tolerance_us": 10.0}
         with clsim.Simulator("two-boxes", fps=30.0, **options) as simulator:
             events = simulator.step(100_000)
-            return events, simulator._eye.detector.between.stats.requests
+            return events, simulator._camera_pipeline.detector.between.stats.requests
 
     find = FlatPixels.find
 
     def nothing_known(*given):
-        """All are looked at where they may fire by themselves, as those are over which something else may come."""
+        """All are traced where they may fire by themselves, as those are over which something else may come."""
         told = find(*given)
         numbers = np.concatenate([told.knots.pixels, told.unsure_knots.pixels + len(told.pixels)])
         times, levels = (
@@ -96,10 +96,10 @@ def test_flat_pixels_fire_as_if_they_were_traced(monkeypatch):
     events, few = run()
     monkeypatch.setattr(FlatPixels, "find", nothing_known)
     traced, many = run()
-    apart = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
-    assert few < 0.8 * many and len(apart) > 0.99 * max(len(events), len(traced))
+    differences = np.abs(one_to_one(events, traced, Sampling(*SIZE, 30.0), 1000))
+    assert few < 0.8 * many and len(differences) > 0.99 * max(len(events), len(traced))
     # Most events are of pixels that are traced in both runs: the median would tell nothing of the others.
-    assert np.quantile(apart, 0.9) < 80
+    assert np.quantile(differences, 0.9) < 80
 
 
 @pytest.mark.slow

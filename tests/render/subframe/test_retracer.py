@@ -40,17 +40,17 @@ class Swing:
         return hw.translation(*np.multiply(time_s, self.velocity)) @ self.start @ turn
 
 
-def busy_world(camera_moves=True, things_move=True, size=(13, 11)):
+def busy_world(camera_moves=True, objects_move=True, size=(13, 11)):
     """A spinning block over a floor, under a sphere light and a spot that go their ways."""
     start = hw.look_from((0.2, 1.1, 2.5), (0, 0.2, 0))
     camera = replace(hw.camera(start, *size, fov_deg=60.0), motion=Swing(start) if camera_moves else Static(start))
     floor = hw.quad((-3, 0, 3), (6, 0, 0), (0, 0, -6))
     block = hw.box((-0.3, 0.1, -0.3), (0.3, 0.6, 0.3), material=1)
-    spin = Swing(np.eye(4), turns_per_s=11.0) if things_move else Static(np.eye(4))
+    spin = Swing(np.eye(4), turns_per_s=11.0) if objects_move else Static(np.eye(4))
 
     def place(x, y, z):
         pose = hw.look_from((x, y, z), (0, 0, 0))
-        return Swing(pose, (-1.5, 0.2, 0.1)) if things_move else Static(pose)
+        return Swing(pose, (-1.5, 0.2, 0.1)) if objects_move else Static(pose)
 
     world = hw.world(
         floor, block, materials=(hw.GREY, Material(color=(0.7, 0.2, 0.1))), view=camera,
@@ -110,7 +110,7 @@ def test_a_request_gives_the_bits_of_the_frame_where_everything_moves():
 
 
 def test_first_hits_of_a_request_are_those_of_the_frame():
-    """Radiance is what shines, and light straight from lamps: requests find no other irradiance."""
+    """Radiance is what shines, and direct light: requests find no other irradiance."""
     options = RenderOptions(spp=1, sampler="sobol", first_hit_rays=16, threads=2, tile_pixels=50)
     found = compare(busy_world(), options, left_out=("R", "G", "B", "Samples"))
     np.testing.assert_allclose(
@@ -119,15 +119,15 @@ def test_first_hits_of_a_request_are_those_of_the_frame():
     assert (found[-1] > 0).mean() > 0.5
 
 
-@pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "things"])
+@pytest.mark.parametrize("moving", [(True, False), (False, True)], ids=["camera", "surfaces"])
 @pytest.mark.parametrize("rays", [0, 16])
-def test_a_request_gives_the_bits_of_the_frame_where_one_thing_moves(moving, rays):
+def test_a_request_gives_the_bits_of_the_frame_where_one_object_moves(moving, rays):
     left_out = ("R", "G", "B", "Samples") if rays else ()
     compare(busy_world(*moving), RenderOptions(spp=2, first_hit_rays=rays), left_out)
 
 
 def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
-    """No corner tells there what a pixel shows, and none is looked at."""
+    """No corner tells there what a pixel shows, and none is sampled."""
     world = busy_world()
     lens = replace(world.camera.lens, aperture_radius_m=0.05, focus_distance_m=2.0)
     blurred = replace(world, camera=replace(world.camera, lens=lens))
@@ -136,7 +136,7 @@ def test_first_hits_of_a_request_are_those_of_the_frame_behind_a_wide_lens():
 
 def test_first_hits_of_a_request_see_a_texture_as_those_of_the_frame_do():
     """Many texels a pixel: what is read of them are coarser levels, here and there."""
-    world = busy_world(things_move=False)
+    world = busy_world(objects_move=False)
     texels = np.random.default_rng(5).integers(0, 256, (128, 128, 4), dtype=np.uint8)
     materials = (replace(world.materials[0], texture=0), *world.materials[1:])
     tiles = ImageTexture(texels, uv_matrix=((16.0, 0.0, 0.0), (0.0, 16.0, 0.0)))
@@ -203,9 +203,9 @@ def test_where_the_camera_alone_moves_a_pixel_of_each_block_is_followed():
     np.testing.assert_allclose(ways[1], np.stack([x, y]) * (1 - 2.3 / 2), atol=2e-4)
 
 
-def test_what_is_seen_from_a_stand_is_kept_and_is_what_would_be_seen_anew(monkeypatch):
+def test_what_is_seen_from_a_pose_is_remembered_and_is_what_would_be_traced(monkeypatch):
     """A camera that goes on, jumps back and is moved: ways have the bits of a tracer that knows no other step."""
-    world = busy_world(things_move=False)
+    world = busy_world(objects_move=False)
     camera = Driven(world.camera.motion)
     world = with_driven(world, {CAMERA: camera})
     told, tell = [], wp.Launch.set_param_by_name
@@ -222,9 +222,9 @@ def test_what_is_seen_from_a_stand_is_kept_and_is_what_would_be_seen_anew(monkey
         told.clear()
         ways = retracer.motion(start_s, end_s)
         assert sum(told) == known
-        anew = Retracer(SceneData(world, instants=True), RenderOptions(spp=1))
-        np.testing.assert_array_equal(ways, anew.motion(start_s, end_s))
-        anew.close()
+        fresh = Retracer(SceneData(world, instants=True), RenderOptions(spp=1))
+        np.testing.assert_array_equal(ways, fresh.motion(start_s, end_s))
+        fresh.close()
 
     follow(0.0, 0.1, known=0)
     follow(0.0, 0.05, known=1)
@@ -262,7 +262,7 @@ def test_first_hits_of_a_request_see_soft_shadows_as_those_of_the_frame_do():
 
 
 @pytest.mark.parametrize("light_hz", [None, 30.0])
-def test_a_request_sees_the_kept_light_that_the_frame_was_rendered_in(light_hz):
+def test_a_request_sees_the_cached_light_that_the_frame_was_rendered_in(light_hz):
     """At the frame's time it has the frame's bits, whatever the frame's own paths have found."""
     world = load_world("two-boxes", resolution=(32, 24))
     options = RenderOptions(

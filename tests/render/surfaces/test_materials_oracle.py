@@ -234,7 +234,7 @@ def test_mitsuba_sees_the_same(name, mi, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["diffuse", *(name for name in CASES if name.startswith("plastic"))])
-def test_mitsuba_sees_coats_as_they_are_in_kept_light(name, mi, tmp_path):
+def test_mitsuba_sees_coats_as_they_are_in_cached_light(name, mi, tmp_path):
     """A slope instead of the ball. Cells blur light over some pixels, so blocks differ more than the whole."""
     case = CASES[name]
     slope = hw.quad((-2, -0.9, 1.5), (4, 0, 0), (0, 1.0, -3))

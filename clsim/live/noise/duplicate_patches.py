@@ -1,4 +1,4 @@
-"""How much of a run is noise where windows mix pixels: patches of the picture are rendered and detected twice.
+"""Duplicate sampling where windows mix pixels: patches of the picture are rendered and detected twice.
 
 Events in the margins of patches do not count, as their windows see other pixels than the picture's.
 """
@@ -11,21 +11,21 @@ from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
 from clsim.frames import Frame, page_aligned
 from clsim.frames.patches import Patches
-from clsim.live.noise.second_look import F32, Fired, Looks, gathered
+from clsim.live.noise.duplicate_sampling import F32, DuplicateSampling, Fired, gathered
 from clsim.opencl.device import Device
 
-LOOKED_AT_AGAIN = 0.125
+SHARE_IN_PATCHES = 0.125
 """Share of the pixels that is in patches, about."""
 
 
 def patches_for(config: DetectorConfig, width: int, height: int) -> Patches | None:
-    """Return patches whose margins are as wide as ``config`` looks about; None where the picture is too small."""
+    """Return patches whose margins are as wide as the window of ``config``; None where the picture is too small."""
     reach = config.side // 2 * config.stride + config.box // 2
-    return Patches.over(width, height, reach, LOOKED_AT_AGAIN)
+    return Patches.over(width, height, reach, SHARE_IN_PATCHES)
 
 
-class PatchLooks(Looks):
-    """Looks at patches, of which all planes ``[2, C, rows, columns]`` are seen."""
+class DuplicatePatches(DuplicateSampling):
+    """A noise meter of patches, of which all planes ``[2, C, rows, columns]`` are sampled."""
 
     def __init__(self, config: DetectorConfig, patches: Patches, names: tuple[str, ...], device: Device) -> None:
         """Prepare to find brightness as ``config`` does; ``device`` computes it."""
@@ -45,8 +45,8 @@ class PatchLooks(Looks):
             pixels = events["y"].astype(np.int64) * frame.width + events["x"]
             fired.append((np.where(events["on"], pixels, ~pixels), events["t"].astype(np.int64)))
 
-    def _kept(self) -> int:
-        return sum(len(stamps) for look in self._fired for _, stamps in look)
+    def _waiting(self) -> int:
+        return sum(len(stamps) for replica in self._fired for _, stamps in replica)
 
     def _taken(self) -> tuple[Fired, Fired]:
         first, second = map(gathered, self._fired)

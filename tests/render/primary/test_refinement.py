@@ -1,4 +1,4 @@
-"""More rays look at pixels that are about to fire, and fewer at others: that saves rays, and moves no event."""
+"""Pixels that are about to fire get more primary rays, and others fewer: that saves rays, and moves no event."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from clsim.errors import InputError
 from clsim.frames import SAMPLES, InterestBoard, rendered_planes
 from clsim.render import RenderOptions
-from clsim.render.primary.closer_look import SHARE_ERROR, NextEvent, error_allowed, fire
+from clsim.render.primary.refinement import SHARE_ERROR, NextEvent, error_allowed, fire
 from clsim.scene import Material
 from tests.render import hand_worlds as hw
 from tests.render.cache.test_light_cache import luminance, panning
@@ -72,7 +72,7 @@ def fence():
 
 
 def run(frames, **options):
-    """Return levels ``[frames, H·W]`` of the fence, and how many first-hit rays they took."""
+    """Return levels ``[frames, H·W]`` of the fence, and how many primary rays they took."""
     given = {"light_cache": True, "spp": 4, "probe_spp": 1, "first_hit_rays": 16, "fps": 15.0}
     each = Run(fence(), **given | options)
     levels = np.stack([np.log(luminance(each.fill(index))).ravel() for index in range(frames)])
@@ -89,7 +89,7 @@ def events(levels, threshold):
 
 
 @pytest.mark.slow
-def test_fewer_rays_look_where_no_event_is_near_and_the_same_events_fire():
+def test_fewer_rays_are_traced_where_no_event_is_near_and_the_same_events_fire():
     """The truth is told by many rays in each pixel; without thresholds, contrast alone decides how many there are."""
     threshold = 0.16
     truth = events(run(18, first_hit_rays=256)[0], threshold)
@@ -104,7 +104,7 @@ def test_fewer_rays_look_where_no_event_is_near_and_the_same_events_fire():
 
 @pytest.mark.slow
 def test_a_still_picture_fires_nothing_though_rays_become_fewer():
-    """Where less is looked at brightness moves, but no pixel comes to a threshold by that."""
+    """Fewer rays move brightness, but no pixel comes to a threshold by that."""
     world = fence()
     still = replace(world, camera=replace(world.camera, motion=hw.camera(world.camera.motion.pose(0.0)).motion))
     each = Run(still, light_cache=True, spp=4, probe_spp=1, first_hit_rays=16, fires_at=(0.02, 0.02))
@@ -115,7 +115,7 @@ def test_a_still_picture_fires_nothing_though_rays_become_fewer():
     assert np.abs(levels[1] - levels[0]).max() > 1e-3 and np.ptp(levels[1:], axis=0).max() < 1e-4
 
 
-def test_thresholds_are_for_light_that_is_kept_in_frames_alone():
+def test_thresholds_are_for_light_that_is_cached_in_frames_alone():
     for wrong in ({"light_cache": False}, {"light_hz": 120.0}, {"fires_at": (0.2, 0.0)}):
         with pytest.raises(
             InputError, match=r"`fires_at` .* needs positive thresholds, `light_cache` and no `light_hz`"
@@ -124,11 +124,11 @@ def test_thresholds_are_for_light_that_is_kept_in_frames_alone():
 
 
 @pytest.mark.slow
-def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_and_still_pixels_stay():
+def test_without_a_cache_what_changes_near_an_event_gets_more_rays_and_still_pixels_stay():
     world = fence()
     still = replace(world, camera=replace(world.camera, motion=hw.camera(world.camera.motion.pose(0.0)).motion))
     columns = np.tile(np.arange(24), (18, 1))
-    near, beside, moving = columns % 8 == 0, np.isin(columns % 8, (7, 0, 1)), columns < 12
+    near, around, moving = columns % 8 == 0, np.isin(columns % 8, (7, 0, 1)), columns < 12
 
     def samples(rays, **options):
         board = InterestBoard()
@@ -144,7 +144,7 @@ def test_where_light_is_found_anew_more_rays_look_at_what_changes_near_an_event_
     many = counts[0] > 31
     assert many.mean() > 0.3, "shares are counted there, by twice as many rays at least"
     np.testing.assert_array_equal(counts[1] > 31, many, "there is no map yet")
-    np.testing.assert_array_equal(counts[3][many] > 31, (beside | ~moving)[many])
+    np.testing.assert_array_equal(counts[3][many] > 31, (around | ~moving)[many])
     np.testing.assert_allclose(shown[3][:, ~moving], shown[0][:, ~moving], rtol=1e-4)
-    assert samples(8)[0].max() < 31, "few rays look everywhere where few are wanted"
+    assert samples(8)[0].max() < 31, "few rays are traced everywhere where few are wanted"
     assert samples(16, light_hz=120.0)[0].max() < 31, "and where pixels are seen between frames too"

@@ -1,4 +1,4 @@
-"""A second look by paths alone: it is what another run sees, and changes nothing."""
+"""Duplicate sampling by paths alone: it is what another run sees, and changes nothing."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ pytestmark = pytest.mark.usefixtures("ordinary")
 
 
 @pytest.mark.parametrize("noise", ["common", "independent"])
-def test_a_second_look_is_that_of_the_complement_of_the_seed(noise):
+def test_duplicate_pixels_are_those_of_the_complement_of_the_seed(noise):
     world, given = panning(textured_world()), {"first_hit_rays": 0, "spp": 8, "noise": noise}
-    once, twice = (Run(world, look_again=every, **given) for every in (0, 3))
+    once, twice = (Run(world, duplicate_every=every, **given) for every in (0, 3))
     other = Run(world, seed=2**64 - 1, **given)
     for index in range(3):
         np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
         assert twice.spent == once.spent
-        first, again = twice.tracer.seen_twice(twice.frame)
+        first, again = twice.tracer.sampled_twice(twice.frame)
         np.testing.assert_allclose(first, luminance(twice.frame).reshape(-1)[::3], rtol=1e-6)
         np.testing.assert_allclose(again, luminance(other.fill(index)).reshape(-1)[::3], rtol=1e-6)
         assert not np.allclose(first, again, rtol=0.01)
@@ -32,43 +32,44 @@ def test_a_second_look_is_that_of_the_complement_of_the_seed(noise):
 def test_patches_are_those_of_the_complement_of_the_seed():
     world, given = panning(textured_world()), {"first_hit_rays": 0, "spp": 4}
     patches = Patches(4, ((3, 2), (0, 5), (4, 3)), 1)
-    once, twice = Run(world, **given), Run(world, look_again_in=patches, **given)
+    once, twice = Run(world, **given), Run(world, duplicate_in=patches, **given)
     other = Run(world, seed=2**64 - 1, **given)
     for index in range(2):
         np.testing.assert_array_equal(once.fill(index).planes, twice.fill(index).planes)
-        seen, differs = twice.tracer.seen_twice(twice.frame), other.fill(index).planes
+        seen, differs = twice.tracer.sampled_twice(twice.frame), other.fill(index).planes
         assert seen.shape == (2, len(twice.frame.names), 12, 4)
         for k, (x, y) in enumerate(patches.corners):
-            for look, planes in zip(seen, (twice.frame.planes, differs), strict=True):
-                np.testing.assert_array_equal(look[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
+            for estimate, planes in zip(seen, (twice.frame.planes, differs), strict=True):
+                np.testing.assert_array_equal(estimate[:, 4 * k : 4 * k + 4], planes[:, y : y + 4, x : x + 4])
 
 
 @pytest.mark.slow
-def test_where_things_move_two_looks_differ_as_two_seeds_do():
+def test_where_objects_move_two_estimates_differ_as_two_seeds_do():
     """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
     world = load_world("cornell", resolution=(48, 36))
     given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
-    looks, seeds, dark = [], [], 1e-3
+    primary_rays, seeds, dark = [], [], 1e-3
     for seed in range(3):
         once, twice, other = (
-            Run(world, seed=seed + apart, look_again=every, **given) for every, apart in ((0, 0), (1, 0), (1, 100))
+            Run(world, seed=seed + offset, duplicate_every=every, **given)
+            for every, offset in ((0, 0), (1, 0), (1, 100))
         )
         for index in range(0, 32, 8):
             frames = [run.fill(index) for run in (once, twice, other)]
             np.testing.assert_array_equal(frames[0].planes, frames[1].planes)
             assert twice.spent == once.spent
             _, seen, differs = (luminance(frame).reshape(-1) for frame in frames)
-            one, again = twice.tracer.seen_twice(twice.frame)
-            looks.append(np.log((one + dark) / (again + dark)))
+            one, again = twice.tracer.sampled_twice(twice.frame)
+            primary_rays.append(np.log((one + dark) / (again + dark)))
             seeds.append(np.log((seen + dark) / (differs + dark)))
-    grown = (np.diff(np.reshape(each, (3, 4, -1)), axis=1) for each in (looks, seeds))
+    grown = (np.diff(np.reshape(each, (3, 4, -1)), axis=1) for each in (primary_rays, seeds))
     spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in grown]
     np.testing.assert_allclose(*spread, rtol=0.35)
 
 
-def test_first_hit_rays_without_kept_light_are_not_looked_at_again():
-    with pytest.raises(InputError, match="`look_again` 3 needs `light_cache` or no `first_hit_rays`"):
-        RenderOptions(look_again=3, first_hit_rays=8)
-    for given in ({"first_hit_rays": 8}, {"look_again": 3}):
-        with pytest.raises(InputError, match="`look_again_in` needs no `look_again` and no `first_hit_rays`"):
-            RenderOptions(look_again_in=Patches(9, ((0, 0),), 1), **given)
+def test_first_hit_rays_without_cached_light_have_no_duplicates():
+    with pytest.raises(InputError, match="`duplicate_every` 3 needs `light_cache` or no `first_hit_rays`"):
+        RenderOptions(duplicate_every=3, first_hit_rays=8)
+    for given in ({"first_hit_rays": 8}, {"duplicate_every": 3}):
+        with pytest.raises(InputError, match="`duplicate_in` needs no `duplicate_every` and no `first_hit_rays`"):
+            RenderOptions(duplicate_in=Patches(9, ((0, 0),), 1), **given)

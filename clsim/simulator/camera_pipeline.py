@@ -1,4 +1,4 @@
-"""One camera of a driven simulator: the stages of a live run, from its view of the scene to its events."""
+"""A camera pipeline of a driven simulator: the stages of a live run, from its view of the scene to its events."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from clsim.simulator.snapshot import Snapshot
 from clsim.truth.cut import cut
 from clsim.truth.names import plane_names
 
-_APART = (SceneData, Camera, FrameMemory, Workplace)
+_SHARED = (SceneData, Camera, FrameMemory, Workplace)
 """What a snapshot leaves as it is: the scene on its device, memory that is lent and taken back, kernels' arguments."""
 
 
-class Eye:
-    """Renders a camera's frames and finds its events.
+class CameraPipeline:
+    """One camera's view, frame and detector.
 
     Attributes:
         stages: what is rendered and how, and how events are found; `connect` builds them.
@@ -62,7 +62,7 @@ class Eye:
         if stages.options.truth:
             after_us = time_us + round(1e6 / stages.fps)
             self.view.fill_truth(self._frame, before_us, after_us, after_us)
-            data.move_anew()  # a pose may yet be set for a time at which the scene was for the sake of flow
+            data.restart_motion()  # a pose may yet be set for a time at which the scene was for the sake of flow
         events: EventBatch = self.detector.step(self._frame).copy()
         causes = getattr(self.detector, "causes", None)  # not all detectors tell them
         self._causes.append(np.zeros(len(events), np.uint8) if causes is None else causes)
@@ -71,7 +71,7 @@ class Eye:
         return events
 
     def forget_light(self) -> None:
-        """Find light anew from the next frame on, where it is kept."""
+        """Empty the radiance cache, if there is one, before the next frame."""
         if self.view is not None:
             self.view.forget_light()
 
@@ -98,7 +98,7 @@ class Eye:
     def snapshot(self) -> Snapshot:
         """Return all that the stages remember."""
         queue = getattr(self.detector, "queue", None)  # what runs in numpy has none
-        return Snapshot((self.view, self.detector, self._board, self._frame), queue, _APART)
+        return Snapshot((self.view, self.detector, self._board, self._frame), queue, _SHARED)
 
     def release(self) -> None:
         """Release the devices' memory; safe to call twice."""

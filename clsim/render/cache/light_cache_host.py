@@ -10,24 +10,24 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.cache.kept_light import Gathering
+from clsim.render.cache.cached_light import Gathering
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
 from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
 from clsim.render.cache.path_store import PathStore
 from clsim.render.cache.stored_paths import Met
 from clsim.render.device.launch import record
-from clsim.render.primary.closer_look import NextEvent
-from clsim.render.primary.effort import Effort, Sight, looks_of
-from clsim.render.primary.first_hits import Looks
+from clsim.render.primary.effort import Effort, PrimarySetup, primary_rays_for
+from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.refinement import NextEvent
 from clsim.render.primary.shadow_rays import Shadow
 from clsim.scene import Sensor
 
 KNOWN = 43.0
 """Where fewer paths than these tell of the light, a pixel traces all its paths …"""
-_FINELY = 16.0
-"""… and where fewer tell of it in the finest cells, if light straight from lamps is kept: what comes into view is soon
-known too."""
+_KNOWN_IN_FINEST = 16.0
+"""… and where fewer tell of it in the finest cells, if the cache holds direct light: what comes into view is soon known
+too."""
 _CELL_PX = 2.0
 """Largest width of the finest cells [pixels]; each level of coarser ones is twice as wide."""
 _FINEST_IF_SMOOTH = 2
@@ -40,7 +40,7 @@ _LARGEST_TABLE = 1 << 22
 """Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
 _REMEMBERED = 256
 _NEVER = math.inf
-"""More than can be known."""
+"""A threshold that no number of paths reaches, so that all paths are traced."""
 _PASSES_OF_FIRST = 2
 """Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
 _KNOWN_AT_FIRST = 0.28
@@ -52,7 +52,7 @@ _MOST_AT_FIRST = 160
 
 
 def nothing_shown(device: Any) -> dict[str, Any]:
-    """Return what `LightKeeper.shown` does, for a launch that is recorded before there is a frame."""
+    """Return what `LightCacheHost.shown` does, for a launch that is recorded before there is a frame."""
     empty: dict[str, Any] = {"steering": Gathering()}
     shadows = ("shadows_before", Shadow), ("shadows_after", Shadow), ("passed", wp.float32)
     for name, kind in (
@@ -93,14 +93,14 @@ def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bo
     return float((found / found.mean(axis=0)).var(axis=0, ddof=1).mean()) if lit.any() else 0.0
 
 
-class LightKeeper:
-    """Keeps what paths find, and tells pixels how many to trace: few where the light is known.
+class LightCacheHost:
+    """The radiance cache's memory and launches, and how many paths pixels trace: few where the light is known.
 
     Attributes:
         effort: what holds from the next frame on; may be set from any thread.
-        first_hit_rays: first-hit rays traced so far.
+        first_hit_rays: primary rays traced so far.
         paths: paths traced so far.
-        light_s: time that keeping light and finding it again have taken so far, beside the frames.
+        light_s: time that updating the cache and tracing stored paths have taken so far, without the frames.
     """
 
     def __init__(
@@ -108,10 +108,10 @@ class LightKeeper:
         width: int,
         height: int,
         effort: Effort,
-        sight: Sight,
+        primary_setup: PrimarySetup,
         pace_hz: float | None,
         event: Any,
-        look_again: int,
+        duplicate_every: int,
         store: PathStore | None,
         device: Any,
     ) -> None:
@@ -121,23 +121,23 @@ class LightKeeper:
             width: of the frames [pixels].
             height: of the frames [pixels].
             effort: what is spent on a pixel: ``spp`` paths where the light is unknown, else ``probe_spp``.
-            sight: what first-hit rays see.
+            primary_setup: what primary rays see.
             pace_hz: see `RenderOptions.light_hz`.
             event: a `NextEvent`: what pixels fire at; thresholds are 0 where nobody knows.
-            look_again: see there too.
+            duplicate_every: see there too.
             store: paths that follow the light, None where nothing but the camera moves.
             device: Warp's device.
         """
         pixels = width * height
-        again = -(-pixels // look_again) if look_again else 1
-        self._seen_twice: Any = wp.zeros((2, again), dtype=wp.float32, device=device)
-        self._learnt_twice: Any = wp.zeros((3, again), dtype=wp.float32, device=device)
+        duplicate_every = -(-pixels // duplicate_every) if duplicate_every else 1
+        self._sampled_twice: Any = wp.zeros((2, duplicate_every), dtype=wp.float32, device=device)
+        self._duplicate_learnt: Any = wp.zeros((3, duplicate_every), dtype=wp.float32, device=device)
         self.effort = effort
         self.first_hit_rays = self.paths = 0
         self.light_s = 0.0
         self._device = device
         self._store = store
-        self._sight = sight
+        self._primary_setup = primary_setup
         self._pace_hz = pace_hz
         self._tick = 0
         self._learns = True
@@ -167,7 +167,7 @@ class LightKeeper:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What the kernel takes beside the scene and the frame; what `prepare` returns changes with each frame."""
+        """Arguments of the kernel without the scene and the frame; what `prepare` returns changes with each frame."""
         return {
             "steering": Gathering(),
             "cells": self._cells,
@@ -178,9 +178,9 @@ class LightKeeper:
             "fired": self._fired,
             "own_before": self._own_before,
             "learnt_before": self._learnt_before,
-            "learnt_twice": self._learnt_twice,
-            "again": 0,
-            "out_twice": self._seen_twice,
+            "duplicate_learnt": self._duplicate_learnt,
+            "duplicate_every": 0,
+            "out_duplicate": self._sampled_twice,
             **self._found,
             "out_spent": self._spent,
             "out_shadows": self._shadows[1],
@@ -189,7 +189,7 @@ class LightKeeper:
     def prepare(self, index: int, time_us: int) -> tuple[dict[str, Any], int]:
         """Return the arguments of the kernel that change with a frame, and the full number of paths.
 
-        What the paths of the last frame found is kept from now on. At a pace, a frame that comes too soon traces none.
+        What the paths of the last frame found is added to the cache. At a pace, a frame that is too soon traces none.
         """
         effort = self.effort  # asked once: another thread may set it meanwhile
         self._learns = self._is_time(time_us)
@@ -221,20 +221,22 @@ class LightKeeper:
             self._fired.fill_(math.nan)
         self._gathering: Any = Gathering()
         last = self._frames + 1 >= self._passes
-        # Nobody sees the first frame before it is rendered for the last time: it is not looked at, but for paths.
+        # Nobody sees the first frame before it is rendered for the last time: until then only its paths count.
         rays, moves = effort.first_hit_rays, self._store is not None
-        self._gathering.looks = looks_of(rays, self._sight, kept=True, moves=moves) if last else Looks()
+        self._gathering.primary_rays = (
+            primary_rays_for(rays, self._primary_setup, cached=True, moves=moves) if last else PrimaryRays()
+        )
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
-        self._gathering.turn = self._frames
+        self._gathering.phase = self._frames
         if last:
             self._gathering.event = self._event
         self._gathering.known = KNOWN
-        self._gathering.finely = _FINELY if self._finest == 0 else 0.0
-        self._gathering.lamps = self._sight.lamps
+        self._gathering.in_finest = _KNOWN_IN_FINEST if self._finest == 0 else 0.0
+        self._gathering.lamps = self._primary_setup.lamps
         if self._frames < self._passes and self._finds_all:
-            self._gathering.finely = _NEVER
+            self._gathering.in_finest = _NEVER
         self._gathering.anchored = self._store is not None
-        self._gathering.cell = wp.vec2(*(_CELL_PX * width for width in self._sight.pixel))
+        self._gathering.cell = wp.vec2(*(_CELL_PX * width for width in self._primary_setup.pixel))
         self._gathering.asked = asked
         self._gathering.earlier = (self._learns or follows) and self._pace_hz is not None
         if self._times_us[-1:] != [time_us]:
@@ -245,7 +247,7 @@ class LightKeeper:
             "steering": self._gathering,
             "cells": self._cells,
             "followed": self._told[1],
-            "again": 0,
+            "duplicate_every": 0,
             **self._found,
         }
         changed["out_shadows"] = self._shadows[1]
@@ -262,13 +264,13 @@ class LightKeeper:
         return {"steering": self._gathering} | light | shadows
 
     @property
-    def seen_twice(self) -> npt.NDArray[np.float32]:
-        """Luminance of every n-th pixel in raster order, as two looks saw the last frame; see `View.seen_twice`."""
-        return np.asarray(self._seen_twice.numpy(), np.float32)
+    def sampled_twice(self) -> npt.NDArray[np.float32]:
+        """Two estimates of the luminance of every n-th pixel in raster order; see `View.sampled_twice`."""
+        return np.asarray(self._sampled_twice.numpy(), np.float32)
 
     @property
     def step_us(self) -> tuple[int, int] | None:
-        """Times of the last two frames; None where there are none, or a motion has begun anew between them."""
+        """Times of the last two frames; None where there are none, or the motion was restarted between them."""
         start_us, end_us = self._times_us if len(self._times_us) == 2 else (0, 0)
         return (start_us, end_us) if start_us < end_us else None
 
@@ -284,7 +286,7 @@ class LightKeeper:
             self._store.forget()
             return
         self._found_more = False
-        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._learnt_twice):
+        for each in (self._keys, self._sums, self._cells, self._used, self._own, self._learnt, self._duplicate_learnt):
             each.zero_()
         self._frames = 0
         self._times_us.clear()
@@ -313,11 +315,11 @@ class LightKeeper:
 
     @property
     def _finds_all(self) -> bool:
-        """Whether paths find all light that is kept, and so many of them that fine cells are asked."""
-        return self._finest == 0 and not self._sight.lamps
+        """Whether paths find all light in the cache, and so many of them that fine cells are looked up."""
+        return self._finest == 0 and not self._primary_setup.lamps
 
     def _passes_of_first(self) -> int:
-        """Return how many times the first frame is rendered: paths are traced again rather than all kept at once."""
+        """Return how many times the first frame is rendered, so that memory for the paths of one pass is enough."""
         lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
         if len(lights) < _FEW:
             return _PASSES_OF_FIRST
@@ -369,7 +371,7 @@ class LightKeeper:
         self.light_s += time.perf_counter() - begun_s
 
     def _table(self, rows: int) -> tuple[Any, Any, Any, tuple[Any, Any]]:
-        """Return free rows: their keys, their sums, what those who look read, and the same of stored paths."""
+        """Return free rows: their keys, their sums, their cells, and sums and cells of stored paths."""
         keys: Any = wp.zeros(rows, dtype=wp.int64, device=self._device)
         sums: Any = wp.zeros((rows, SUMS), dtype=wp.int64, device=self._device)
         cells: Any = wp.zeros(rows, dtype=Cell, device=self._device)

@@ -1,7 +1,7 @@
-"""How much of a run is noise: some pixels are looked at twice, and what one look fires and the other does not is noise.
+"""Duplicate sampling: some pixels are rendered twice, and events that only one of the two replicates has are noise.
 
-Both looks are rendered alike, with first-hit rays of their own. Where light is kept they share its paths: there one
-look is made somewhat brighter and the other darker, by how far the light might be off.
+Both replicates are rendered alike, each with its own primary rays. They share the radiance cache: one is raised and the
+other lowered by the error of its light.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ import numpy.typing as npt
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
 
-SEEN_TWICE = 61
-"""One in so many pixels is looked at again."""
+DUPLICATE_EVERY = 61
+"""One in so many pixels is sampled twice."""
 ENOUGH = 20
 """Events from which on their share means something."""
 WITHIN_US = 25_000
-"""Two looks' events are fellows if they are alike, at one pixel, and at most so far apart [µs]."""
+"""Largest time between matched events, which are of the same polarity and pixel [µs]."""
 _STRETCH_US = 1_000_000
 """Events of so much time are compared at once and forgotten [µs]."""
 _MOST_EVENTS = 1 << 20
-"""Events that are kept: of more, less time is compared at once."""
+"""Events that are stored: of more, less time is compared at once."""
 _MOST_OF_A_PIXEL = 1000
 """Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor_ideal.cl)."""
 
@@ -44,8 +44,8 @@ def gathered(fired: Sequence[Fired]) -> Fired:
 
 
 @dataclass
-class Look:
-    """Ideal pixels, and what they fired since it was last asked.
+class IdealPixels:
+    """Ideal pixels, and the events that they fired since it was last asked.
 
     Attributes:
         level: of each pixel at the last frame where it was finite, NaN before the first [natural-log units].
@@ -81,27 +81,27 @@ class Look:
         return gathered(fired)
 
 
-class Looks(ABC):
-    """Counts events of pixels that are seen twice, and those that one look alone has."""
+class DuplicateSampling(ABC):
+    """A noise meter: events of pixels that are sampled twice, and those that only one replicate has."""
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._events = self._alone = 0
+        self._events = self._unmatched = 0
         self._since_us = self._time_us = -1
         self._going = False
 
     def take(self, seen: F32, time_us: int) -> None:
-        """Go on to a frame, of which both looks saw ``seen`` ``[2, …]``; an earlier time begins anew."""
+        """Go on to a frame, of which the replicates are ``seen`` ``[2, …]``; an earlier time restarts."""
         if time_us <= self._time_us:
-            self.begin_anew()
+            self.restart()
         if not self._going:
             self._since_us, self._going = time_us, True
         self._step(seen, time_us)
         self._time_us = time_us
-        if time_us - self._since_us >= _STRETCH_US or self._kept() > _MOST_EVENTS:
+        if time_us - self._since_us >= _STRETCH_US or self._waiting() > _MOST_EVENTS:
             self._compare()
 
-    def begin_anew(self) -> None:
+    def restart(self) -> None:
         """Take the next frame for a first one, as the detector does where the samples of a pixel become others."""
         self._compare()
         self._forget()
@@ -109,70 +109,70 @@ class Looks(ABC):
 
     @property
     def noise_share(self) -> float | None:
-        """Share of the events that one look alone has; None where there are too few to tell."""
+        """Share of the events that only one replicate has; None where there are too few to tell."""
         self._compare()
-        return self._alone / self._events if self._events >= ENOUGH else None
+        return self._unmatched / self._events if self._events >= ENOUGH else None
 
     @abstractmethod
     def _step(self, seen: F32, time_us: int) -> None:
-        """Let both looks fire what they do from the last frame to this one."""
+        """Let both replicates fire their events from the last frame to this one."""
 
     @abstractmethod
-    def _kept(self) -> int:
+    def _waiting(self) -> int:
         """Return how many events wait to be compared."""
 
     @abstractmethod
     def _taken(self) -> tuple[Fired, Fired]:
-        """Return what each look fired, and forget it."""
+        """Return what each replicate fired, and forget it."""
 
     @abstractmethod
     def _forget(self) -> None:
-        """Let both looks have no past."""
+        """Let both replicates have no past."""
 
     def _compare(self) -> None:
         first, second = self._taken()
         events = len(first[0]) + len(second[0])
-        self._alone += events - 2 * _pairs(first, second)
+        self._unmatched += events - 2 * _pairs(first, second)
         self._events += events
         self._since_us = self._time_us
 
 
-class SecondLook(Looks):
-    """Looks at single pixels, of which luminance ``[2, n]`` is seen."""
+class DuplicatePixels(DuplicateSampling):
+    """A noise meter of single pixels, of which luminance ``[2, n]`` is sampled."""
 
     def __init__(self, config: DetectorConfig) -> None:
         """Prepare for brightness as ``config`` has it."""
         if config.response != "ln":
-            raise InputError(f"a second look needs `response` ln, got {config.response}")
+            raise InputError(f"duplicate pixels need `response` ln, got {config.response}")
         super().__init__()
         self._config = config
-        self._looks: list[Look] = []
+        self._replicas: list[IdealPixels] = []
 
     def _step(self, seen: F32, time_us: int) -> None:
         config = self._config
         level = np.log(np.maximum(config.scale * seen.astype(np.float64), config.floor))
-        if not self._looks:
+        if not self._replicas:
             known = np.where(np.isfinite(level), level, np.nan)
-            self._looks = [Look(each, each.copy(), []) for each in known]
+            self._replicas = [IdealPixels(each, each.copy(), []) for each in known]
             return
-        for look, each in zip(self._looks, level, strict=True):
-            look.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
+        for replica, each in zip(self._replicas, level, strict=True):
+            replica.step(each, config.threshold_on, config.threshold_off, self._time_us, time_us)
 
-    def _kept(self) -> int:
-        return sum(len(stamps) for look in self._looks for _, stamps in look.fired)
+    def _waiting(self) -> int:
+        return sum(len(stamps) for replica in self._replicas for _, stamps in replica.fired)
 
     def _taken(self) -> tuple[Fired, Fired]:
-        first, second = (look.take() for look in self._looks) if self._looks else (_NOTHING, _NOTHING)
+        first, second = (replica.take() for replica in self._replicas) if self._replicas else (_NOTHING, _NOTHING)
         return first, second
 
     def _forget(self) -> None:
-        self._looks = []
+        self._replicas = []
 
 
 def _pairs(first: Fired, second: Fired) -> int:
-    """Return how many events of one look have a fellow of the other, at most; nobody is the fellow of two."""
+    """Return how many events match one to one between the replicates, at most."""
     stamps = np.concatenate([first[1], second[1], [0]])
-    # Pixels lie so far apart that nothing reaches from one to the next.
+    # Stamps of different pixels are so far from each other that no match reaches from one to the next.
     span = int(stamps.max() - stamps.min()) + 2 * WITHIN_US + 1
     places, others = (np.sort(pixels * span + stamps) for pixels, stamps in (first, second))
     _, begins, group = np.unique(np.sort(first[0]), return_index=True, return_inverse=True)

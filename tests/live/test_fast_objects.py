@@ -1,4 +1,4 @@
-"""Where things go fast, pixels are traced between frames without being asked for."""
+"""Where objects move fast, pixels are traced between frames without being asked for."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def planned(way_px, **given):
 
 
 @pytest.mark.parametrize("quality", [None, "balanced", "accurate", "exact"])
-def test_fast_things_are_followed_between_frames_and_slow_ones_are_not(quality):
+def test_fast_objects_are_followed_between_frames_and_slow_ones_are_not(quality):
     fast, slow = planned(2 * FAST_PX, quality=quality), planned(FAST_PX / 2, quality=quality)
     assert fast.options.time == "adaptive" and fast.retracing is not None
     assert slow.options.time == "fixed" and slow.retracing is None

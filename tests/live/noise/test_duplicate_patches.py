@@ -9,7 +9,7 @@ from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
 from clsim.frames import RADIANCE, Frame, rendered_planes
 from clsim.frames.patches import Patches
-from clsim.live.noise.patch_looks import PatchLooks, patches_for
+from clsim.live.noise.duplicate_patches import DuplicatePatches, patches_for
 from clsim.live.options import LiveOptions
 from clsim.live.session import open_live
 from clsim.opencl.device import choose_device
@@ -52,32 +52,32 @@ def test_the_share_is_that_of_two_whole_pictures_inside_the_patches(config):
     patches = patches_for(config, WIDTH, HEIGHT)
     assert patches is not None and len(patches.corners) > 1
     seeds = [pictures(seed) for seed in (1, 2)]
-    looks = PatchLooks(config, patches, NAMES, choose_device())
+    meter = DuplicatePatches(config, patches, NAMES, choose_device())
     for k in range(FRAMES):
         seen = np.stack([each[k].reshape(len(NAMES), -1)[:, patches.pixels(WIDTH)] for each in seeds])
-        looks.take(seen.reshape(2, -1, *patches.shape), k * STEP_US)
+        meter.take(seen.reshape(2, -1, *patches.shape), k * STEP_US)
     inside = np.zeros(WIDTH * HEIGHT, bool)
     inside[patches.pixels(WIDTH)[patches.inside().reshape(-1)]] = True
     events = [detected(config, each) for each in seeds]
     events = [each[inside[each["y"] * np.int64(WIDTH) + each["x"]]] for each in events]
     pairs = len(one_to_one(*events, Sampling(WIDTH, HEIGHT, 1e6 / STEP_US), 25_000))
     total = sum(map(len, events))
-    assert total > 100 and looks.noise_share is not None
-    assert looks.noise_share == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
+    assert total > 100 and meter.noise_share is not None
+    assert meter.noise_share == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
 
 
-def test_a_new_pass_begins_anew():
+def test_a_new_pass_restarts():
     config = DetectorConfig("wlr-esim", window=3)
     patches = Patches(10, ((0, 0),), 2)
-    looks = PatchLooks(config, patches, NAMES, choose_device())
+    meter = DuplicatePatches(config, patches, NAMES, choose_device())
     planes = np.full((2, len(NAMES), 10, 10), 0.5, np.float32)
     for time_us, light in ((0, 1.0), (STEP_US, 1.0), (0, 9.0), (STEP_US, 9.0)):
         planes[:, [NAMES.index(name) for name in RADIANCE]] = light
-        looks.take(planes, time_us)
-    assert looks.noise_share is None and looks._events == 0
+        meter.take(planes, time_us)
+    assert meter.noise_share is None and meter._events == 0
     planes[:, [NAMES.index(name) for name in RADIANCE]] = 1.0
-    looks.take(planes, 2 * STEP_US)
-    assert looks.noise_share == 0.0 and looks._events >= 2 * 6 * 6
+    meter.take(planes, 2 * STEP_US)
+    assert meter.noise_share == 0.0 and meter._events >= 2 * 6 * 6
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""How much is noise by a second look: against other code that fires and matches events."""
+"""The noise share by duplicate pixels: against other code that fires and matches events."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from clsim.bench.tradeoff.mismatch import Levels, fire
 from clsim.detect.config import DetectorConfig
-from clsim.live.noise.second_look import ENOUGH, WITHIN_US, SecondLook
+from clsim.live.noise.duplicate_sampling import ENOUGH, WITHIN_US, DuplicatePixels
 from clsim.score.matching import Sampling, one_to_one
 
 ON, OFF = 0.2, 0.3
@@ -18,12 +18,12 @@ STEP_US = 8_333
 PIXELS = 40
 
 
-def noise_share(looks, step_us=STEP_US):
+def noise_share(replicas, step_us=STEP_US):
     """Of log luminances ``[2, T, PIXELS]``."""
-    second_look = SecondLook(CONFIG)
-    for k in range(looks.shape[1]):
-        second_look.take(np.exp(looks[:, k]).astype(np.float32), k * step_us)
-    return second_look.noise_share
+    duplicates = DuplicatePixels(CONFIG)
+    for k in range(replicas.shape[1]):
+        duplicates.take(np.exp(replicas[:, k]).astype(np.float32), k * step_us)
+    return duplicates.noise_share
 
 
 def fired(levels, step_us=STEP_US):
@@ -38,11 +38,11 @@ def fired(levels, step_us=STEP_US):
 def test_the_share_is_that_of_events_that_an_optimal_match_leaves_alone(seed, noise, step_us):
     random = np.random.default_rng(seed)
     scene = random.normal(0, 0.15, (30, PIXELS)).cumsum(0) - 1
-    looks = scene + noise * random.normal(0, 1, (2, 30, PIXELS))
-    events = [fired(look, step_us) for look in looks]
+    replicas = scene + noise * random.normal(0, 1, (2, 30, PIXELS))
+    events = [fired(replica, step_us) for replica in replicas]
     pairs = len(one_to_one(*events, Sampling(PIXELS, 1, 1e6 / step_us), WITHIN_US))
     total = sum(map(len, events))
-    assert noise_share(looks, step_us) == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
+    assert noise_share(replicas, step_us) == pytest.approx(1 - 2 * pairs / total, abs=4 / total)
 
 
 def test_few_events_tell_nothing():
@@ -53,37 +53,37 @@ def test_few_events_tell_nothing():
 
 
 @pytest.mark.parametrize("seam_us", [0, 2 * STEP_US])
-def test_a_new_pass_begins_anew(seam_us):
-    """A jump at the seam of a loop is no event of either look, nor is one where the governor changes the samples."""
-    second_look = SecondLook(CONFIG)
+def test_a_new_pass_restarts(seam_us):
+    """A jump at a loop's seam is no event of either replicate, nor is one where the governor changes the samples."""
+    duplicates = DuplicatePixels(CONFIG)
     for time_us, first in ((0, 1.0), (STEP_US, 1.0), (seam_us, 9.0), (seam_us + STEP_US, 9.0)):
         if first == 9.0 and time_us == 2 * STEP_US:
-            second_look.begin_anew()
-        second_look.take(np.tile(np.float32([first, 1.0])[:, None], PIXELS), time_us)
-    assert second_look.noise_share is None
+            duplicates.restart()
+        duplicates.take(np.tile(np.float32([first, 1.0])[:, None], PIXELS), time_us)
+    assert duplicates.noise_share is None
 
 
 def test_events_are_forgotten_once_they_are_compared():
-    second_look = SecondLook(CONFIG)
+    duplicates = DuplicatePixels(CONFIG)
     for k in range(400):
-        second_look.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * STEP_US)
-    assert max(len(look.fired) for look in second_look._looks) <= 1_000_000 // STEP_US + 1
-    assert second_look.noise_share == 0.0
+        duplicates.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * STEP_US)
+    assert max(len(replica.fired) for replica in duplicates._replicas) <= 1_000_000 // STEP_US + 1
+    assert duplicates.noise_share == 0.0
 
 
 def test_a_tiny_threshold_takes_no_more_memory_than_the_pixels_have_events():
     """A pixel has 1000 events in a step at most, as the ideal sensor's have."""
-    second_look = SecondLook(DetectorConfig(threshold_on=1e-30, threshold_off=1e-6))
+    duplicates = DuplicatePixels(DetectorConfig(threshold_on=1e-30, threshold_off=1e-6))
     for k in range(18):
-        second_look.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * 1_000)
-        assert sum(len(stamps) for look in second_look._looks for _, stamps in look.fired) <= 1 << 20
-    assert second_look.noise_share == 0.0
-    assert second_look._events == 2 * PIXELS * 1000 * 17
+        duplicates.take(np.full((2, PIXELS), 1.0 + k % 2, np.float32), k * 1_000)
+        assert sum(len(stamps) for replica in duplicates._replicas for _, stamps in replica.fired) <= 1 << 20
+    assert duplicates.noise_share == 0.0
+    assert duplicates._events == 2 * PIXELS * 1000 * 17
 
 
 def test_light_that_is_no_number_is_no_event():
     luminance = np.exp(np.cumsum(np.full((12, PIXELS), 1.01 * ON), axis=0)).astype(np.float32)
-    clear, spoilt = SecondLook(CONFIG), SecondLook(CONFIG)
+    clear, spoilt = DuplicatePixels(CONFIG), DuplicatePixels(CONFIG)
     for k, seen in enumerate(luminance):
         bad = seen.copy()
         bad[3:5] = np.nan if k == 0 else seen[3:5]

@@ -1,26 +1,25 @@
-# Warp: a variable that changes must be born by a call.
 # ruff: noqa: UP018, RUF046
-"""With how many more rays a pixel is looked at after a first look.
+"""Refinement of primary sampling: how many more rays a pixel gets after the first ones.
 
-Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its things differ. That matters
-where it may decide about an event. Where light is kept on surfaces, and contrast thresholds are known, a pixel
+Shares of a pixel that rays count are somewhat wrong, and so is its brightness where its surfaces differ. That matters
+where it may decide about an event. With cached light, and where contrast thresholds are known, a pixel
 remembers at what brightness it fired last. The nearer its next event, the more rays count shares. Farther away,
 brightness may be wrong by as much as is left to go.
 """
 
 import warp as wp
 
-from clsim.render.primary.first_hits import Looks, Seen
-from clsim.render.primary.things import THINGS
+from clsim.render.primary.first_hits import PrimaryRays, Seen
+from clsim.render.primary.seen_surfaces import MOST_SURFACES
 from clsim.render.sampling.sampling import brightness
 
 SHARE_ERROR = wp.constant(0.02)
 """Part of a pixel's brightness by which counted shares may be wrong near an event; beyond, more rays count them."""
 _DARKEST = wp.constant(1.0e-4)
 """Luminance below which relative errors tell nothing."""
-_THINGS = wp.constant(THINGS)
+_MOST_SURFACES = wp.constant(MOST_SURFACES)
 _RAYS_IN_A_CROWD = wp.constant(4)
-"""Times as many rays look at a pixel that shows all the things that are told apart."""
+"""Multiple of the rays that a pixel gets which shows `MOST_SURFACES`."""
 
 
 @wp.struct
@@ -78,31 +77,31 @@ def rays_needed(bright: float, squares: float, error: float) -> float:
 
 
 @wp.func
-def look_closer(
-    bright: float, squares: float, seen: Seen, first: Looks, looks: Looks, error: float, told: bool
-) -> Looks:
-    """Return the looks with as many rays as the first look at a pixel asks for.
+def refine_primary_rays(
+    bright: float, squares: float, seen: Seen, first: PrimaryRays, primary_rays: PrimaryRays, error: float, told: bool
+) -> PrimaryRays:
+    """Return the numbers of rays that a pixel needs after what its first rays saw.
 
     Args:
         bright: mean brightness of what it shows.
         squares: mean of its square.
-        seen: what was seen by ``looks``.
-        first: the first look.
-        looks: the last one.
+        seen: what was seen by ``primary_rays``.
+        first: the first numbers of rays.
+        primary_rays: the last ones.
         error: part of the brightness by which it may be wrong.
         told: whether that follows from how near an event is.
     """
-    closer = looks
-    if looks.most == first.most and seen.counted:
+    refined = primary_rays
+    if primary_rays.most == first.most and seen.counted:
         needed = rays_needed(bright, squares, error)
         least = int(0)
-        if seen.things == _THINGS:
-            # There may be more things than are told apart, and nobody knows how different they are.
+        if seen.surfaces == _MOST_SURFACES:
+            # There may be more surfaces than were counted, and nobody knows how different they are.
             least = _RAYS_IN_A_CROWD * first.most
         if told:
-            # Small things are easily missed.
+            # Small surfaces are easily missed.
             least = first.at_event
         needed = wp.max(needed, float(least) * wp.pow(SHARE_ERROR / error, 4.0 / 3.0))
-        while closer.most < looks.at_contrast and float(closer.most) < needed:
-            closer.most = closer.most * 2
-    return closer
+        while refined.most < primary_rays.at_contrast and float(refined.most) < needed:
+            refined.most = refined.most * 2
+    return refined
