@@ -17,8 +17,8 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 import clsim
-from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
 from clsim.bench.tradeoff.settings import named_points
+from clsim.bench.tradeoff.sweep import TradeoffOptions, run_tradeoff
 from clsim.events.batch import gather
 from clsim.frames.tonemap import ToneMap
 from clsim.scene import World
