@@ -78,7 +78,7 @@ def test_labels_tell_cause_and_object_in_every_file_that_holds_them(tmp_path: Pa
     ("options", "message"),
     [
         ({"truth": "depth", "outputs": "a.h5", "files": FileOptions(labels=True)}, "add labels to `truth`"),
-        ({"truth": "colour"}, r"`truth` 'colour' is unknown; expected all, or of intensity"),
+        ({"truth": "colour"}, r"`truth` 'colour' is unknown; expected all, none, or of intensity"),
         ({"truth": "depth", "outputs": "a.npz"}, r"`truth` needs an output that can hold it.*\.h5"),
         ({"truth": "depth", "outputs": "a.h5", "frame_rate": 50.0}, r"`frame_rate` must go into the 120 frames"),
         ({"truth": "depth", "outputs": "a.h5", "loop": True}, "without `loop`"),

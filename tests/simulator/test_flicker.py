@@ -74,7 +74,8 @@ def test_mains_flicker_has_the_events_of_its_closed_form(tmp_path: Path, options
         for own in pixels_of(events, world):
             assert own["on"].tolist() == [up for _, up in expected]
             late_us.append(np.abs(own["t"] - [t * 1e6 for t, _ in expected]).max())
-        assert np.quantile(late_us, 0.99) < tolerance_us and max(late_us) < 150
+        # In a rare pixel what is learnt of light changes the number of its rays, and so its share by a hundredth.
+        assert np.quantile(late_us, 0.99) < tolerance_us and max(late_us) < 250
     # ln 1.6 is 2 steps up, ln .4 is 4 down: the first quarter, then four falls and three rises.
     assert [up for _, up in expected] == [True] * 2 + ([False] * 6 + [True] * 6) * 3 + [False] * 6
 

@@ -222,9 +222,8 @@ class LightCacheHost:
         self._gathering: Any = Gathering()
         last = self._frames + 1 >= self._passes
         # Nobody sees the first frame before it is rendered for the last time: until then only its paths count.
-        rays, moves = effort.first_hit_rays, self._store is not None
         self._gathering.primary_rays = (
-            primary_rays_for(rays, self._primary_setup, cached=True, moves=moves) if last else PrimaryRays()
+            primary_rays_for(effort.first_hit_rays, self._primary_setup, cached=True) if last else PrimaryRays()
         )
         self._gathering.probe, self._gathering.every = effort.probe_spp if self._learns else 0, effort.every
         self._gathering.phase = self._frames

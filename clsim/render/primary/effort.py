@@ -30,9 +30,6 @@ _IN_SHADOW = 8
 """Primary rays in a part-lit pixel, over the root of those in one that shows several surfaces."""
 _MOST_IN_SHADOW = 2
 """The former are at most so many times the latter."""
-_IN_SHADOW_STILL = 3
-"""The same as `_IN_SHADOW` with cached light where shadows lie still: such pixels take much of the time, and events
-come from where shadows move."""
 _AT_CONTRAST = 16
 """Largest multiple of the primary rays where surfaces differ in brightness, with cached light …"""
 _ENOUGH_FOR_CONTRAST = 16
@@ -100,14 +97,13 @@ class PrimarySetup:
     lamps: bool = False
 
 
-def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False, moves: bool = True) -> Any:
+def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: bool = False) -> Any:
     """Return how many primary rays a pixel gets by what it shows.
 
     Args:
         first_hit_rays: largest number.
         primary_setup: what they see.
         cached: whether light is cached on surfaces.
-        moves: whether shadows may move over these.
     """
     primary_rays: Any = PrimaryRays()
     primary_rays.most, primary_rays.pixel = first_hit_rays, wp.vec2(*primary_setup.pixel)
@@ -117,8 +113,7 @@ def primary_rays_for(first_hit_rays: int, primary_setup: PrimarySetup, cached: b
     if first_hit_rays >= _ENOUGH_TO_REFINE:
         primary_rays.at_event = min((_AT_EVENT_CACHED if cached else _AT_EVENT) * first_hit_rays, _MOST_COUNT)
     primary_rays.few_ask = cached and first_hit_rays < _ENOUGH_TO_ASK
-    by_root = _IN_SHADOW_STILL if cached and not moves else _IN_SHADOW
-    primary_rays.in_shadow = min(round(by_root * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
+    primary_rays.in_shadow = min(round(_IN_SHADOW * first_hit_rays**0.5), _MOST_IN_SHADOW * first_hit_rays)
     if primary_setup.sharp and first_hit_rays >= ENOUGH_FOR_EDGES:
         beside_corners = first_hit_rays // 4 if primary_setup.lamps else first_hit_rays
         primary_rays.inside = next(rays for fewer, rays in _INSIDE_PLAIN if beside_corners < fewer)

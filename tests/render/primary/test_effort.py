@@ -189,4 +189,3 @@ def test_part_lit_pixels_get_at_most_twice_as_many_rays_where_rays_are_few() -> 
     primary_setup = PrimarySetup((0.01, 0.0), sharp=True, lamps=True)
     assert [primary_rays_for(rays, primary_setup).in_shadow for rays in (8, 16, 64)] == [16, 32, 64]
     assert primary_rays_for(64, primary_setup, cached=True).in_shadow == 64
-    assert primary_rays_for(8, primary_setup, cached=True, moves=False).in_shadow == 8
