@@ -22,6 +22,8 @@ from clsim.scene import Mesh, Motion, SphereLight
 from clsim.scene.meshes.geometry import colors_of
 
 _F64 = npt.NDArray[np.float64]
+_WIDER = 1e-6
+"""Part of their sizes and places by which boxes are wider than what they hold."""
 _MOST_INSTANTS = 64
 """Instants at a time where something moves: boxes of objects hold all places that they have meanwhile."""
 _MOST_VERTICES = 1 << 18
@@ -38,7 +40,8 @@ class Places:
         moving: which of them these are ``[n]``.
         deforming: which of these deform ``[n]``.
         poses: where they are ``[n, 4, 4]``.
-        boxes: lower and upper corners of the boxes around them, from the origin ``[n, 2, 3]``.
+        boxes: lower and upper corners of the boxes around them, along the axes, from the origin ``[n, 2, 3]``.
+        into_boxes: what makes the box around each, along its own axes, the cube from −1 to 1 ``[n, 3, 4]``.
     """
 
     time: float | None
@@ -47,6 +50,7 @@ class Places:
     deforming: npt.NDArray[np.bool_]
     poses: _F64
     boxes: _F64
+    into_boxes: _F64
 
 
 class GeometryData:
@@ -149,7 +153,12 @@ class GeometryData:
     def places(self, time_s: float | None) -> Places:
         """Return where all that moves was put last, which was for that time."""
         boxes = np.stack(self.moving_boxes, axis=1)
-        return Places(time_s, len(self._instances), self.moving, self._deforms, self._moving_poses, boxes)
+        if self._features.motion_blur:
+            into = into_boxes(np.broadcast_to(np.eye(4), (len(boxes), 4, 4)), boxes[:, 0], boxes[:, 1])
+        else:
+            own = self._boxes[self._entries[0, self.moving]]
+            into = into_boxes(self._moving_poses, own[:, 0], own[:, 1])
+        return Places(time_s, len(self._instances), self.moving, self._deforms, self._moving_poses, boxes, into)
 
     def update(self, times_s: _F64) -> None:
         """Move everything to where it is at those times, the keys of the interval; work only where something moves."""
@@ -228,7 +237,7 @@ class GeometryData:
         low, high = boxes[:, :, 0].min(axis=0), boxes[:, :, 1].max(axis=0)
         centres = np.einsum("tnij,nj->tni", poses[..., :3, :3], (low + high) / 2) + poses[..., :3, 3]
         extents = np.einsum("tnij,nj->tni", np.abs(poses[..., :3, :3]), (high - low) / 2)
-        extents += 1e-6 * (1.0 + np.abs(centres) + extents)
+        extents += _WIDER * (1.0 + np.abs(centres) + extents)
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
         if self._features.motion_blur:
             farthest = np.linalg.norm(np.maximum(np.abs(low), np.abs(high)), axis=1)
@@ -245,6 +254,21 @@ class GeometryData:
         rows = np.concatenate([centres, radii[..., None]], axis=2).reshape(-1, 4)
         steps = self._steps(motions, times_s, centres).reshape(-1, 3)
         return rows.astype(np.float32), steps.astype(np.float32)
+
+
+def into_boxes(poses: _F64, lower: _F64, upper: _F64) -> _F64:
+    """Return what makes boxes the cube from −1 to 1 ``[n, 3, 4]``: a little wide, so that rounding misses nothing.
+
+    ``poses`` ``[n, 4, 4]`` take them to the world, corners ``[n, 3]`` are in their own spaces.
+    """
+    centres, extents = (lower + upper) / 2, (upper - lower) / 2
+    back = np.linalg.inv(poses)
+    # How far a unit of the world reaches along each of their axes.
+    units = np.linalg.norm(back[:, :3, :3], axis=2)
+    reach = 1.0 + np.abs(poses[:, :3, 3]).max(axis=1, keepdims=True) + np.abs(centres) / np.maximum(units, 1e-30)
+    extents = extents * (1.0 + _WIDER) + _WIDER * reach * units
+    back[:, :3, 3] -= centres
+    return np.asarray(back[:, :3] / extents[..., None])
 
 
 def _shading_rows(mesh: Mesh, features: SceneFeatures) -> npt.NDArray[np.void]:

@@ -191,10 +191,10 @@ def _bright(light: wp.vec3) -> float:
 
 
 @wp.func
-def _off(key: wp.int64, error: float) -> float:
-    """Return by how much the brightness of a cell with that key might be off."""
+def _sign_of(key: wp.int64) -> float:
+    """Return 1 or −1, by chance, but always the same for that cell."""
     odd = sampling.mix64(wp.uint64(key)) & wp.uint64(1)
-    return wp.where(odd == wp.uint64(1), error, -error)
+    return wp.where(odd == wp.uint64(1), 1.0, -1.0)
 
 
 @wp.struct
@@ -215,14 +215,17 @@ class Level:
 
 
 @wp.func
-def _add_cell(level: Level, weight: float, light: wp.vec3, count: float, error: float, key: wp.int64) -> Level:
-    """Return a level with one of the cells around a point; sums are weighted by the number of paths."""
+def _add_cell(level: Level, weight: float, light: wp.vec3, count: float, error: float, sign: float) -> Level:
+    """Return a level with one of the cells around a point; sums are weighted by the number of paths.
+
+    Its light might be off by its ``error``, with that ``sign``.
+    """
     after = level
     paths = weight * count
     after.light += light * paths
     after.paths += paths
     after.variance += error * error * count * paths
-    after.off += _off(key, error) * paths
+    after.off += sign * error * paths
     return after
 
 
@@ -310,15 +313,15 @@ def look_up(
                     place = along_face(axis, part - wp.vec3(dx, dy, dz)) + wp.vec2(0.5, 0.5)
                     light = _tilted(cell.light, cell.tilt, place)
                     error = _error_at(cell.error, cell.tilt, place)
-                    sums = _add_cell(sums, weight, light, cell.count, error, cell.key)
-                    if cell.update != asked.last_update:
-                        cell.before = cell.light
-                        cell.tilt_before = cell.tilt
-                        cell.count_before = cell.count
-                        cell.error_before = cell.error
-                    light = _tilted(cell.before, cell.tilt_before, place)
-                    error = _error_at(cell.error_before, cell.tilt_before, place)
-                    sums_before = _add_cell(sums_before, weight, light, cell.count_before, error, cell.key)
+                    off = float(0.0)
+                    if asked.tells_error:
+                        off = _sign_of(cell.key)
+                    sums = _add_cell(sums, weight, light, cell.count, error, off)
+                    if cell.update == asked.last_update:
+                        light = _tilted(cell.before, cell.tilt_before, place)
+                        error = _error_at(cell.error_before, cell.tilt_before, place)
+                        cell.count = cell.count_before
+                    sums_before = _add_cell(sums_before, weight, light, cell.count, error, off)
                     if asked.follows:
                         by = followed[row]
                         if by.stepped == asked.frame:

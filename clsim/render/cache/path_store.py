@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.accel.upload_geometry import Places
+from clsim.render.accel.geometry import mat34
+from clsim.render.accel.upload_geometry import Places, into_boxes
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import PLACES
@@ -66,7 +67,7 @@ class PathStore:
         self.frame = 0
         self.followed = False
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
-        self._boxes: Any = wp.zeros(4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
+        self._boxes: Any = wp.zeros(2 * _MOST_BOXES, dtype=mat34, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
         self._all_again = False
         self._last, self._lamps, self._lamps_moved = data.places(), data.lamp_poses(), False
@@ -146,8 +147,7 @@ class PathStore:
         every = 1 if self._all_again else self._every if lights else 0
         self._all_again = False
         if len(boxes):
-            rows = boxes.reshape(-1, 3).astype(np.float32)
-            wp.copy(self._boxes, wp.array(rows, dtype=wp.vec3, device=self._device), count=len(rows))
+            wp.copy(self._boxes, wp.array(boxes, dtype=mat34, device=self._device), count=len(boxes))
         self._moved.assign(moved.astype(np.int32))
         self.followed = True
         self._trace(0, every, len(boxes))
@@ -209,15 +209,20 @@ class PathStore:
         )  # fmt: skip
 
 
-def _moved_boxes(before: Any, now: Any) -> tuple[Any, Any]:
-    """Return boxes ``[n, 2, 3]`` of where instances are and were that have moved, and which have."""
+def _moved_boxes(before: Places, now: Places) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """Return boxes around where instances are and were that have moved, and which have.
+
+    Each is the matrix that makes it the cube from −1 to 1, ``[n, 3, 4]``.
+    """
     moved = np.zeros(now.count, bool)
     moved[now.moving] = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
     mine = moved[now.moving]
-    pairs = np.stack([before.boxes[mine], now.boxes[mine]], axis=1)  # [n, 2, 2, 3]
-    if len(pairs) > _MOST_BOXES:
-        first = np.arange(_MOST_BOXES) * len(pairs) // _MOST_BOXES
-        lower = np.minimum.reduceat(pairs[:, :, 0], first)
-        upper = np.maximum.reduceat(pairs[:, :, 1], first)
-        pairs = np.stack([lower, upper], axis=2)
-    return pairs.reshape(-1, 2, 3), moved
+    if mine.sum() <= _MOST_BOXES:
+        boxes = np.concatenate([before.into_boxes[mine], now.into_boxes[mine]])
+    else:
+        first = np.arange(_MOST_BOXES) * mine.sum() // _MOST_BOXES
+        pairs = np.concatenate([before.boxes[mine], now.boxes[mine]], axis=1)  # [n, 4, 3]
+        lower = np.minimum.reduceat(pairs.min(axis=1), first)
+        upper = np.maximum.reduceat(pairs.max(axis=1), first)
+        boxes = into_boxes(np.broadcast_to(np.eye(4), (_MOST_BOXES, 4, 4)), lower, upper)
+    return boxes.astype(np.float32), moved

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from clsim.render.accel.geometry import make_placement, transform_vector
+from clsim.render.accel.geometry import make_placement, mat34, transform_vector
 from clsim.render.cache.light_cache import (
     LEVELS,
     Asked,
@@ -29,7 +29,6 @@ from clsim.render.cache.light_cache import (
 from clsim.render.cache.trails import trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
-from clsim.render.primary.lamp_light import AT_NONE
 from clsim.render.primary.seen_surfaces import lit_albedo
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler, reverse_bits
@@ -303,9 +302,9 @@ def build_storing() -> Storing:
 def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
     """Return the kernel that traces paths again; a thread is ``pixels`` paths.
 
-    ``boxes`` are ``box_count`` pairs of corners of where something was or is that has moved, and ``moved`` tells which
-    instances have. Of all paths one in ``every`` is traced whatever it meets, none where that is 0, and which ones
-    that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    ``boxes`` are ``box_count`` boxes around where something was or is that has moved (``trails.py``), and ``moved``
+    tells which instances have. Of all paths one in ``every`` is traced whatever it meets, none where that is 0, and
+    which ones that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
     """
     uniform2 = make_sampler(features.sobol)
     to_world_at, _, _ = make_placement(features)
@@ -319,7 +318,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         first_path: int,
         every: int,
         turn: int,
-        boxes: wp.array(dtype=wp.vec3),
+        boxes: wp.array(dtype=mat34),
         box_count: int,
         moved: wp.array(dtype=int),
         paths: wp.array(dtype=StoredPath),
@@ -359,7 +358,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                     toward = toward - 2.0 * facing * normal
                 back = _OFF * (1.0 + point.reach_m) / wp.max(wp.abs(facing), 0.05)
                 start = point.position - toward * back
-                sample = trace(scene, start, toward, time, settings, stream, AT_NONE, wp.vec2())
+                sample = trace(scene, start, toward, time, settings, stream, wp.vec2())
                 light = wp.vec3()
                 if sample.hit and sampling.finite(sample.radiance) and sampling.finite(sample.normal):
                     light = wp.cw_div(sample.radiance - sample.emission, lit_albedo(sample))

@@ -6,7 +6,7 @@ While nothing moves in or out of the way between two of these, the path finds wh
 
 import warp as wp
 
-from clsim.render.accel.geometry import Geometry, Hit
+from clsim.render.accel.geometry import Geometry, Hit, mat34, transform_point
 
 PLACES = wp.constant(8)
 """Places of a path that are noted; what comes later carries little light."""
@@ -34,16 +34,22 @@ def note_light(geometry: Geometry, row: int, depth: int, towards: wp.vec3):
 
 
 @wp.func
-def _crosses(from_m: wp.vec3, to_m: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
-    """Whether the way between two places leads through a box."""
+def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
+    """Whether the way between two places leads through the cube from −1 to 1."""
     enters = float(0.0)
     leaves = float(1.0)
+    for c in range(3):
+        a = from_m[c]
+        b = to_m[c]
+        # Most ways lie beyond one of its sides.
+        if wp.min(a, b) > 1.0 or wp.max(a, b) < -1.0:
+            return False
     for c in range(3):
         d = to_m[c] - from_m[c]
         if wp.abs(d) < _LEAST:
             d = _LEAST
-        a = (lower[c] - from_m[c]) / d
-        b = (upper[c] - from_m[c]) / d
+        a = (-1.0 - from_m[c]) / d
+        b = (1.0 - from_m[c]) / d
         enters = wp.max(enters, wp.min(a, b))
         leaves = wp.min(leaves, wp.max(a, b))
     return enters <= leaves
@@ -51,18 +57,21 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> 
 
 @wp.func
 def trail_crosses(
-    trails: wp.array2d(dtype=wp.vec3), row: int, places: int, boxes: wp.array(dtype=wp.vec3), count: int
+    trails: wp.array2d(dtype=wp.vec3), row: int, places: int, boxes: wp.array(dtype=mat34), count: int
 ) -> bool:
-    """Whether a path with so many places leads through one of these boxes: lower and upper corner of each."""
-    met = bool(False)
-    for i in range(places):
-        if not met:
-            at = trails[row, 2 * i]
+    """Whether a path with so many places leads through a box.
+
+    Each is told by the matrix that makes it the cube from −1 to 1.
+    """
+    for k in range(count):
+        at = transform_point(boxes[k], trails[row, 0])
+        for i in range(places):
             light = trails[row, 2 * i + 1]
-            after = at
+            if _crosses(at, transform_point(boxes[k], light)):
+                return True
             if i + 1 < places:
-                after = trails[row, 2 * i + 2]
-            for k in range(count):
-                met = met or _crosses(at, light, boxes[2 * k], boxes[2 * k + 1])
-                met = met or _crosses(at, after, boxes[2 * k], boxes[2 * k + 1])
-    return met
+                after = transform_point(boxes[k], trails[row, 2 * i + 2])
+                if _crosses(at, after):
+                    return True
+                at = after
+    return False

@@ -57,6 +57,8 @@ class Sample:
     weights: wp.vec2
     toward: wp.vec3
     places: int
+    facing: wp.vec3
+    reach_m: float
 
 
 @wp.struct

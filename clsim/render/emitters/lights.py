@@ -27,6 +27,8 @@ from clsim.render.sampling.sampling import cone, cosine_hemisphere, uniform_tria
 _UNCERTAIN = wp.constant(1.0e-6)
 """Some ten roundings: by so many the place where a ray meets a triangle errs for each size of it that the way has."""
 _MOST_UNCERTAIN = wp.constant(0.01)
+NEVER = wp.constant(1.0e-9)
+"""Probability for light that is never drawn, by which may be divided."""
 
 
 @wp.struct

@@ -23,6 +23,7 @@ from clsim.render.paths.towards_light import make_towards_light
 from clsim.render.primary.corners import make_flat_surfaces
 from clsim.render.primary.first_hits import make_sample_primary
 from clsim.render.primary.lamp_light import make_lamp_light
+from clsim.render.primary.shadow_rays import make_shadow_ray
 from clsim.render.sampling import sampling
 from clsim.render.surfaces.alpha import make_alpha
 from clsim.render.surfaces.blends import make_blends
@@ -83,7 +84,7 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
             make_colours(features, albedo_of, mean_of_blend),
             make_detailed(features, textured),
             make_ending(features, sphere_pdf, environment, weight),
-            make_asking(features, primary_only, sample_light, environment, scatter_value, agree, visibility),
+            make_asking(features, sample_light, environment, scatter_value, agree, visibility),
             (outgoing, scatter, agree, side),
             (emitted, triangle_pdf, weight),
         )
@@ -103,10 +104,22 @@ def build_kernel(features: Features, tree: Tree = "warp") -> Any:
     gather = make_gather(features.sobol, shoot, add, merge, *types)
     mean_albedo = mean_albedo if features.textures else None
     about_light = features.coats, features.shadow_rays
-    lamps = make_lamp_light(features, on_lamp, shining) if features.lamp_light else None
+    lamps = shadow_ray = None
+    if features.lamp_light:
+        lamps = make_lamp_light(features, on_lamp, shining)
+        shadow_ray = make_shadow_ray(features, sample_light, agree, visibility)
     wide_lamps = features.lamp_light and (features.triangle_lights or features.sphere_lights)
     sample_primary = make_sample_primary(
-        features.sobol, features.sharp, *about_light, shoot_primary_at, flat, mean_albedo, lamps, wide_lamps, *types
+        features.sobol,
+        features.sharp,
+        *about_light,
+        shoot_primary_at,
+        shadow_ray,
+        flat,
+        mean_albedo,
+        lamps,
+        wide_lamps,
+        *types,
     )
     # Imported where they are needed: Warp reads each function when it is defined.
     if features.requests:

@@ -15,17 +15,16 @@ from clsim.render.cache.trails import PLACES, note_light, note_place
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
+from clsim.render.emitters.lights import NEVER
 from clsim.render.features.bsdf_kinds import DIFFUSE
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
-from clsim.render.primary.lamp_light import AT_NONE
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.absorption import absorption_towards, dimmed
 
 _DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
-_NEVER = wp.constant(1.0e-9)
 
 
 def make_trace(
@@ -41,7 +40,7 @@ def make_trace(
     about_scattering: tuple[Any, Any, Any, Any],
     about_lamps: tuple[Any, Any, Any],
 ) -> Any:
-    """Return ``trace(scene, start, toward, time, settings, stream, to_lamps, width)``, which becomes a Warp function.
+    """Return ``trace(scene, start, toward, time, settings, stream, width)``, which becomes a Warp function.
 
     Args:
         features: what the kernel is built for.
@@ -70,7 +69,6 @@ def make_trace(
         time: float,
         settings: Settings,
         stream: sampling.Stream,
-        to_lamps: int,
         width: wp.vec2,
     ) -> Sample:
         sample = Sample()
@@ -173,7 +171,11 @@ def make_trace(
                     analytic = was_primary and not primary and bsdf.kind == DIFFUSE
                     sample.lamp = sample.lamp or analytic
                 if wp.static(primary_only):
-                    if not primary and not (analytic and to_lamps != AT_NONE):
+                    if not primary:
+                        if wp.static(features.lamp_light):
+                            if analytic and goes_on and not bsdf.dark:
+                                sample.facing = point.normal
+                                sample.reach_m = point.reach_m
                         break
             if not goes_on or bsdf.dark:
                 break
@@ -182,31 +184,20 @@ def make_trace(
             draw = choice[0]
             asks = not bsdf.mirror
             if wp.static(features.lamp_light):
-                carried.others = wp.where(analytic, wp.max(scene.lights.environment_probability, _NEVER), 1.0)
+                carried.others = wp.where(analytic, wp.max(scene.lights.environment_probability, NEVER), 1.0)
                 if analytic:
                     # The lamps come first, and then the environment.
-                    if wp.static(primary_only):
-                        draw = draw * (1.0 - carried.others)
-                    else:
-                        asks = carried.others > _NEVER
-                        draw = 1.0 - carried.others + draw * carried.others
+                    asks = carried.others > NEVER
+                    draw = 1.0 - carried.others + draw * carried.others
             out = outgoing(scene.materials, bsdf, point.shading_normal, -direction)
-            if wp.static(by_light and has_lights):
+            if wp.static(by_light and has_lights and not primary_only):
                 if asks:
                     sent = ask(
-                        scene, light, point, bsdf, to, out, carried, absorption, draw, analytic, to_lamps, stream,
-                        dimension, time,
+                        scene, light, point, bsdf, to, out, carried, absorption, draw, stream, dimension, time
                     )  # fmt: skip
                     sample.radiance += sent.radiance
                     if wp.static(features.replay):
                         note_light(scene.geometry, stream.row, depth, sent.towards)
-                    if wp.static(features.lamp_light):
-                        sample.lamp_all = sent.lamp_all
-                        sample.lamp_lit = sent.lamp_lit
-            if wp.static(features.lamp_light):
-                if wp.static(primary_only):
-                    if not primary:
-                        break
 
             lobe = float(0.0)
             if wp.static(glossy):

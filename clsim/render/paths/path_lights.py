@@ -14,7 +14,6 @@ from clsim.render.emitters.lights import LightSample
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene
 from clsim.render.paths.towards_light import looks_ahead
-from clsim.render.primary.lamp_light import rim_draw, rim_place
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.absorption import absorption_towards, dimmed
@@ -47,14 +46,10 @@ class Sent:
 
     Attributes:
         radiance: what reaches the camera of it.
-        lamp_all: luminance of the lamps' light if nothing stood between, over the density of that place on them.
-        lamp_lit: what of it arrives.
         towards: the place of the light, for a path whose trail is noted.
     """
 
     radiance: wp.vec3
-    lamp_all: float
-    lamp_lit: float
     towards: wp.vec3
 
 
@@ -114,13 +109,7 @@ def make_ending(features: Features, sphere_pdf: Any, environment: Any, weight: A
 
 
 def make_asking(
-    features: Features,
-    primary_only: bool,
-    sample_light: Any,
-    environment: Any,
-    scatter_value: Any,
-    agree: Any,
-    visibility: Any,
+    features: Features, sample_light: Any, environment: Any, scatter_value: Any, agree: Any, visibility: Any
 ) -> Any:
     """Return the Warp function ``ask``: light that a place sends on towards the path, straight from a light."""
     uniform2 = make_sampler(features.sobol)
@@ -138,8 +127,6 @@ def make_asking(
         carried: Carried,
         absorption: wp.vec3,
         draw: float,
-        analytic: bool,
-        to_lamps: int,
         stream: sampling.Stream,
         dimension: int,
         time: float,
@@ -149,27 +136,14 @@ def make_asking(
         light = foreseen
         if wp.static(not ahead):
             u = uniform2(stream, dimension + sampling.LIGHT)
-            place = draw
-            if wp.static(features.lamp_light and primary_only):
-                if analytic and to_lamps >= 0:
-                    place = rim_draw(scene.lights, to_lamps)
-                    u = rim_place(to_lamps)
             finer = sampling.uniform_of(sampling.stream_word(stream.key, dimension + sampling.CHOICE), 0)
-            light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, place, finer, u, time)
-        if wp.static(features.lamp_light and not primary_only):
+            light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, finer, u, time)
+        if wp.static(features.lamp_light):
             light.pdf = light.pdf / carried.others
         if light.pdf > 0.0 and agree(point, light.direction):
             scattering = scatter_value(scene.materials, bsdf, point.shading_normal, out, light.direction)
             value = wp.cw_mul(wp.cw_mul(carried.throughput, light.radiance), scattering.value)
-            if wp.static(features.lamp_light):
-                # Of the lamps alone: which rays meet the bright squares of a texture makes no shadow.
-                facing = wp.max(wp.dot(light.direction, point.shading_normal), 0.0)
-                sent.lamp_all = sampling.luminance(light.radiance) * facing / light.pdf
-            lit_here = bool(value[0] + value[1] + value[2] > 0.0)
-            if wp.static(features.lamp_light and primary_only):
-                # What is black tells as well whether the lamps' light arrives there.
-                lit_here = sent.lamp_all > 0.0
-            if lit_here:
+            if value[0] + value[1] + value[2] > 0.0:
                 if wp.static(features.replay):
                     sent.towards = light.origin + light.direction * wp.min(light.distance, MOST_M)
                 if wp.static(not ahead):
@@ -189,8 +163,6 @@ def make_asking(
                         if not light.delta:
                             w = w * sampling.power_heuristic(light.pdf, scattering.pdf)
                     sent.radiance = value * (w / light.pdf)
-                    if wp.static(features.lamp_light):
-                        sent.lamp_lit = sent.lamp_all * light.visible
         return sent
 
     return ask

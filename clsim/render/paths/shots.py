@@ -9,18 +9,17 @@ from clsim.render.camera.camera import CameraState, make_camera
 from clsim.render.camera.film import Sample
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
-from clsim.render.primary.lamp_light import AT_NONE
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 
 
 def make_shoot_at(features: Features, trace: Any) -> Any:
-    """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width)``.
+    """Return the Warp function ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width)``.
 
     Args:
         features: what the kernel is built for.
-        trace: follows a path or a primary ray: ``trace(scene, start, toward, time, settings, stream, to_lamps,
-            width)``, which returns a `Sample`.
+        trace: follows a path or a primary ray: ``trace(scene, start, toward, time, settings, stream, width)``,
+            which returns a `Sample`.
     """
     camera_ray = make_camera(features)
     uniform2 = make_sampler(features.sobol)
@@ -33,7 +32,6 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         place: wp.vec2,
         instant: int,
         stream: sampling.Stream,
-        to_lamps: int,
         width: wp.vec2,
     ) -> Sample:
         """Follow a ray through a place in a pixel, whose corners are at 0 and 1.
@@ -55,7 +53,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         ray = camera_ray(camera, x + place[0], y + place[1], lens, shutter)
         sample = Sample()
         if ray.exists:
-            sample = trace(scene, ray.origin, ray.direction, time, settings, stream, to_lamps, width)
+            sample = trace(scene, ray.origin, ray.direction, time, settings, stream, width)
         return sample
 
     # Inlined, and ``trace`` too: a function of its own would copy the scene for each ray.
@@ -71,6 +69,6 @@ def make_shoot(sobol: bool, shoot_at: Any) -> Any:
         scene: Scene, camera: CameraState, settings: Settings, pixel: int, instant: int, stream: sampling.Stream
     ) -> Sample:
         place = uniform2(stream, sampling.CAMERA)
-        return shoot_at(scene, camera, settings, pixel, place, instant, stream, AT_NONE, wp.vec2())
+        return shoot_at(scene, camera, settings, pixel, place, instant, stream, wp.vec2())
 
     return shoot

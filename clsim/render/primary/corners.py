@@ -58,6 +58,28 @@ def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int, pixel:
 
 
 @wp.func
+def between_corners(corners: wp.array(dtype=Sample), nearest: int, row: int, place: wp.vec2, pixel: wp.vec2) -> Sample:
+    """Return where a ray meets the one triangle that all four corners see, and how that faces; nothing else."""
+    sample = Sample()
+    sample.triangle = corners[nearest].triangle
+    sample.facing = corners[nearest].facing
+    total = 0.0
+    for i in range(4):
+        k = nearest + (i & 1) + (i // 2) * row
+        weight = wp.where((i & 1) == 1, place[0], 1.0 - place[0])
+        weight *= wp.where(i >= 2, place[1], 1.0 - place[1])
+        # Perspective is linear in the inverse of the distance.
+        weight /= wp.where(pixel[0] > 0.0, corners[k].depth, 1.0)
+        total += weight
+        sample.position += corners[k].position * weight
+        sample.normal += corners[k].normal * weight
+        sample.reach_m = wp.max(sample.reach_m, corners[k].reach_m)
+    sample.position = sample.position / total
+    sample.normal = wp.normalize(sample.normal)
+    return sample
+
+
+@wp.func
 def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: wp.vec2, pixel: wp.vec2) -> bool:
     """Whether a ray saw the flat surface that the corners saw, where it should."""
     middle = uv_in(footprint, 0.5, 0.5)

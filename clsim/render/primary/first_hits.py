@@ -18,9 +18,9 @@ from typing import Any
 import warp as wp
 
 from clsim.render.camera.film import Sample
-from clsim.render.primary.corners import centre_surface, footprint_of, on_flat_surface
+from clsim.render.primary.corners import between_corners, centre_surface, footprint_of, on_flat_surface
 from clsim.render.primary.edges import Edge, is_sound, make_judge, narrow, next_side, off_line, on_side
-from clsim.render.primary.lamp_light import AT_ANY, AT_NONE, same_light
+from clsim.render.primary.lamp_light import same_light
 from clsim.render.primary.seen_surfaces import (
     DARK,
     SeenSurface,
@@ -32,6 +32,8 @@ from clsim.render.primary.seen_surfaces import (
     same_colour,
 )
 from clsim.render.primary.shadow_rays import (
+    AT_ANY,
+    AT_NONE,
     MOST_TOLD,
     Shadow,
     Shadows,
@@ -172,8 +174,9 @@ def make_sample_primary(
     sobol: bool,
     edges: bool,
     coats: bool,
-    shadow_rays: bool,
+    records: bool,
     shoot_at: Any,
+    shadow_ray: Any | None,
     flat: Any,
     mean_albedo: Any | None,
     light_surfaces: Any | None,
@@ -194,8 +197,9 @@ def make_sample_primary(
         sobol: whether rays inside a pixel are spread evenly.
         edges: whether a ray sees what lies at its place in the pixel, and nothing else: no blur of any sort.
         coats: whether some surfaces have a coat, whose light the cache holds separately.
-        shadow_rays: whether it records which rays reached the lamps, and ``shadows`` tell it of the frames around.
-        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, to_lamps, width) -> Sample``.
+        records: whether it records which rays reached the lamps, and ``shadows`` tell it of the frames around.
+        shoot_at: ``shoot_at(scene, camera, settings, pixel, place, instant, stream, width) -> Sample``.
+        shadow_ray: of `make_shadow_ray`, which goes on from there to a lamp; None where direct light is not analytic.
         flat: ``flat(scene, sample) -> bool``: whether a texture tells the albedo of its surface.
         mean_albedo: ``mean_albedo(scene, like, footprint, places) -> wp.vec3``, of that surface; None without textures.
         light_surfaces: adds analytic direct light to surfaces (``lamp_light.py``); None where paths find it.
@@ -286,7 +290,7 @@ def make_sample_primary(
             if edge.flat:
                 paint(scene, surfaces, corners[nearest], footprint, primary_rays.texels)
         seen = Seen()
-        if wp.static(shadow_rays):
+        if wp.static(records):
             if told:
                 most = straight(shadows, shadows.before.lamp_all, shadows.after.lamp_all)
                 lit = straight(shadows, shadows.before.lamp_lit, shadows.after.lamp_lit) + more_light
@@ -336,7 +340,7 @@ def make_sample_primary(
         skipped = int(0)
         more_light = float(0.0)
         shadow = Shadow()
-        if wp.static(shadow_rays):
+        if wp.static(records):
             if edge.alone and (edge.plain or edge.flat):
                 shadow.triangle = corners[nearest].triangle
                 told = edge.shaded and are_told(shadows, shadow.triangle)
@@ -356,7 +360,7 @@ def make_sample_primary(
                     stream.scrambling = stream.key
                     place = on_side(edge, edge.low + edge.step)
             if corner < 0 and not places:
-                if wp.static(shadow_rays):
+                if wp.static(records):
                     if told and (edge.whole or inside >= primary_rays.inside):
                         differs = next_that_differs(shadows, inside)
                         skipped = skipped + differs - inside
@@ -378,7 +382,21 @@ def make_sample_primary(
             width = primary_rays.pixel / wp.sqrt(float(primary_rays.most))
             if corner >= 0 or places or edge.flat:
                 width = wp.vec2()
-            sample = shoot_at(scene, camera, settings, at, place, instant, stream, to_lamps, width)
+            # Where all is known but the shadow, the corners tell where on their triangle it is asked for.
+            on_triangle = bool(False)
+            if wp.static(shadow_ray is not None):
+                if corner < 0 and not places and edge.shaded and edge.alone and (edge.plain or edge.flat):
+                    on_triangle = edge.whole or inside >= primary_rays.inside
+            sample = Sample()
+            if on_triangle:
+                sample = between_corners(corners, nearest, row, place, primary_rays.pixel)
+            else:
+                sample = shoot_at(scene, camera, settings, at, place, instant, stream, width)
+            if wp.static(shadow_ray is not None):
+                if to_lamps != AT_NONE and sample.reach_m > 0.0:
+                    light = shadow_ray(scene, sample, to_lamps, stream, float(instant))
+                    sample.lamp_all = light[0]
+                    sample.lamp_lit = light[1]
             if wp.static(edges):
                 if corner >= 0:
                     corners[nearest] = sample
@@ -389,7 +407,7 @@ def make_sample_primary(
                     number = begin_surface(surfaces, number, corners[nearest])
                     number = begin_surface(surfaces, number, corners[edge.second])
             else:
-                if wp.static(shadow_rays):
+                if wp.static(records):
                     if sample.triangle != shadow.triangle:
                         shadow.triangle = 0
                         if told:
@@ -403,7 +421,11 @@ def make_sample_primary(
                     if sample.lamp_lit > 0.0 and inside < MOST_TOLD:
                         shadow.lit_rays |= wp.uint64(1) << wp.uint64(inside)
                 inside = inside + 1
-                if is_sound(sample) and not told:
+                if on_triangle:
+                    if not told:
+                        surfaces[0].lamp_all += sample.lamp_all
+                        surfaces[0].lamp_lit += sample.lamp_lit
+                elif is_sound(sample) and not told:
                     edge, number = _take_in(
                         surfaces, number, edge, sample, place, footprint, corners[nearest], primary_rays.pixel, coats
                     )

@@ -16,7 +16,6 @@ import warp as wp
 
 from clsim.render.accel.geometry import Geometry, make_sphere_at
 from clsim.render.camera.film import Sample
-from clsim.render.emitters.environment import STEP
 from clsim.render.emitters.lights import Lights, sphere_cone
 from clsim.render.emitters.punctual import make_punctual
 from clsim.render.features.features import Features
@@ -26,8 +25,6 @@ from clsim.render.sampling.sampling import angle_of
 _SMALL = wp.constant(1.0e-4)
 """Solid angle [sr] below which a triangle is a point: what the formula adds up would cancel in float32."""
 _SAME_SHARE = wp.constant(0.01)
-AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
-"""What a ray asks of the lamps: nothing, or a place of chance; numbers from 0 are places near their rims."""
 
 
 @wp.func
@@ -40,26 +37,6 @@ def same_share(lit_a: float, all_a: float, lit_b: float, all_b: float) -> bool:
 def same_light(a: Sample, b: Sample) -> bool:
     """Whether the same share of the lamps' light reached what two rays saw, as far as both tell."""
     return same_share(a.lamp_lit, a.lamp_all, b.lamp_lit, b.lamp_all)
-
-
-@wp.func
-def rim_draw(lights: Lights, corner: int) -> float:
-    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3.
-
-    They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
-    """
-    light = corner % lights.first_environment
-    middle = lights.cumulative[light] - 0.5 * lights.probability[light]
-    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)
-
-
-@wp.func
-def rim_place(corner: int) -> wp.vec2:
-    """Return two numbers in 0 … 1 by which a place on that lamp is drawn.
-
-    It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
-    """
-    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
 
 
 @wp.func

@@ -1,12 +1,29 @@
-"""Shadow rays of pixels in soft shadows: which reach the lamps, remembered from frame to frame, as Warp functions.
+"""Shadow rays: from what a pixel shows to places on lamps, and which arrive there, as Warp functions.
 
-Such a pixel shows one triangle, and each of its rays has the same place in the pixel and on a lamp in every frame.
-While the camera goes on by a pixel, most of them stay lit, or stay dark. So between two frames only those rays are
+Each primary ray may send one. A pixel in a soft shadow that shows one triangle needs many shadow rays, but few primary
+ones: its corners tell where on the triangle they start. Each has the same place in the pixel and on a lamp in every
+frame. While the camera goes on by a pixel, most of them stay lit, or stay dark. So between two frames only those are
 traced that differ in these; the others' part of the light is taken for a line in time.
 """
 
+from typing import Any
+
 import warp as wp
 
+from clsim.render.accel.geometry import Surface
+from clsim.render.camera.film import Sample
+from clsim.render.emitters.environment import STEP
+from clsim.render.emitters.light_tree import Receiver
+from clsim.render.emitters.lights import NEVER, Lights
+from clsim.render.features.features import Features
+from clsim.render.kernel_input import Scene
+from clsim.render.sampling import sampling
+from clsim.render.sampling.sobol import make_sampler
+
+AT_NONE, AT_ANY = wp.constant(-2), wp.constant(-1)
+"""To which place on a lamp a shadow ray goes: none, or one of chance; numbers from 0 are places near the rim."""
+
+_DIMENSIONS = wp.constant(sampling.DIMENSIONS_PER_BOUNCE)
 MOST_TOLD = wp.constant(64)
 """Rays at most of which it is told whether they reach the lamps: so many bits there are."""
 
@@ -73,3 +90,64 @@ def off_straight(shadows: Shadows, ray: int, lamp_all: float, lamp_lit: float) -
     """Return by how much more light a ray found than lies on the line between its frames."""
     before = bit_of(shadows.before.lit_rays, ray)
     return lamp_lit - lamp_all * straight(shadows, before, bit_of(shadows.after.lit_rays, ray))
+
+
+@wp.func
+def _rim_draw(lights: Lights, corner: int) -> float:
+    """Return the number in 0 … 1 by which the lamp is drawn that a corner asks, 0 … 3.
+
+    They take turns among the lamps, whatever their power: where all seems plain, no other ray asks for shadows.
+    """
+    light = corner % lights.first_environment
+    middle = lights.cumulative[light] - 0.5 * lights.probability[light]
+    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)
+
+
+@wp.func
+def _rim_place(corner: int) -> wp.vec2:
+    """Return two numbers in 0 … 1 by which a place on that lamp is drawn.
+
+    It lies near the rim, for there what shades a lamp begins; the last is a triangle's corner and a sphere's middle.
+    """
+    return wp.vec2(wp.where(corner == 3, 0.02, 0.98), wp.min(0.05 + 0.33 * float(corner), 0.98))
+
+
+def make_shadow_ray(features: Features, sample_light: Any, agree: Any, visibility: Any) -> Any:
+    """Return the Warp function ``shadow_ray(scene, sample, to_lamps, stream, time) -> wp.vec2``.
+
+    It goes from what a primary ray saw to a place on a lamp. It returns the luminance of that light if nothing stood
+    between, over the density of the place, and what of it arrives. Of the lamps alone: which rays meet the bright
+    squares of a texture makes no shadow.
+    """
+    uniform2 = make_sampler(features.sobol)
+
+    @wp.func(inline=True)
+    def shadow_ray(scene: Scene, sample: Sample, to_lamps: int, stream: sampling.Stream, time: float) -> wp.vec2:
+        point = Surface()
+        point.position = sample.position
+        point.normal = sample.facing
+        point.shading_normal = sample.normal
+        point.reach_m = sample.reach_m
+        to = Receiver()
+        to.position = sample.position
+        to.normal = sample.normal
+        draw = 0.0
+        u = wp.vec2()
+        if to_lamps >= 0:
+            draw = _rim_draw(scene.lights, to_lamps)
+            u = _rim_place(to_lamps)
+        else:
+            others = wp.max(scene.lights.environment_probability, NEVER)
+            draw = uniform2(stream, _DIMENSIONS + sampling.CHOICE)[0] * (1.0 - others)
+            u = uniform2(stream, _DIMENSIONS + sampling.LIGHT)
+        found = wp.vec2()
+        # Few enough lamps that none is drawn by a tree, which alone takes a finer number.
+        light = sample_light(scene.lights, scene.geometry, scene.materials, point, to, draw, 0.0, u, time)
+        if light.pdf > 0.0 and agree(point, light.direction):
+            facing = wp.max(wp.dot(light.direction, sample.normal), 0.0)
+            found[0] = sampling.luminance(light.radiance) * facing / light.pdf
+            if found[0] > 0.0:
+                found[1] = found[0] * visibility(scene, light.origin, light.direction, light.distance, time)
+        return found
+
+    return shadow_ray

@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
+from clsim.render.accel.geometry import mat34
+from clsim.render.accel.upload_geometry import into_boxes
 from clsim.render.cache.trails import trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
@@ -144,35 +146,42 @@ def test_threads_change_nothing(threads):
 
 @wp.kernel(enable_backward=False)
 def ask(
-    trails: wp.array2d(dtype=wp.vec3), places: int, boxes: wp.array(dtype=wp.vec3), count: int, out: wp.array(dtype=int)
+    trails: wp.array2d(dtype=wp.vec3), places: int, boxes: wp.array(dtype=mat34), count: int, out: wp.array(dtype=int)
 ):
     out[0] = wp.where(trail_crosses(trails, 0, places, boxes, count), 1, 0)
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
-    """Against ten thousand points on each way, for boxes a little larger and a little smaller."""
+    """Against ten thousand points on each way, for turned boxes a little larger and a little smaller."""
     rng = np.random.default_rng(seed)
     places, boxes = int(rng.integers(1, 5)), rng.uniform(-1, 1, (2, 3))
     trail = rng.uniform(-2, 2, (16, 3)).astype(np.float32)
     lower, upper = boxes.min(axis=0), boxes.max(axis=0)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.uniform(-0.5, 0.5, 3)
     ways = [(trail[2 * i], trail[2 * i + 1]) for i in range(places)]
     ways += [(trail[2 * i], trail[2 * i + 2]) for i in range(places - 1)]
     share = np.linspace(0, 1, 10_000)[:, None]
+
+    def inside(points):
+        return (points - pose[:3, 3]) @ pose[:3, :3]
 
     def crosses(room_m):
         return any(
             bool(
                 np.any(
-                    np.all((p := a + (b - a) * share) >= lower - room_m, axis=1) & np.all(p <= upper + room_m, axis=1)
+                    np.all((p := inside(a + (b - a) * share)) >= lower - room_m, axis=1)
+                    & np.all(p <= upper + room_m, axis=1)
                 )
             )
             for a, b in ways
         )
 
     out = wp.zeros(1, dtype=wp.int32, device="cpu")
-    corners = wp.array(np.stack([lower, upper]).astype(np.float32), dtype=wp.vec3, device="cpu")
-    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, corners, 1, out], device="cpu")
+    into = into_boxes(pose[None], lower[None], upper[None]).astype(np.float32)
+    boxes = wp.array(into, dtype=mat34, device="cpu")
+    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, boxes, 1, out], device="cpu")
     found = bool(out.numpy()[0])
     assert found or not crosses(-1e-3)
     assert not found or crosses(1e-3)
