@@ -88,7 +88,7 @@ class SamplingSettings(Group):
     quality: Quality | None = None
     """How much is spent on accuracy: draft is the fastest, balanced suits most, accurate costs several times as much,
     exact does not denoise, published is the ICIP 2023 paper's method with its settings. Other options win over it.
-    [balanced; with a method, 8 plain paths]"""
+    [balanced; with ``method``, 8 plain paths]"""
     sampling: Sampling | None = None
     """The same for every pixel (uniform); as much as tells whether an event fires (adaptive); or with cached light.
     [the quality's]"""
@@ -141,7 +141,8 @@ class DetectionSettings(Group):
     history: int = 1
     """Frames whose windows form one regression, 1…5."""
     confidence: float = 0.0
-    """Standard errors by which brightness must have changed before an event is fired; with method irradiance alone."""
+    """Standard errors by which brightness must have changed before an event is fired; with ``method`` irradiance
+    alone."""
 
     def __post_init__(self) -> None:
         """Take one threshold for both."""
@@ -170,22 +171,22 @@ class TimeSettings(Group):
     frame_count: int | None = None
     """Number of frames, instead of a duration."""
     loop: bool = False
-    """Start the motion anew at its end, for ever or until the duration."""
+    """Start the motion anew at its end, for ever or until ``duration_s``."""
     fps: float | None = None
     """Frames per simulated second. [the scene's]"""
     time: str = "auto"
     """When brightness is found: at frames alone (fixed), or between them too, where events happen (adaptive), or in
     whole pictures from one to the next of which nothing goes farther than some pixels (lambda=0.5, as in ESIM). Unless
-    fps is given there are 30 frames a second then, or what fast things or changing light need. auto is fixed, and
+    ``fps`` is given there are 30 frames a second then, or what fast things or changing light need. auto is fixed, and
     adaptive where things go over 2 pixels a frame before a still camera, but for draft and published."""
     time_tolerance_us: float | None = None
-    """With time adaptive, error of an event's time that will do [µs]. [100; 30 with accurate and exact]"""
+    """With ``time`` adaptive, error of an event's time that will do [µs]. [100; 30 with accurate and exact]"""
     pace: Pace = "max"
     """As fast as it can; or by the wall clock (real), where a governor renders less while the machine is too slow."""
     governor: bool = True
-    """With pace real, render less rather than fall behind."""
+    """With ``pace`` real, render less rather than fall behind."""
     ring: Policy = "block"
-    """Whether rendering waits for the detector (block), or loses the oldest frame (drop-oldest, with pace real)."""
+    """Whether rendering waits for the detector (block), or loses the oldest frame (drop-oldest, with ``pace`` real)."""
 
     def _check(self) -> None:
         super()._check()
@@ -220,13 +221,16 @@ class OutputSettings(Group):
     """Files and addresses that receive the events."""
     files: FileOptions = field(default_factory=FileOptions)
     truth: tuple[str, ...] = ()
-    """What is recorded beside events, of `clsim.truth.TRUTH_NAMES`, or all of it."""
+    """What is recorded beside the events, such as depth and flow.
+
+    It is all, none, or of `clsim.truth.TRUTH_NAMES`.
+    """
     frame_rate: float | None = None
-    """Frames of truth per simulated second; goes into fps without a rest. [all that are rendered]"""
+    """Frames of ``truth`` per simulated second; goes into ``fps`` without a rest. [all that are rendered]"""
     pose_rate: float = 200.0
-    """Poses of camera and objects per simulated second, with truth poses."""
+    """Poses of camera and objects per simulated second, with ``truth`` poses."""
     imu_rate: float = 1000.0
-    """Inertial samples per simulated second, with truth imu."""
+    """Inertial samples per simulated second, with ``truth`` imu."""
     imu_noise: str | None = None
     """Kalibr's imu.yaml, which says how noisy the inertial sensor is. [a perfect one]"""
 
