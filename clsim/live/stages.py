@@ -89,13 +89,13 @@ class Stages:
 
         point, name = self.options.point, self.world.name
         if not self.render.light_cache:
-            light = f"`sampling` {point.sampling}: light is found anew in each frame"
+            light = f"`sampling` {point.sampling}: light is traced anew in each frame"
         elif light_stands_still(self.world) and not self.render.lights_set:
-            light = f"light is kept on surfaces and not found again: nothing but the camera of {name} moves"
+            light = f"light is cached on surfaces and not traced again: nothing but the camera of {name} moves"
         else:
             light = (
-                f"light is kept on surfaces; what moves or shines differently in {name} changes it, so paths that meet "
-                f"that are traced again, of {point.stored_paths} or more in each cell"
+                f"light is cached on surfaces; what moves or shines differently in {name} changes it, so paths that "
+                f"meet that are traced again, of {point.stored_paths} or more in each cell"
             )
         times = f"brightness is found {self.fps:g} times a second, in frames"
         if self.retracing is not None:

@@ -28,7 +28,7 @@ def words(text: str) -> str:
 def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> None:
     outcome = clsim("live", "still", *SMALL, "--quality", "draft", "--spp", "2", "--view", "none")
     assert outcome.status == 0
-    settings = "esim, 1 to 2 spp, pixels probed each 64 frames, 8 first-hit rays, sobol, light kept on surfaces"
+    settings = "esim, 1 to 2 spp, pixels probed each 64 frames, 8 first-hit rays, sobol, cached light"
     assert f"clsim: draft: {settings}" in words(outcome.stderr)
 
 
