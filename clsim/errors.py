@@ -11,8 +11,8 @@ class InputError(Error, ValueError):
     """Wrong input: a file, key, option or address that cannot be used.
 
     Its text is one clear sentence that names the file, line or key, the value, and what was expected. Parameters and
-    fields stand in it as Python spells them, between backticks: "`probe_spp` must be at most `spp`, which is 8, got 9".
-    The command line prints them as its own options, ``--probe-spp``, and exits with status 2.
+    fields stand in it as Python spells them, between backticks: "`max_depth` must be at least 1, got 0".
+    The command line prints them as its own options, ``--max-depth``, and exits with status 2.
     """
 
 

@@ -30,8 +30,8 @@ CONVENTIONS = """
 - *sum*: over all samples.
 
 **The seen surface** is the first that a ray hits, lamps included. Perfect mirrors and clear glass are followed to what
-is seen in them (`--no-follow-specular` does without), and albedo, normal and depth are of that. Where a mirror shows
-nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
+is seen in them (`follow_specular = false` in a `--config` file does without), and albedo, normal and depth are of that.
+Where a mirror shows nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
 
 **Frames with first-hit rays** take albedo, normal, depth, coverage and emission from rays that end at the seen surface.
 `Samples` counts these rays and the light paths together; albedo is at least 0.001 on a hit.

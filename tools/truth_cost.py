@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-TRUTH = ("--truth", "intensity,depth,flow,ids,poses,imu", "--frame-rate", "30", "--pose-rate", "200")
+TRUTH = ("--truth", "intensity,depth,flow,ids,poses,imu", "--frame-rate", "30")
 KINDS = {"events alone": ((), (".h5",)), "into .h5": (TRUTH, (".h5",)), "into .h5 and .dsec": (TRUTH, (".h5", ".dsec"))}
 
 

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import difflib
+import json
 import re
+import sys
 from typing import Any
+
+from clsim.cli.spelling import CONFIG_KEYS
 
 
 def usage_sentence(error: Any) -> str:
@@ -15,7 +19,7 @@ def usage_sentence(error: Any) -> str:
     findings = getattr(error.__cause__, "errors", None)
     parameter = getattr(error, "param", None)
     if findings is None or parameter is None:
-        message = str(error.format_message())
+        message = _config_sentence(getattr(error, "option_name", "")) or str(error.format_message())
         if not message.startswith("No such command"):
             return message
         return f"{message.rstrip('.')}, expected one of {', '.join(error.ctx.command.list_commands(error.ctx))}"
@@ -29,3 +33,16 @@ def usage_sentence(error: Any) -> str:
         return f"{name} must be one of {', '.join(known)}, got {got!r}{hint}"
     expected = finding["msg"].removeprefix("Value error, ").replace("Input should be", "must be").partition(",")[0]
     return f"{name} {expected.replace('a valid', 'a').replace('a integer', 'a whole number')}, got {got!r}"
+
+
+def _config_sentence(option: str) -> str | None:
+    """Return what to write in place of an option that is a key of a file now, with the value that was given."""
+    key = option.removeprefix("--").removeprefix("no-").replace("-", "_")
+    if key not in CONFIG_KEYS:
+        return None
+    words = [word for each in sys.argv[1:] for word in (each.split("=", 1) if each.startswith(option) else [each])]
+    value = next(iter(words[words.index(option) + 1 :]), "…")
+    if key in ("follow_specular", "governor"):
+        value = "false" if option.startswith("--no-") else "true"
+    text = value if re.fullmatch(r"[-+.\deE]+|true|false|…", value) else json.dumps(value)
+    return f"{option} is a key of a --config file now, such as run.toml: {key} = {text}"

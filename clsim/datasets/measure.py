@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from clsim.datasets.spec import Limits
-from clsim.live.options import LiveOptions
 from clsim.live.outputs.summary import Summary
+from clsim.live.settings import OutputSettings
 
 _MOVING_PX = 0.1
 
@@ -42,7 +42,7 @@ class Figures:
     nearest_m: float | None = None
 
 
-def measure(folder: Path, summary: Summary, options: LiveOptions) -> Figures:
+def measure(folder: Path, summary: Summary, options: OutputSettings) -> Figures:
     """Return the figures of a run whose outputs lie in ``folder``; those of truth are read from ``events.h5``."""
     pixel_s = summary.width * summary.height * max(summary.simulated_s, 1e-9)
     truth = _of_truth(folder / "events.h5") if options.truth else {}

@@ -76,6 +76,8 @@ class DetectorConfig:
 
     method: Method = "esim-ad"
     gate: Gate = "radiance"
+    """Where esim-ad solves its regression. delta-r-exact (to check delta-r) and published (the ICIP 2023 program's)
+    keep old windows and run in numpy, slowly."""
     event_rule: EventRule = "interpolated"
     """frame: at most one event a pixel and frame; else one for each crossing, at its own time between two frames.
 
@@ -98,35 +100,41 @@ class DetectorConfig:
     history: int = 1
     """Number T of frames whose windows form one regression, 1…5."""
     box: int = 5
-    """Side of the box means of the radiance gate [pixels], odd."""
+    """Side of the radiance gate's box means [pixels], odd."""
     gate_scale: float = 1.0
-    """s: the radiance gate solves where |d| > s·C."""
+    """s: the radiance gate opens beyond s·C."""
     kernel: Kernel = "gaussian"
+    """Weight of a sample by its distance in feature space."""
     bandwidth_h: float = 1.0
+    """Bandwidth h of the weights."""
     bandwidth: Bandwidth = "fixed"
-    """fixed: h everywhere; tsvd, optimised: chosen for each pixel, as the paper compares (numpy only, slow)."""
+    """fixed: h everywhere; or chosen per pixel: tsvd leaves out noisy directions of feature space, optimised also
+    weighs bias against variance. Both need variance planes and run in numpy, slowly."""
     ridge: float = 1e-5
-    """λ: β is penalised by λ times the features' own second moments, α never."""
+    """λ: how much β is penalised, by the features' own second moments; α never is."""
     regress: Regress = "log"
-    """What the regression averages: log brightness, as in the paper; or luminance, of which the log is taken then.
-
-    The log of few samples is too low on average, and the more so the noisier they are; their mean is not.
-    """
+    """What is regressed: log brightness, as in the paper; or linear luminance, whose log is taken then: that of few
+    samples is too low on average."""
     shrink: float = 0.0
-    """How far the fit gives way to the pixel's own value: by 1 − shrink·(noise / residual) where that is positive.
+    """How readily a pixel's own value counts where its window's residual is more than noise: 0 never, 1.5 is good.
+    Needs ``regress`` linear and the plane Variance.Luminance.
 
-    0 leaves the fit as it is; else the frames need ``Variance.Luminance``, and ``regress`` must be ``linear``.
+    The fit gives way to it by 1 − shrink·(noise / residual) where that is positive.
     """
     response: Response = "ln"
+    """Brightness of a luminance."""
     luminance: Luminance = "rec709"
-    """What of R, G and B brightness is: a standard's luminance, or three weights."""
+    """Weights of R, G and B: a standard's, or three of your own."""
     mosaic: tuple[Weights, Weights, Weights, Weights] | None = None
     """Such weights of the pixels (0, 0), (1, 0), (0, 1) and (1, 1) of each square, behind filters; None without."""
     scale: float = 1.0
+    """Factor on luminance."""
     floor: float = 1e-4
+    """Smallest luminance after scaling."""
     features: tuple[str, ...] | None = None
-    """Planes to regress on besides pixel x and y; None takes what the frames have."""
+    """Planes to regress on besides pixel x and y. [what the frames have]"""
     precision: Precision = "float32"
+    """Arithmetic of the regression."""
 
     @property
     def fires_at(self) -> tuple[float, float] | None:

@@ -3,10 +3,10 @@
 from clsim.events.batch import (
     CAUSES,
     EVENT_DTYPE,
+    BriefFlush,
     Causes,
     EventBatch,
     Exposed,
-    Hurried,
     Labelling,
     Labels,
     Objects,
@@ -20,10 +20,10 @@ from clsim.events.batch import (
 __all__ = [
     "CAUSES",
     "EVENT_DTYPE",
+    "BriefFlush",
     "Causes",
     "EventBatch",
     "Exposed",
-    "Hurried",
     "Labelling",
     "Labels",
     "Objects",

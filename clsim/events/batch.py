@@ -94,10 +94,10 @@ class Labelling(Protocol):
 
 
 @runtime_checkable
-class Hurried(Protocol):
+class BriefFlush(Protocol):
     """A sink that waits for its readers when it closes, unless it is told not to."""
 
-    def hurry(self) -> None:
+    def flush_briefly(self) -> None:
         """Begin to close, with little patience; ``close`` follows."""
         ...
 

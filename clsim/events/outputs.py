@@ -24,15 +24,19 @@ class FileOptions:
     """How files are written."""
 
     format: str | None = None
-    """Name of a format (see clsim.events.files.FORMATS) where the ending of the name shall not decide."""
+    """Format of files whose ending shall not decide.
+
+    It is a name in `clsim.events.files.FORMATS`.
+    """
     text_time: TextTime | None = None
-    """Unit of time in text, on standard output too; None is µs."""
+    """Time in text, on standard output too: whole µs, or seconds with six decimals. [us]"""
     ros_events: Encoding | None = None
-    """How events stand in bags of ROS: packets in encoding mono or EVT3, or arrays; None is mono."""
+    """Events in bags of ROS: EventPacket in encoding mono or evt3, or dvs_msgs' EventArray. [mono]"""
     frames: bool = False
-    """Whether AEDAT4 files get the rendered frames along with the events."""
+    """Frames, in 8-bit sRGB, along with the events in .aedat4 files."""
     labels: bool = False
-    """Whether HDF5 and Parquet files get the cause of each event (`clsim.events.CAUSES`) in a column."""
+    """What caused each event (signal, shot, leak, hot), in a column of .h5 and .parquet files; with ``truth`` labels
+    the object too."""
     objects: bool = False
     """Whether they get the number of the object at each event's pixel too; follows from `truth` of a live run."""
 

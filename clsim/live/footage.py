@@ -36,14 +36,16 @@ class FootageOptions:
     frames: str
     """A video, or a folder or glob pattern of pictures."""
     fps: float | None = None
-    """Frames per second; None takes the times that the file carries, or ``times``."""
+    """Frames per second. [the times in the files, or in ``times``]"""
     times: str | None = None
-    """File of times, one a frame: text or ``.npy``."""
+    """File with a time for each frame of video or pictures: text, or .npy. [the file's]"""
     time_unit: TimeUnit = "s"
+    """Unit of the times in ``times``."""
     transfer: Transfer | None = None
-    """Transfer function that is undone; None takes what the file tells."""
+    """Transfer function that is undone in video and pictures; as-is undoes none. [the file's; bt709 for video that
+    tells none, srgb for pictures of whole numbers, linear for others]"""
     like: Convention | None = None
-    """Whose conventions hold for transfer function, luminance and response, where nothing else is given."""
+    """What another converter of video takes for brightness, for comparisons; without its noise."""
     opencl: str | None = None
     outputs: tuple[str, ...] = ()
     files: FileOptions = field(default_factory=FileOptions)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from clsim.events import Causes, EventBatch
-from clsim.events.sockets.closing import HURRY_S
+from clsim.events.sockets.closing import BRIEF_FLUSH_S
 from clsim.frames import (
     Cancellable,
     CountsRays,
@@ -41,7 +41,7 @@ from clsim.live.pacing.load import BusyMeter
 from clsim.live.pacing.schedule import Continuity, Schedule
 
 Pace = Literal["max", "real"]
-_CLOSING_S = HURRY_S + 0.1
+_CLOSING_S = BRIEF_FLUSH_S + 0.1
 """Time for outputs to close in once somebody pressed Ctrl-C."""
 
 

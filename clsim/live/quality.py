@@ -56,7 +56,7 @@ class Point:
             parts.insert(2, f"pixels probed each {self.probe_every} frames")
         parts.append(self.sampler)
         if self.sampling == "cached":
-            parts.append("light kept on surfaces")
+            parts.append("cached light")
         if self.noise != "common":
             parts.append(f"{self.noise} noise")
         if self.gate != "radiance" and "gate" not in unused:

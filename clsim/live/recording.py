@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from clsim.live.options import LiveOptions
 from clsim.live.outputs.sidecars import about_camera
 from clsim.live.pacing.schedule import Schedule
+from clsim.live.settings import OutputSettings
 from clsim.scene import World
 from clsim.truth.imu_file import read_imu_noise
 from clsim.truth.layouts import check_place, layout_of, open_layout
@@ -21,7 +21,7 @@ from clsim.truth.world_facts import material_names, object_motions, object_names
 
 
 def recorder_openers(
-    options: LiveOptions, world: World, schedule: Schedule, about: dict[str, Any], every: int
+    options: OutputSettings, seed: int, world: World, schedule: Schedule, about: dict[str, Any], every: int
 ) -> dict[str, Callable[[], TruthRecorder]]:
     """Return, for each output that takes truth, what opens it; raises InputError where one could not be."""
     if not options.truth:
@@ -29,7 +29,7 @@ def recorder_openers(
     names = [name for name in options.outputs if layout_of(name) is not None]
     for name in names:
         check_place(name)
-    plan = _plan(options, world, schedule, about, every)
+    plan = _plan(options, seed, world, schedule, about, every)
 
     def opener(name: str) -> Callable[[], TruthRecorder]:
         return lambda: TruthRecorder(plan, open_layout(name, plan.about))
@@ -37,7 +37,9 @@ def recorder_openers(
     return {name: opener(name) for name in names}
 
 
-def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str, Any], every: int) -> Plan:
+def _plan(
+    options: OutputSettings, seed: int, world: World, schedule: Schedule, more: dict[str, Any], every: int
+) -> Plan:
     objects = object_names(world)
     named = zip(objects, object_motions(world), strict=True)
     moving = tuple((name, motion) for name, motion in named if motion.duration_s > 0)
@@ -58,5 +60,5 @@ def _plan(options: LiveOptions, world: World, schedule: Schedule, more: dict[str
     )
     if options.imu_noise is not None:
         about = replace(about, imu_noise=read_imu_noise(options.imu_noise))
-    motions = Motions(about, world.camera.motion, moving, options.pose_rate, options.seed)
+    motions = Motions(about, world.camera.motion, moving, options.pose_rate, seed)
     return Plan(about, every, schedule.time_us, motions)

@@ -98,17 +98,14 @@ def too_dark(sensor: SensorSettings, lux: float) -> str | None:
 
 @dataclass(frozen=True)
 class RecordedSensor:
-    """The sensor that sees recorded frames; they have their own size.
-
-    Attributes:
-        sensor: also the name of a preset, or a file; None is the ideal one.
-        seed: of its random numbers.
-        lux_per_unit: its illuminance under a luminance of 1 [lux].
-    """
+    """The sensor that sees recorded frames; they have their own size."""
 
     sensor: SensorSettings | None = None
+    """The camera: a preset such as davis346 (see docs/sensor.md), or a .toml file; the frames' size stays. [ideal]"""
     seed: int = 0
+    """Seed of the sensor's random numbers."""
     lux_per_unit: float = 100.0
+    """Illuminance of the sensor under a luminance of 1 [lux]."""
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work; see InputError for how messages name fields."""

@@ -222,7 +222,6 @@ def open_live(
     tolerance_us = None if retracing is None else retracing.tolerance_us
     level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
     governed = Governed(ladder(level), stages.fps) if options.governed else None
-    ideal = options.sensor is None or options.sensor.is_ideal
     # Pixels that share uncached light, or a window, with their neighbours need these sampled twice too.
     cached = stages.render.light_cache
     by_paths = not stages.render.first_hit_rays
@@ -238,7 +237,7 @@ def open_live(
     about = about_run(options.as_dict() | {"window": window}, config, schedule.fps, options.sensor)
     about["options"] = about["options"] | dict(told)
     about |= {} if member is None else member.facts
-    own = recorder_openers(options, world, schedule, about, stages.render.truth_every) if options.truth else {}
+    own = recorder_openers(options, options.seed, world, schedule, about, stages.render.truth_every)
     outputs = open_sinks(options.outputs, options.files, extra_sinks, (camera.width, camera.height), own)
     pipeline = Pipeline(
         lambda: stages.shown_by(
@@ -255,7 +254,7 @@ def open_live(
         governed=governed,
         share_cores=options.render_device == "cpu",
         duplicates=duplicates,
-        significance=Significance(config, ideal) if config.facts.knows_error and duplicates is None else None,
+        significance=Significance(config, options.ideal) if config.facts.knows_error and duplicates is None else None,
     )
     meter = meter_for(options.sensor, world.sensor)
     pipeline.watchers += [] if meter is None else [meter]
@@ -275,7 +274,7 @@ def open_live(
         world,
         chosen=stages.chosen,
         truth_every=stages.render.truth_every if options.truth else 0,
-        ideal=ideal,
+        ideal=options.ideal,
         labelled=options.files.labels or "labels" in options.truth,
         meter=meter,
     )

@@ -15,7 +15,9 @@ from clsim.live.pacing.base_rate import BASE_FPS, base_fps, camera_px_s, fastest
 from clsim.live.pacing.schedule import Schedule, truth_every
 from clsim.live.pacing.time_steps import FINE_TOLERANCE_US, TOLERANCE_US, Retracing, way_px
 from clsim.live.pipeline import Detector
+from clsim.live.quality import Point
 from clsim.live.sensors import cost_of, specimen_of
+from clsim.live.settings import DetectionSettings, SceneSettings
 from clsim.scene import World, load_world
 from clsim.scene.driven import CAMERA
 from clsim.scene.light.spectral import spectral_weights
@@ -87,13 +89,13 @@ class Stages:
 
         point, name = self.options.point, self.world.name
         if not self.render.light_cache:
-            light = f"`sampling` {point.sampling}: light is found anew in each frame"
+            light = f"`sampling` {point.sampling}: light is traced anew in each frame"
         elif light_stands_still(self.world) and not self.render.lights_set:
-            light = f"light is kept on surfaces and not found again: nothing but the camera of {name} moves"
+            light = f"light is cached on surfaces and not traced again: nothing but the camera of {name} moves"
         else:
             light = (
-                f"light is kept on surfaces; what moves or shines differently in {name} changes it, so paths that meet "
-                f"that are traced again, of {point.stored_paths} or more in each cell"
+                f"light is cached on surfaces; what moves or shines differently in {name} changes it, so paths that "
+                f"meet that are traced again, of {point.stored_paths} or more in each cell"
             )
         times = f"brightness is found {self.fps:g} times a second, in frames"
         if self.retracing is not None:
@@ -151,7 +153,7 @@ class Stages:
         return self.retracing is not None and (self.render.light_cache or self.options.governed)
 
 
-def load_options_world(options: LiveOptions) -> World:
+def load_options_world(options: SceneSettings) -> World:
     """Load the scene that options name, with the camera that they describe; raises InputError."""
     world = load_world(
         options.scene,
@@ -207,9 +209,8 @@ def plan_stages(
     missed_by = _missed_by_frames(camera_px_s(world) / fps, fps) if told else ()
     point = options.point
     steered = point.sampling == "adaptive"
-    detector = _detector_config(options, world)
-    ideal = options.sensor is None or options.sensor.is_ideal
-    nears = ideal and point.sampling == "cached" and options.time == "fixed"
+    detector = _detector_config(options, point, options.sensor, world)
+    nears = options.ideal and point.sampling == "cached" and options.time == "fixed"
     render = RenderOptions(
         spp=point.spp,
         probe_spp=point.probe_spp if point.sampling != "uniform" else None,
@@ -323,9 +324,11 @@ def _seen_by(world: World, optics: Optics) -> World:
     return replace(world, camera=replace(world.camera, **chosen)) if chosen else world
 
 
-def _detector_config(options: LiveOptions, world: World) -> DetectorConfig:
-    sensor, point = world.sensor, options.point
-    own = None if options.sensor is None else options.sensor.threshold
+def _detector_config(
+    options: DetectionSettings, point: Point, seen_by: SensorSettings | None, world: World
+) -> DetectorConfig:
+    sensor = world.sensor
+    own = None if seen_by is None else seen_by.threshold
     on = own.on if own is not None and own.on is not None else sensor.threshold_on
     off = own.off if own is not None and own.off is not None else sensor.threshold_off
     on, off = options.threshold or (on, off)

@@ -18,7 +18,6 @@ from clsim.render import SceneData, View
 from clsim.scene import Camera
 from clsim.simulator.snapshot import Snapshot
 from clsim.truth.cut import cut
-from clsim.truth.names import plane_names
 
 _SHARED = (SceneData, Camera, FrameMemory, Workplace)
 """What a snapshot leaves as it is: the scene on its device, memory that is lent and taken back, kernels' arguments."""
@@ -59,7 +58,7 @@ class CameraPipeline:
         assert self.view is not None, "it is connected first"
         stages = self.stages
         self.view.fill_at(number, time_us, self._frame)
-        if stages.options.truth:
+        if stages.render.truth:
             after_us = time_us + round(1e6 / stages.fps)
             self.view.fill_truth(self._frame, before_us, after_us, after_us)
             data.restart_motion()  # a pose may yet be set for a time at which the scene was for the sake of flow
@@ -90,7 +89,7 @@ class CameraPipeline:
 
     def truth(self, names: tuple[str, ...]) -> dict[str, npt.NDArray[np.float32]]:
         """Return what is known of the last frame's pixels; raises InputError where a name is not among its planes."""
-        known = ("intensity", *plane_names(self.stages.options.truth))
+        known = ("intensity", *self.stages.render.truth)
         for name in names:
             require_choice("names", name, known)
         return cut(self.frame(), names or known)

@@ -49,7 +49,7 @@ class Simulator(Driver):
         spp: light paths per pixel and frame, at most. This and what follows take the place of the quality's own; None
             leaves it.
         sampling: which pixels get light paths: "uniform", "adaptive" (where an event is near), or "cached" (light is
-            kept on surfaces).
+            cached on surfaces).
         probe_spp: light paths that every pixel gets, where sampling is not uniform.
         probe_every: frames in which the light of all pixels is found once.
         first_hit_rays: rays per pixel and frame that only find what it shows, at most; 0 is none.

@@ -78,9 +78,11 @@ def test_an_interrupted_rendering_tells_what_is_there(
 
 def test_frames_tell_the_random_numbers_that_were_chosen(clsim: Callable[..., object], tmp_path: Path) -> None:
     """Not those of the quality, which are Sobol's. The kernel is one that others here have compiled."""
-    command = ("render", *SMALL, "--quality", "exact", "--spp", "2", "--sampler", "pcg")
-    assert clsim(*command, "--out", tmp_path).status == 0
-    assert json.loads((tmp_path / "frames.json").read_text())["options"]["sampler"] == "pcg"
+    file = tmp_path / "run.toml"
+    file.write_text('sampler = "pcg"\n')
+    command = ("render", *SMALL, "--quality", "exact", "--spp", "2", "--config", file)
+    assert clsim(*command, "--out", tmp_path / "frames").status == 0
+    assert json.loads((tmp_path / "frames" / "frames.json").read_text())["options"]["sampler"] == "pcg"
 
 
 def test_a_render_prints_what_the_scene_will_not_get(clsim: Callable[..., object], tmp_path: Path) -> None:
@@ -178,6 +180,30 @@ def test_a_sensor_with_faults_takes_the_event_rule_that_it_can_have(tmp_path: Pa
     assert detector_config("frames", told, {"response": "lin-log"}).event_rule == "interpolated"
     assert detector_config("frames", told, {}, ideal).event_rule == "linear-light"
     assert detector_config("frames", told, {"event_rule": "linear-light"}, faulty).event_rule == "linear-light"
+
+
+def test_a_file_by_hand_adds_to_what_is_given(tmp_path: Path) -> None:
+    file = tmp_path / "run.toml"
+    file.write_text('pose_rate = 100\nframe_rate = 10\nprobe_spp = 3\nring = "drop-oldest"\n[files]\nlabels = true\n')
+    given = {
+        "scene": "still",
+        "truth": "depth",
+        "quality": "accurate",
+        "pace": "real",
+        "outputs": ("a.h5", "b.parquet"),
+    }
+    with pytest.raises(InputError, match=r"^`labels` of outputs with `truth` are part of that"):
+        live_options({"config": file, **given, "labels": True})
+    run = live_options({"config": file, **given, "labels": False})
+    assert (run.pose_rate, run.frame_rate, run.point.probe_spp, run.ring) == (100.0, 10.0, 3, "drop-oldest")
+    assert run.quality == "accurate" and run.scene == "still"
+    with pytest.raises(InputError, match=r"^`seed` must not be negative"):
+        live_options({"config": file, **given, "labels": False, "seed": -1})
+    with pytest.raises(InputError, match=r"^--config .*run.toml: `ring` drop-oldest needs `pace` real"):
+        live_options({"config": file, "scene": "still", "truth": "depth"})
+    file.write_text("pose_rate = = 100\n")
+    with pytest.raises(InputError, match=r"^--config .*run.toml: is no TOML"):
+        live_options({"config": file, **given})
 
 
 def test_how_files_are_written_is_repeated_where_it_suits(tmp_path: Path) -> None:

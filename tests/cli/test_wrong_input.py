@@ -20,6 +20,10 @@ def files(tmp_path: Path) -> Path:
     (tmp_path / "cut.glb").write_bytes(glb[: len(glb) // 2])
     (tmp_path / "readonly").write_text("a file, not a folder")
     (tmp_path / "frames").mkdir()
+    (tmp_path / "many_rays.toml").write_text("first_hit_rays = 100000\n")
+    (tmp_path / "probes.toml").write_text("probe_spp = 99\n")
+    (tmp_path / "each_second.toml").write_text("probe_every = 2\n")
+    (tmp_path / "ring.toml").write_text('ring = "drop-oldest"\n')
     return tmp_path
 
 
@@ -56,7 +60,7 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--fps", "0"], "--fps must be a positive number, got 0"),
         (["live", "still", "--spp", "0"], "--spp must be at least 1, got 0"),
         (["live", "still", "--spp", "1000000000"], "--spp must be at most 1048576, got 1000000000"),
-        (["live", "still", "--first-hit-rays", "100000"], "--first-hit-rays must be at most 4096, got 100000"),
+        (["live", "still", "--config", "{}/many_rays.toml"], "`first_hit_rays` must be at most 4096, got 100000"),
         (
             ["live", "still", "--fps", "1e-320"],
             "--fps must be at least 1e-12, for times end at 1e+12 s, got 9.99989e-321",
@@ -66,23 +70,26 @@ def files(tmp_path: Path) -> Path:
         (["live", "still", "--fps", "2e6"], "--fps must be at most 1000000, for times are whole µs, got 2e+06"),
         (
             ["live", "still", "--quality", "exact", "--sampling", "adaptive"],
-            "--sampling adaptive needs --first-hit-rays of at least 1, which --quality exact has not: give it too",
-        ),
-        (["live", "still", "--quality", "exact", "--probe-spp", "2"], "--probe-spp 2 is for --sampling adaptive"),
-        (
-            ["live", "still", "--quality", "accurate", "--probe-spp", "99"],
-            "--probe-spp must be at most --spp 32, got 99",
+            "--sampling adaptive needs `first_hit_rays` of at least 1, which --quality exact has not: give it too",
         ),
         (
-            ["live", "still", "--method", "esim", "--probe-every", "2"],
-            "--probe-every 2 needs --first-hit-rays of at least 1, got 0",
+            ["live", "still", "--quality", "exact", "--config", "{}/probes.toml"],
+            "`probe_spp` 99 is for --sampling adaptive",
+        ),
+        (
+            ["live", "still", "--quality", "accurate", "--config", "{}/probes.toml"],
+            "`probe_spp` must be at most --spp 32, got 99",
+        ),
+        (
+            ["live", "still", "--method", "esim", "--config", "{}/each_second.toml"],
+            "`probe_every` 2 needs `first_hit_rays` of at least 1, got 0",
         ),
         (["live", "still", "--quality", "balanced", "--noise", "independent"], "adaptive needs --noise common"),
         (["live", "still", "--window", "12"], "--window must be an odd number from 3 to 21, got 12"),
         (["live", "still", "--history", "9"], "--history must be from 1 to 5 frames, got 9"),
         (["live", "still", "--gate", "published"], "--gate must be one of radiance, delta-r, got 'published'"),
         (["live", "still", "--seed", "-1"], "--seed must not be negative, got -1"),
-        (["live", "still", "--ring", "drop-oldest"], "--ring drop-oldest needs --pace real"),
+        (["live", "still", "--config", "{}/ring.toml"], "`ring` drop-oldest needs --pace real"),
         (["live", "still", "--frame-count", "3", "--duration", "1s"], "--frame-count and --duration"),
         (["live", "still", "--render-device", "cuda:99"], "cuda:99"),
         (["live", "still", "--opencl", "no such device"], "no such device"),
@@ -127,6 +134,25 @@ def test_one_sentence_and_status_2(
     assert outcome.stderr.startswith("clsim: ") and "Traceback" not in outcome.stderr
     assert len(outcome.stderr.strip().splitlines()) == 1, outcome.stderr
     assert set(files.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        ("--pose-rate 100", "pose_rate = 100"),
+        ("--imu-rate=1e3", "imu_rate = 1e3"),
+        ("--imu-noise imu.yaml", 'imu_noise = "imu.yaml"'),
+        ("--no-follow-specular", "follow_specular = false"),
+        ("--no-governor", "governor = false"),
+        ("--follow-specular --loop", "follow_specular = true"),
+        ("--ring", "ring = …"),
+    ],
+)
+def test_what_was_an_option_says_what_to_write_now(clsim: Callable[..., object], words: str, line: str) -> None:
+    outcome = clsim("live", "still", *words.split())
+    name = words.split("=")[0].split()[0]
+    said = f"clsim: {name} is a key of a --config file now, such as run.toml: {line}\n"
+    assert (outcome.status, outcome.stderr) == (2, said)
 
 
 def test_without_a_command_there_is_help_and_nothing_else(clsim: Callable[..., object]) -> None:

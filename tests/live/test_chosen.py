@@ -11,8 +11,8 @@ from clsim.live.stages import plan_stages
     [
         ({"scene": "two-boxes"}, "nothing but the camera of two-boxes moves", "120 times a second, in frames"),
         ({"scene": "cornell"}, "paths that meet that are traced again, of 64 or more", "in frames"),
-        ({"scene": "cornell", "sampling": "adaptive"}, "`sampling` adaptive: light is found anew", "in frames"),
-        ({"scene": "two-boxes", "quality": "exact"}, "`sampling` uniform: light is found anew", "in frames"),
+        ({"scene": "cornell", "sampling": "adaptive"}, "`sampling` adaptive: light is traced anew", "in frames"),
+        ({"scene": "two-boxes", "quality": "exact"}, "`sampling` uniform: light is traced anew", "in frames"),
         ({"scene": "cornell", "time": "adaptive"}, "traced again", "between them where it changes, to 100 µs"),
     ],
 )

@@ -362,15 +362,15 @@ def test_ctrl_c_while_a_sink_closes_still_closes_all() -> None:
     """The first interrupt may come while a socket waits for its readers; no file may be left open by it."""
 
     class Patient(ListSink):
-        hurried = False
+        flushed_briefly = False
 
         def close(self) -> None:
             super().close()
-            if not self.hurried:
+            if not self.flushed_briefly:
                 raise KeyboardInterrupt
 
-        def hurry(self) -> None:
-            self.hurried = True
+        def flush_briefly(self) -> None:
+            self.flushed_briefly = True
 
     patient, first, last = Patient(), ListSink(), ListSink()
     pipeline, _, _ = run(plan(1.0, 10.0, frames=3), sinks=(first, patient, last))
@@ -381,7 +381,7 @@ def test_ctrl_c_while_a_sink_closes_still_closes_all() -> None:
     assert (first.closed, last.closed) == (0, 1)
     assert pipeline.stop()
     assert (first.closed, patient.closed, last.closed) == (1, 2, 1)
-    assert patient.hurried
+    assert patient.flushed_briefly
 
 
 def test_what_breaks_because_the_run_is_stopped_is_no_error() -> None:

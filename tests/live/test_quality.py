@@ -260,7 +260,7 @@ def test_cached_light_has_points_of_its_own() -> None:
     for name in UNCACHED:
         point = options(quality=name).point
         assert options(quality=name, sampling="cached").point == point
-        assert "light kept on surfaces" in point.text()
+        assert "cached light" in point.text()
         assert options(quality=name, sampling="adaptive").point == replace(UNCACHED[name], sampling="adaptive")
     assert options(sampling="cached").point == QUALITIES[DEFAULT]
     assert options(sampling="cached", spp=2).point == replace(QUALITIES[DEFAULT], spp=2)

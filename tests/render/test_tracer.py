@@ -352,7 +352,7 @@ def test_the_build_is_described():
     ]
     lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "orthographic projection"]
     lenses += ["lens distortion"]
-    sampling = ["Sobol's sequence", "first-hit rays and steered samples", "light kept on surfaces"]
+    sampling = ["Sobol's sequence", "first-hit rays and steered samples", "cached light"]
     sampling += [
         "stored paths that follow the light",
         "light of coats kept apart",

@@ -88,7 +88,7 @@ def test_kernels_do_as_the_reference():
 @pytest.mark.slow
 @pytest.mark.parametrize("quality", ["draft", "exact"])
 def test_rendered_scenes_are_seen_through_the_filters(quality):
-    """With light kept on surfaces too: what a pixel learns of it is no event in the light that it sees."""
+    """With cached light too: what a pixel learns of it is no event in the light that it sees."""
 
     def seen(optics):
         sensor = SensorSettings(optics=optics)

@@ -12,7 +12,7 @@ from clsim.render.features.features import Features
 
 
 @wp.kernel(enable_backward=False)
-def aim(camera: CameraState, width: int, out_origins: wp.array(dtype=wp.vec3), out_directions: wp.array(dtype=wp.vec3)):
+def aim(camera: CameraState, width: int, out_origins: wp.array[wp.vec3], out_directions: wp.array[wp.vec3]) -> None:
     """Write rays of a plain pinhole through the centres of pixels."""
     i = wp.tid()
     out_origins[i] = camera.origin
@@ -27,11 +27,11 @@ def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def nearest(
         geometry: Geometry,
-        origins: wp.array(dtype=wp.vec3),
-        directions: wp.array(dtype=wp.vec3),
-        out_t: wp.array(dtype=float),
-        out_triangle: wp.array(dtype=int),
-    ):
+        origins: wp.array[wp.vec3],
+        directions: wp.array[wp.vec3],
+        out_t: wp.array[float],
+        out_triangle: wp.array[int],
+    ) -> None:
         i = wp.tid()
         hit = closest(geometry, origins[i], directions[i], 0.0)
         out_t[i] = hit.t
@@ -40,21 +40,21 @@ def build_searches(features: Features, tree: Tree) -> tuple[Any, Any, Any]:
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def shadow(
         geometry: Geometry,
-        origins: wp.array(dtype=wp.vec3),
-        directions: wp.array(dtype=wp.vec3),
-        out_hidden: wp.array(dtype=int),
-    ):
+        origins: wp.array[wp.vec3],
+        directions: wp.array[wp.vec3],
+        out_hidden: wp.array[int],
+    ) -> None:
         i = wp.tid()
         out_hidden[i] = int(occluded(geometry, origins[i], directions[i], 1.0, 0.0))
 
     @wp.kernel(module="unique", enable_backward=False, module_options=kernel_options())
     def places(
         geometry: Geometry,
-        origins: wp.array(dtype=wp.vec3),
-        directions: wp.array(dtype=wp.vec3),
-        out_place: wp.array(dtype=wp.vec3),
-        out_normal: wp.array(dtype=wp.vec3),
-    ):
+        origins: wp.array[wp.vec3],
+        directions: wp.array[wp.vec3],
+        out_place: wp.array[wp.vec3],
+        out_normal: wp.array[wp.vec3],
+    ) -> None:
         i = wp.tid()
         hit = closest(geometry, origins[i], directions[i], 0.0)
         if hit.triangle >= 0:

@@ -10,25 +10,18 @@ import typer
 
 from clsim.cli.options.config import live_options
 from clsim.cli.options.shared import (
-    CAMERA_AXES,
-    CAMERA_INTERPOLATION,
     CAMERA_PATH,
     CONFIDENCE,
     CONFIG,
     DURATION,
     EVENT_RULE,
-    FIRST_HIT_RAYS,
-    FOLLOW_SPECULAR,
     FORMAT,
     FPS,
     FRAME_COUNT,
     FRAME_RATE,
     FRAMES,
     GATE,
-    GOVERNOR,
     HISTORY,
-    IMU_NOISE,
-    IMU_RATE,
     JSON,
     LABELS,
     LOOP,
@@ -38,15 +31,10 @@ from clsim.cli.options.shared import (
     OPENCL,
     OUT_HELP,
     PACE,
-    POSE_RATE,
-    PROBE_EVERY,
-    PROBE_SPP,
     QUALITY,
     RENDER_DEVICE,
     RESOLUTION,
-    RING,
     ROS_EVENTS,
-    SAMPLER,
     SAMPLING,
     SCENE,
     SEED,
@@ -93,18 +81,10 @@ def live(
     text_time: TEXT_TIME = None,
     ros_events: ROS_EVENTS = None,
     frame_rate: FRAME_RATE = None,
-    pose_rate: POSE_RATE = None,
-    imu_rate: IMU_RATE = None,
-    imu_noise: IMU_NOISE = None,
     port: PORT = None,
     frame_count: FRAME_COUNT = None,
-    camera_axes: CAMERA_AXES = None,
-    camera_interpolation: CAMERA_INTERPOLATION = None,
     spp: SPP = None,
     sampling: SAMPLING = None,
-    probe_spp: PROBE_SPP = None,
-    probe_every: PROBE_EVERY = None,
-    first_hit_rays: FIRST_HIT_RAYS = None,
     method: METHOD = None,
     gate: GATE = None,
     event_rule: EVENT_RULE = None,
@@ -112,12 +92,8 @@ def live(
     history: HISTORY = None,
     confidence: CONFIDENCE = None,
     noise: NOISE = None,
-    sampler: SAMPLER = None,
     time_tolerance: TIME_TOLERANCE = None,
-    follow_specular: FOLLOW_SPECULAR = None,
     max_depth: MAX_DEPTH = None,
-    governor: GOVERNOR = None,
-    ring: RING = None,
     threads: THREADS = None,
     render_device: RENDER_DEVICE = None,
     opencl: OPENCL = None,
@@ -135,8 +111,6 @@ def live(
     about_the_command = ("out", "view", "port", "as_json")
     settings = {name: value for name, value in given.items() if name not in about_the_command}
     options = live_options(settings | {"outputs": outputs or None})
-    if governor and options.pace != "real":
-        raise InputError("--governor needs --pace real: without a clock to keep, no frame can be late")
     check(view, as_json=as_json)
     if any("{camera}" in name for name in outputs):
         from clsim.cli.output.rig import run_rig

@@ -1,4 +1,4 @@
-"""``--config``: the options of a run from a file, such as the sidecar of what an earlier run wrote."""
+"""``--config``: the options of a run from a file, in TOML or JSON, such as the sidecar of what an earlier run wrote."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from clsim.cli.options import parse
+from clsim.datasets.toml import read_toml
 from clsim.errors import InputError
 from clsim.values import read_value
 
@@ -21,13 +22,15 @@ _LENGTHS = ("duration_s", "frame_count")
 
 
 def read_config(path: Path) -> dict[str, Any]:
-    """Return the options that a file holds: a JSON object of them, or with them under ``options``, as in a sidecar."""
+    """Return the options in a file: TOML, or a JSON object of them, or with them under ``options``, as in a sidecar."""
     try:
-        found = json.loads(path.read_text(encoding="utf-8-sig"))
+        found = read_toml(path) if path.suffix == ".toml" else json.loads(path.read_text(encoding="utf-8-sig"))
+    except InputError as error:
+        raise InputError(f"--config {error}") from None
     except OSError as error:
         raise InputError(f"--config {path}: cannot be read ({error.strerror})") from None
     except ValueError as error:
-        raise InputError(f"--config {path}: is no JSON ({error})") from None
+        raise InputError(f"--config {path}: is no JSON ({error}); TOML ends in .toml") from None
     options = found.get("options", found) if isinstance(found, dict) else None
     if not isinstance(options, dict):
         raise InputError(f"--config {path}: holds no options; expected a JSON object, such as a sidecar")
@@ -42,7 +45,7 @@ def config_times_us(path: Path) -> list[int] | None:
     """Return the times of frames [µs] that a file tells, as the sidecar of frames at chosen times does; else None."""
     from clsim.footage.times import check_rising
 
-    found = json.loads(path.read_text(encoding="utf-8-sig"))  # `read_config` has read it
+    found = {} if path.suffix == ".toml" else json.loads(path.read_text(encoding="utf-8-sig"))  # `read_config` read it
     if "times_us" not in found:
         return None
     times_us = read_value("times_us", found["times_us"], tuple[int, ...])
@@ -70,6 +73,7 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
     from clsim.events.outputs import FileOptions
     from clsim.live.options import LiveOptions
     from clsim.live.quality import setting_names
+    from clsim.live.settings import SceneSettings
 
     chosen = {name: value for name, value in parameters.items() if value is not None}
     config: Path | None = chosen.pop("config", None)
@@ -86,27 +90,21 @@ def live_options(parameters: Mapping[str, Any]) -> LiveOptions:
         return LiveOptions(**_with_scene(chosen), files=FileOptions(**written))
     base = {name: value for name, value in read_config(config).items() if name != "outputs"}
     how = suited(base.pop("files", {}), chosen.get("outputs", ()))
-    if "quality" in chosen:
+    if "quality" in chosen and "quality" in base:  # whose settings the others are
         base = {name: value for name, value in base.items() if name not in setting_names()}
     if chosen.get("truth") == ("none",):
         base.pop("frame_rate", None)  # it is that of truth
     if any(name in chosen for name in _LENGTHS):
         base = {name: value for name, value in base.items() if name not in _LENGTHS}
-    if "scene" in chosen:
-        base["scene"] = chosen["scene"]
     try:
-        repeated = LiveOptions.from_dict(_with_scene(base))
+        run = LiveOptions.from_dict(_with_scene(base | chosen) | {"files": FileOptions(**(how | written))})
     except InputError as error:
-        raise InputError(f"--config {config}: {error}") from None
-    run = replace(repeated, **chosen, files=FileOptions(**(how | written)))
-    other = "sensor" in chosen and _filtered(run) != _filtered(repeated)
+        given = any(f"`{name}`" in str(error) for name in chosen)
+        raise InputError(str(error) if given else f"--config {config}: {error}") from None
+    other = "sensor" in chosen and run.ideal != SceneSettings(run.scene, sensor=base.get("sensor")).ideal
     if other and "event_rule" not in chosen and run.event_rule != "frame":
         return replace(run, event_rule=None)  # that was the quality's, which has another one for such a sensor
     return run
-
-
-def _filtered(run: LiveOptions) -> bool:
-    return run.sensor is not None and not run.sensor.is_ideal
 
 
 def _with_scene(options: dict[str, Any]) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from clsim.errors import InputError
 from clsim.events.batch import EventBatch, SinkError
 from clsim.events.formats.dv_stream import Compression, DvEncoder
 from clsim.events.sockets.address import Address, exposure_warning, parse_address, resolve, unusable
-from clsim.events.sockets.closing import CLOSE_TIMEOUT_S, HURRY_S, PATIENCE_S
+from clsim.events.sockets.closing import BRIEF_FLUSH_S, CLOSE_TIMEOUT_S, PATIENCE_S
 
 QUEUE_BYTES = 64 << 20
 MAX_CLIENTS = 64
@@ -140,9 +140,9 @@ class StreamServer:
         self._begin_to_close(CLOSE_TIMEOUT_S)
         self._thread.join()
 
-    def hurry(self) -> None:
+    def flush_briefly(self) -> None:
         """Begin to close, and have that last no longer than 0.3 s."""
-        self._begin_to_close(HURRY_S)
+        self._begin_to_close(BRIEF_FLUSH_S)
 
     def _begin_to_close(self, timeout_s: float) -> None:
         with self._changed:

@@ -10,16 +10,16 @@ from collections import deque
 from clsim.errors import InputError
 from clsim.events.batch import EventBatch, SinkError
 from clsim.events.sockets.address import Address, exposure_warning, parse_address, resolve, unusable
-from clsim.events.sockets.closing import CLOSE_TIMEOUT_S, HURRY_S
+from clsim.events.sockets.closing import BRIEF_FLUSH_S, CLOSE_TIMEOUT_S
 from clsim.events.sockets.udp_layouts import LAYOUTS
 
 QUEUE_BYTES = 16 << 20
 # A receiver's socket holds some 90 datagrams by default and the system drops what is over without a word, so bursts are
-# followed by pauses in which a receiver, be it in Python, can empty it. In a hurry the pauses are short.
+# followed by pauses in which a receiver, be it in Python, can empty it. Where much waits the pauses are short.
 _BURST = 16
 _PAUSE_S = 0.002
 _SHORT_PAUSE_S = 0.0002
-_HURRY_BYTES = QUEUE_BYTES // 4
+_SHORT_PAUSE_BYTES = QUEUE_BYTES // 4
 _EVENTS_PER_CHUNK = 65_536
 
 
@@ -101,9 +101,9 @@ class UdpSink:
         self._begin_to_close(CLOSE_TIMEOUT_S)
         self._thread.join()
 
-    def hurry(self) -> None:
+    def flush_briefly(self) -> None:
         """Begin to close, and have that last no longer than 0.3 s."""
-        self._begin_to_close(HURRY_S)
+        self._begin_to_close(BRIEF_FLUSH_S)
 
     def _begin_to_close(self, timeout_s: float) -> None:
         with self._changed:
@@ -155,4 +155,4 @@ class UdpSink:
                 with self._changed:
                     self._count_dropped(len(datagram))
             if index % _BURST == _BURST - 1 and not late:
-                time.sleep(_PAUSE_S if self._queued_bytes < _HURRY_BYTES else _SHORT_PAUSE_S)
+                time.sleep(_PAUSE_S if self._queued_bytes < _SHORT_PAUSE_BYTES else _SHORT_PAUSE_S)

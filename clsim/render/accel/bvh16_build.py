@@ -55,55 +55,55 @@ _SIZES = {
 
 @wp.func_native(native_code("construct/grow.h", _SIZES))
 def _grow(
-    vertices: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
-    scratch: wp.array(dtype=float),
-    nodes_of_two: wp.array(dtype=float),
-    parents: wp.array(dtype=int),
-    counts: wp.array(dtype=int),
-): ...
+    vertices: wp.array[wp.vec3],
+    indices: wp.array[int],
+    scratch: wp.array[float],
+    nodes_of_two: wp.array[float],
+    parents: wp.array[int],
+    counts: wp.array[int],
+) -> None: ...
 
 
 @wp.func_native(native_code("construct/reinsert.h", _SIZES))
 def _reinsert(
-    which: wp.array(dtype=int),
-    nodes_of_two: wp.array(dtype=float),
-    parents: wp.array(dtype=int),
-): ...
+    which: wp.array[int],
+    nodes_of_two: wp.array[float],
+    parents: wp.array[int],
+) -> None: ...
 
 
 @wp.func_native(native_code("construct/wide.h", _SIZES))
 def _widen(
-    nodes_of_two: wp.array(dtype=float),
+    nodes_of_two: wp.array[float],
     node_of_two_count: int,
-    scratch: wp.array(dtype=int),
-    nodes: wp.array(dtype=float),
-    leaves: wp.array(dtype=float),
-    counts: wp.array(dtype=int),
-): ...
+    scratch: wp.array[int],
+    nodes: wp.array[float],
+    leaves: wp.array[float],
+    counts: wp.array[int],
+) -> None: ...
 
 
 @wp.func_native(native_code("construct/fit.h", _SIZES))
 def _fit(
-    vertices: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
-    order: wp.array(dtype=int),
+    vertices: wp.array[wp.vec3],
+    indices: wp.array[int],
+    order: wp.array[int],
     count: int,
     middle: wp.vec3,
-    memory: wp.array(dtype=float),
-    out_extent: wp.array(dtype=float),
-): ...
+    memory: wp.array[float],
+    out_extent: wp.array[float],
+) -> None: ...
 
 
 @wp.kernel(module="clsim_bvh16_build", enable_backward=False)
 def grow(
-    vertices: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
-    scratch: wp.array(dtype=float),
-    out_nodes_of_two: wp.array(dtype=float),
-    out_parents: wp.array(dtype=int),
-    out_counts: wp.array(dtype=int),
-):
+    vertices: wp.array[wp.vec3],
+    indices: wp.array[int],
+    scratch: wp.array[float],
+    out_nodes_of_two: wp.array[float],
+    out_parents: wp.array[int],
+    out_counts: wp.array[int],
+) -> None:
     """Make a binary tree of 8 floats a node; ``scratch`` holds 8 floats a triangle.
 
     ``out_counts`` are nodes and, where these are 0, the triangles of a list, which ``out_parents`` names.
@@ -112,20 +112,20 @@ def grow(
 
 
 @wp.kernel(module="clsim_bvh16_build", enable_backward=False)
-def reinsert(which: wp.array(dtype=int), out_nodes_of_two: wp.array(dtype=float), out_parents: wp.array(dtype=int)):
+def reinsert(which: wp.array[int], out_nodes_of_two: wp.array[float], out_parents: wp.array[int]) -> None:
     """Find better places for the nodes ``which``, one after the other."""
     _reinsert(which, out_nodes_of_two, out_parents)
 
 
 @wp.kernel(module="clsim_bvh16_build", enable_backward=False)
 def widen(
-    nodes_of_two: wp.array(dtype=float),
+    nodes_of_two: wp.array[float],
     count: int,
-    scratch: wp.array(dtype=int),
-    out_nodes: wp.array(dtype=float),
-    out_leaves: wp.array(dtype=float),
-    out_counts: wp.array(dtype=int),
-):
+    scratch: wp.array[int],
+    out_nodes: wp.array[float],
+    out_leaves: wp.array[float],
+    out_counts: wp.array[int],
+) -> None:
     """Write the topology of wide nodes, and in leaves the numbers of triangles; ``scratch`` holds 3 integers a node.
 
     ``out_counts`` are nodes (0: the binary tree is taller than ``TALLEST``), units of leaves, and levels.
@@ -135,14 +135,14 @@ def widen(
 
 @wp.kernel(module="clsim_bvh16_build", enable_backward=False)
 def fit(
-    vertices: wp.array(dtype=wp.vec3),
-    indices: wp.array(dtype=int),
-    order: wp.array(dtype=int),
+    vertices: wp.array[wp.vec3],
+    indices: wp.array[int],
+    order: wp.array[int],
     nodes: int,
     middle: wp.vec3,
-    out_memory: wp.array(dtype=float),
-    out_extent: wp.array(dtype=float),
-):
+    out_memory: wp.array[float],
+    out_extent: wp.array[float],
+) -> None:
     """Write boxes and corners for a known topology; ``out_extent`` is the largest coordinate, sign aside.
 
     Where there are no ``nodes``, the blocks of a list of triangles in that ``order``, whose edges have their

@@ -55,12 +55,16 @@ def closest_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_mi
 
 
 @wp.func_native(native_code("search/tree_any.h", _SIZES | {"MAY_PASS": 0}))
-def any_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> bool:
+def any_in_tree(  # type: ignore[empty-body]
+    handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float
+) -> bool:
     """Return whether the ray meets a triangle at a t in [t_min, far]."""
     ...
 
 
 @wp.func_native(native_code("search/tree_any.h", _SIZES | {"MAY_PASS": 1}))
-def any_opaque_in_tree(handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float) -> int:
+def any_opaque_in_tree(  # type: ignore[empty-body]
+    handle: wp.uint64, origin: wp.vec3, direction: wp.vec3, t_min: float, far: float
+) -> int:
     """Return 1 where the ray meets a triangle that stops it, 2 where all that it meets may let it pass, else 0."""
     ...

@@ -57,28 +57,28 @@ class Geometry:
     where stored paths go (`stored_paths.py`).
     """
 
-    mesh_handles: wp.array(dtype=wp.uint64)
-    mesh_first_vertex: wp.array(dtype=int)
-    mesh_first_triangle: wp.array(dtype=int)
-    vertices: wp.array(dtype=wp.vec3)
-    indices: wp.array(dtype=int)
-    normals: wp.array(dtype=wp.vec3)
-    uvs: wp.array(dtype=wp.vec2)
-    colors: wp.array(dtype=wp.vec3)
-    material_ids: wp.array(dtype=int)
-    shading_rows: wp.array(dtype=ShadingRow)
+    mesh_handles: wp.array[wp.uint64]
+    mesh_first_vertex: wp.array[int]
+    mesh_first_triangle: wp.array[int]
+    vertices: wp.array[wp.vec3]
+    indices: wp.array[int]
+    normals: wp.array[wp.vec3]
+    uvs: wp.array[wp.vec2]
+    colors: wp.array[wp.vec3]
+    material_ids: wp.array[int]
+    shading_rows: wp.array[ShadingRow]
     instance_tree: wp.uint64
-    instance_mesh: wp.array(dtype=int)
-    to_world: wp.array(dtype=mat34)
-    to_object: wp.array(dtype=mat34)
-    places: wp.array(dtype=Place)
+    instance_mesh: wp.array[int]
+    to_world: wp.array[mat34]
+    to_object: wp.array[mat34]
+    places: wp.array[Place]
     instance_count: int
-    spheres: wp.array(dtype=wp.vec4)
-    sphere_steps: wp.array(dtype=wp.vec3)
+    spheres: wp.array[wp.vec4]
+    sphere_steps: wp.array[wp.vec3]
     sphere_count: int
-    rest_vertices: wp.array(dtype=wp.vec3)
-    rest_scales: wp.array(dtype=float)
-    trails: wp.array2d(dtype=wp.vec3)
+    rest_vertices: wp.array[wp.vec3]
+    rest_scales: wp.array[float]
+    trails: wp.array[wp.vec3, Literal[2]]
 
 
 @wp.struct

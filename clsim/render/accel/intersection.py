@@ -65,7 +65,7 @@ def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
     @wp.func
     def closest_by_bvh16(geometry: Geometry, mesh: int, origin: wp.vec3, direction: wp.vec3, far: float) -> Found:
         bits = closest_in_tree(geometry.mesh_handles[mesh], origin, direction, 0.0, far)
-        return Found(
+        return Found(  # type: ignore[call-arg]
             wp.cast(bits[1], float),
             bits[0],
             wp.cast(bits[2], float),
@@ -90,13 +90,13 @@ def make_search(tree: Tree, alpha: bool) -> tuple[Any, Any]:
         hit = wp.mesh_query_ray(geometry.mesh_handles[mesh], origin, direction, far)
         found = Found()
         found.triangle = -1
-        if hit.result:
+        if hit.result:  # type: ignore[attr-defined]
             first = geometry.mesh_first_vertex[mesh]
-            at = 3 * (geometry.mesh_first_triangle[mesh] + hit.face)
-            found.t = hit.t
-            found.triangle = hit.face
-            found.weight0 = hit.u
-            found.weight1 = hit.v
+            at = 3 * (geometry.mesh_first_triangle[mesh] + hit.face)  # type: ignore[attr-defined]
+            found.t = hit.t  # type: ignore[attr-defined]
+            found.triangle = hit.face  # type: ignore[attr-defined]
+            found.weight0 = hit.u  # type: ignore[attr-defined]
+            found.weight1 = hit.v  # type: ignore[attr-defined]
             found.vertex0 = geometry.vertices[first + geometry.indices[at]]
             found.vertex1 = geometry.vertices[first + geometry.indices[at + 1]]
             found.vertex2 = geometry.vertices[first + geometry.indices[at + 2]]

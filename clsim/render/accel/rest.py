@@ -30,8 +30,8 @@ def make_rest(features: Features) -> Any:
             p0 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle]]
             p1 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle + 1]]
             p2 = geometry.rest_vertices[first + geometry.indices[3 * hit.triangle + 2]]
-            normal = wp.normalize(wp.cross(p1 - p0, p2 - p0))
+            normal = wp.normalize(wp.cross(p1 - p0, p2 - p0))  # type: ignore[assignment]
         place = p0 * hit.weight0 + p1 * hit.weight1 + p2 * (1.0 - hit.weight0 - hit.weight1)
-        return place * scale, wp.where(front, normal, -normal)
+        return place * scale, wp.where(front, normal, -normal)  # type: ignore[return-value]
 
     return rest_of

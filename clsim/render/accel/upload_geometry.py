@@ -14,7 +14,7 @@ import warp as wp
 from clsim.render.accel.bvh16 import Bvh16
 from clsim.render.accel.geometry import Geometry, Place, ShadingRow, Tree, mat34
 from clsim.render.accel.placement import Placement, uvs
-from clsim.render.device.arrays import array, write
+from clsim.render.device.arrays import array, table, write
 from clsim.render.features.features import SceneFeatures
 from clsim.render.motion.deform import DeformingMesh, box, deforms, flat_or_smooth
 from clsim.render.motion.shutter import SHUTTER_KEYS, chord_error, key_steps, quaternions
@@ -146,7 +146,7 @@ class GeometryData:
         geometry.rest_vertices = array(geometry.vertices.numpy(), wp.vec3, device)
         scales = [abs(np.linalg.det(each.motion.pose(0.0)[:3, :3])) ** (1 / 3) for each in placement.instances]
         geometry.rest_scales = array(np.array(scales, np.float32), wp.float32, device)
-        geometry.trails = wp.zeros((1, 1), dtype=wp.vec3, device=device)
+        geometry.trails = wp.zeros((1, 1), dtype=wp.vec3, device=device)  # type: ignore[assignment]
         self._deforms = np.array([deforms(placement.meshes[placement.instances[i].mesh]) for i in self.moving], bool)
         self._create_places(times_s)
 
@@ -273,7 +273,7 @@ def into_boxes(poses: _F64, lower: _F64, upper: _F64) -> _F64:
 
 def _shading_rows(mesh: Mesh, features: SceneFeatures) -> npt.NDArray[np.void]:
     """Return the table of ``ShadingRow`` of the one mesh that holds all that stands still."""
-    rows = np.zeros(len(mesh.triangles), ShadingRow.numpy_dtype())
+    rows: npt.NDArray[np.void] = table(ShadingRow, len(mesh.triangles))
     normals, at = flat_or_smooth(mesh), uvs(mesh)
     for corner, vertices in enumerate(mesh.triangles.T):
         if features.smooth_normals:
@@ -291,7 +291,7 @@ def _matrices(poses: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.floa
 
 def _place_rows(poses: _F64, steps: _F64) -> npt.NDArray[np.void]:
     """Return the table of ``Place``, instance by instance for each key."""
-    rows = np.zeros(poses.shape[:2], Place.numpy_dtype())
+    rows: npt.NDArray[np.void] = table(Place, poses.shape[:2])
     turns, rows["scale"] = _turns(poses[..., :3, :3])
     rows["rotation"], rows["position"], rows["step"] = turns, poses[..., :3, 3], steps
     return rows.ravel()

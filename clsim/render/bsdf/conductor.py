@@ -17,7 +17,7 @@ def conductor_fresnel(b: Bsdf, cos_i: float) -> wp.vec3:
     reflectance = schlick(cos_i, b.color)
     if b.complex_index != 0:
         reflectance = fresnel_conductor(cos_i, b.metal_eta, b.metal_k)
-    return wp.cw_mul(reflectance, b.specular)
+    return wp.cw_mul(reflectance, b.specular)  # type: ignore[return-value]
 
 
 def make_conductor(features: Features) -> tuple[Any, Any]:

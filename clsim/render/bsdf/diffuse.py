@@ -11,7 +11,7 @@ from clsim.render.surfaces.materials import Bsdf
 def diffuse_value(b: Bsdf, normal: wp.vec3, wi: wp.vec3) -> Scattering:
     """Return f·cos θ and density."""
     cosine = wp.max(wp.dot(normal, wi), 0.0) / wp.pi
-    return Scattering(b.color * cosine, cosine)
+    return Scattering(b.color * cosine, cosine)  # type: ignore[call-arg]
 
 
 @wp.func

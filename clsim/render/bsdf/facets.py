@@ -45,7 +45,7 @@ def make_facets(features: Features) -> tuple[Any, Any, Any]:
             if b.beckmann != 0:
                 h = sample_visible_beckmann(even(b, wo), b.alpha, u)
         if wp.static(features.anisotropic):
-            h = wp.normalize(evened(h, b.stretch))
+            h = wp.normalize(evened(h, b.stretch))  # type: ignore[assignment]
         return h
 
     @wp.func

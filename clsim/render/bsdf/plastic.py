@@ -17,7 +17,7 @@ _LAST = wp.constant(TABLE_SIZE - 1)
 
 
 @wp.func
-def _passing(transmittance: wp.array(dtype=float), b: Bsdf, cosine: float) -> float:
+def _passing(transmittance: wp.array[float], b: Bsdf, cosine: float) -> float:
     """Return the share of light that the coat lets through from one direction."""
     share = float(0.0)
     if b.alpha < SMOOTH:
@@ -50,7 +50,7 @@ def base_albedo(b: Bsdf) -> wp.vec3:
 
 
 @wp.func
-def passing_out(transmittance: wp.array(dtype=float), b: Bsdf, cosine: float) -> float:
+def passing_out(transmittance: wp.array[float], b: Bsdf, cosine: float) -> float:
     """Return the share of light from the base that passes the coat in a direction."""
     return _passing(transmittance, b, cosine)
 
@@ -60,7 +60,7 @@ def make_plastic(features: Features) -> tuple[Any, Any, Any]:
     draw, seen, shadowing = make_facets(features)
 
     @wp.func
-    def leaving_plastic(transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing) -> Outgoing:
+    def leaving_plastic(transmittance: wp.array[float], b: Bsdf, out: Outgoing) -> Outgoing:
         """Return the way with what plastic needs of it."""
         found = out
         found.passing = _passing(transmittance, b, out.wo[2])
@@ -70,7 +70,7 @@ def make_plastic(features: Features) -> tuple[Any, Any, Any]:
         return found
 
     @wp.func
-    def plastic_value(transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing, wi: wp.vec3) -> Scattering:
+    def plastic_value(transmittance: wp.array[float], b: Bsdf, out: Outgoing, wi: wp.vec3) -> Scattering:
         """Return f·cos θ and density of plastic, without the coat where that is a mirror."""
         result = Scattering()
         if wi[2] > 0.0:
@@ -87,9 +87,7 @@ def make_plastic(features: Features) -> tuple[Any, Any, Any]:
         return result
 
     @wp.func
-    def plastic_sample(
-        transmittance: wp.array(dtype=float), b: Bsdf, out: Outgoing, choice: float, u: wp.vec2
-    ) -> Scattered:
+    def plastic_sample(transmittance: wp.array[float], b: Bsdf, out: Outgoing, choice: float, u: wp.vec2) -> Scattered:
         """Draw the coat or the base, by the light that they return."""
         s = Scattered()
         s.eta2 = 1.0

@@ -108,9 +108,9 @@ def is_smooth(sample: Sample, gathering: Gathering) -> bool:
 
 @wp.func
 def light_of(
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
-    surfaces: wp.array(dtype=SeenSurface),
+    cells: wp.array[Cell],
+    followed: wp.array[Followed],
+    surfaces: wp.array[SeenSurface],
     number: int,
     gathering: Gathering,
     weights: wp.vec3,

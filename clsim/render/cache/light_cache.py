@@ -169,7 +169,7 @@ def _error_at(error: float, tilt: wp.vec3, place: wp.vec2) -> float:
 
 
 @wp.func
-def _find(cells: wp.array(dtype=Cell), key: wp.int64) -> int:
+def _find(cells: wp.array[Cell], key: wp.int64) -> int:
     """Return the row of a cell, -1 where there is none."""
     mask = cells.shape[0] - 1
     row = first_row(key, mask)
@@ -259,8 +259,8 @@ def _finer(coarse: Level, sums: Level) -> Level:
 
 @wp.func
 def look_up(
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
+    cells: wp.array[Cell],
+    followed: wp.array[Followed],
     asked: Asked,
     position: wp.vec3,
     normal: wp.vec3,
@@ -355,7 +355,7 @@ def look_up(
 
 @wp.func
 def look_up_at(
-    cells: wp.array(dtype=Cell), followed: wp.array(dtype=Followed), asked: Asked, position: wp.vec4, normal: wp.vec4
+    cells: wp.array[Cell], followed: wp.array[Followed], asked: Asked, position: wp.vec4, normal: wp.vec4
 ) -> CachedLight:
     """Return what is known where a path began: its position and normal are as `light_updates.open_cells` takes them."""
     place = wp.vec3(position[0], position[1], position[2])

@@ -81,7 +81,7 @@ def first_row(key: wp.int64, mask: int) -> int:
 
 
 @wp.func
-def find_or_make(keys: wp.array(dtype=wp.int64), key: wp.int64, out_used: wp.array(dtype=int)) -> int:
+def find_or_make(keys: wp.array[wp.int64], key: wp.int64, out_used: wp.array[int]) -> int:
     """Return the row of a cell, a new one if need be; -1 where there is no room.
 
     ``out_used`` counts rows taken, and cells that found no room.

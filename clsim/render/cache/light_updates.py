@@ -34,16 +34,16 @@ _LARGEST = wp.constant(65536.0)
 
 
 def open_cells(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec4),
+    spent: wp.array2d[int],
+    positions: wp.array2d[wp.vec4],
+    normals: wp.array2d[wp.vec4],
     asked: Asked,
     update: int,
-    keys: wp.array(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-    out_rows: wp.array3d(dtype=int),
-    out_used: wp.array(dtype=int),
-):
+    keys: wp.array[wp.int64],
+    cells: wp.array[Cell],
+    out_rows: wp.array3d[int],
+    out_used: wp.array[int],
+) -> None:
     """Find or make the cells of each path that are ``asked``, and keep what they knew so far.
 
     A thread is a pixel. ``spent`` ``[2, H·W]`` tells how many paths it traced; ``positions`` ``[paths, H·W]`` has the
@@ -80,16 +80,16 @@ def open_cells(
 
 
 def add_to_cells(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec4),
-    lights: wp.array2d(dtype=wp.vec3),
-    rows: wp.array3d(dtype=int),
+    spent: wp.array2d[int],
+    positions: wp.array2d[wp.vec4],
+    normals: wp.array2d[wp.vec4],
+    lights: wp.array2d[wp.vec3],
+    rows: wp.array3d[int],
     asked: Asked,
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
-    sums: wp.array2d(dtype=wp.int64),
-):
+    cells: wp.array[Cell],
+    followed: wp.array[Followed],
+    sums: wp.array2d[wp.int64],
+) -> None:
     """Add each path's irradiance to its cells; a thread is a pixel.
 
     Where the light is followed, it is what the path would have found before that changed.
@@ -131,7 +131,7 @@ def add_to_cells(
 
 
 @wp.func
-def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: float, variance: float) -> wp.vec4:
+def _plane(sums: wp.array2d[wp.int64], row: int, count: float, bright: float, variance: float) -> wp.vec4:
     """Return the tilt of the plane through what the paths of a cell found, and the variance that it leaves.
 
     It is less steep than that of least squares, and even where chance explains it.
@@ -159,12 +159,12 @@ def _plane(sums: wp.array2d(dtype=wp.int64), row: int, count: float, bright: flo
 
 
 def average(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    rows: wp.array3d(dtype=int),
-    sums: wp.array2d(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-):
+    spent: wp.array2d[int],
+    positions: wp.array2d[wp.vec4],
+    rows: wp.array3d[int],
+    sums: wp.array2d[wp.int64],
+    cells: wp.array[Cell],
+) -> None:
     """Turn the sums of the cells that were added to into means; a thread is a pixel, and all write the same."""
     pixel = wp.tid()
     for i in range(spent[_PATHS, pixel]):
@@ -189,15 +189,15 @@ def average(
 
 
 def move_cells(
-    source_sums: wp.array2d(dtype=wp.int64),
-    source: wp.array(dtype=Cell),
+    source_sums: wp.array2d[wp.int64],
+    source: wp.array[Cell],
     oldest: int,
-    keys: wp.array(dtype=wp.int64),
-    sums: wp.array2d(dtype=wp.int64),
-    cells: wp.array(dtype=Cell),
-    out_used: wp.array(dtype=int),
-    out_rows: wp.array(dtype=int),
-):
+    keys: wp.array[wp.int64],
+    sums: wp.array2d[wp.int64],
+    cells: wp.array[Cell],
+    out_used: wp.array[int],
+    out_rows: wp.array[int],
+) -> None:
     """Copy the cells that were added to since the update ``oldest``; a thread is a row of ``source``.
 
     ``out_rows`` tells where each is now, −1 where it was not copied.

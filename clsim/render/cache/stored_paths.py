@@ -105,20 +105,20 @@ def _unevenness(cell: Cell) -> float:
 
 
 def choose_paths(
-    spent: wp.array2d(dtype=int),
-    positions: wp.array2d(dtype=wp.vec4),
-    normals: wp.array2d(dtype=wp.vec4),
-    traced: wp.array(dtype=int),
-    met: wp.array2d(dtype=Met),
-    rows: wp.array3d(dtype=int),
+    spent: wp.array2d[int],
+    positions: wp.array2d[wp.vec4],
+    normals: wp.array2d[wp.vec4],
+    traced: wp.array[int],
+    met: wp.array2d[Met],
+    rows: wp.array3d[int],
     most: int,
     asked: Asked,
-    cells: wp.array(dtype=Cell),
-    followed: wp.array(dtype=Followed),
-    sums: wp.array2d(dtype=wp.int64),
-    paths: wp.array(dtype=StoredPath),
-    out_count: wp.array(dtype=int),
-):
+    cells: wp.array[Cell],
+    followed: wp.array[Followed],
+    sums: wp.array2d[wp.int64],
+    paths: wp.array[StoredPath],
+    out_count: wp.array[int],
+) -> None:
     """Store paths of the last frame, chosen by chance, so that their cells hold some ``most``; a thread is a pixel.
 
     There are more where paths find light that differs more.
@@ -183,12 +183,12 @@ def add_paths(
     first: int,
     joining: bool,
     steady: bool,
-    paths: wp.array(dtype=StoredPath),
-    found: wp.array(dtype=wp.vec3),
-    traced_again: wp.array(dtype=int),
-    sums: wp.array2d(dtype=wp.int64),
-    followed: wp.array(dtype=Followed),
-):
+    paths: wp.array[StoredPath],
+    found: wp.array[wp.vec3],
+    traced_again: wp.array[int],
+    sums: wp.array2d[wp.int64],
+    followed: wp.array[Followed],
+) -> None:
     """Add what paths found to their cells: all of it if they are ``joining``, else by how much it has changed.
 
     A thread is a path, from ``first`` on. Where lamps move and each frame follows a part of the paths, changes are
@@ -217,7 +217,7 @@ def add_paths(
 
 
 @wp.func
-def _told(cell: Followed, sums: wp.array2d(dtype=wp.int64), row: int) -> Followed:
+def _told(cell: Followed, sums: wp.array2d[wp.int64], row: int) -> Followed:
     """Return a cell as its stored paths tell."""
     after = cell
     after.count = float(sums[row, _COUNT])
@@ -236,11 +236,11 @@ def average_paths(
     joining: bool,
     steady: bool,
     frame: int,
-    paths: wp.array(dtype=StoredPath),
-    traced_again: wp.array(dtype=int),
-    sums: wp.array2d(dtype=wp.int64),
-    followed: wp.array(dtype=Followed),
-):
+    paths: wp.array[StoredPath],
+    traced_again: wp.array[int],
+    sums: wp.array2d[wp.int64],
+    followed: wp.array[Followed],
+) -> None:
     """Tell the cells of paths whose light may have changed what these find on average; all write the same.
 
     Changes are those of the step to a ``frame``.
@@ -257,7 +257,7 @@ def average_paths(
                 followed[row] = cell
 
 
-def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
+def move_rows(paths: wp.array[StoredPath], rows: wp.array[int]) -> None:
     """Let paths know where their cells are now; a thread is a path."""
     i = wp.tid()
     for k in range(_LEVELS):
@@ -267,12 +267,12 @@ def move_rows(paths: wp.array(dtype=StoredPath), rows: wp.array(dtype=int)):
 
 
 def move_followed(
-    rows: wp.array(dtype=int),
-    source_sums: wp.array2d(dtype=wp.int64),
-    source: wp.array(dtype=Followed),
-    sums: wp.array2d(dtype=wp.int64),
-    followed: wp.array(dtype=Followed),
-):
+    rows: wp.array[int],
+    source_sums: wp.array2d[wp.int64],
+    source: wp.array[Followed],
+    sums: wp.array2d[wp.int64],
+    followed: wp.array[Followed],
+) -> None:
     """Copy what is known of cells to where these are now; a thread is a row of ``source``."""
     row = wp.tid()
     to = rows[row]
@@ -318,13 +318,13 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         first_path: int,
         every: int,
         turn: int,
-        boxes: wp.array(dtype=mat34),
+        boxes: wp.array[mat34],
         box_count: int,
-        moved: wp.array(dtype=int),
-        paths: wp.array(dtype=StoredPath),
-        out_found: wp.array(dtype=wp.vec3),
-        out_traced: wp.array(dtype=int),
-    ):
+        moved: wp.array[int],
+        paths: wp.array[StoredPath],
+        out_found: wp.array[wp.vec3],
+        out_traced: wp.array[int],
+    ) -> None:
         begin = first_path + first_pixel + wp.tid() * pixels
         for i in range(begin, begin + pixels):
             path = paths[i]

@@ -4,6 +4,8 @@
 While nothing moves in or out of the way between two of these, the path finds what it found.
 """
 
+from typing import Literal
+
 import warp as wp
 
 from clsim.render.accel.geometry import Geometry, Hit, mat34, transform_point
@@ -17,7 +19,7 @@ _LEAST = wp.constant(1.0e-12)
 
 
 @wp.func
-def note_place(geometry: Geometry, row: int, depth: int, origin: wp.vec3, direction: wp.vec3, hit: Hit):
+def note_place(geometry: Geometry, row: int, depth: int, origin: wp.vec3, direction: wp.vec3, hit: Hit) -> None:
     """Note where a path went from its last place; nothing is known of a light there."""
     if depth < PLACES:
         met = hit.triangle >= 0 or hit.sphere >= 0
@@ -27,7 +29,7 @@ def note_place(geometry: Geometry, row: int, depth: int, origin: wp.vec3, direct
 
 
 @wp.func
-def note_light(geometry: Geometry, row: int, depth: int, towards: wp.vec3):
+def note_light(geometry: Geometry, row: int, depth: int, towards: wp.vec3) -> None:
     """Note the light that a place asked, 0 for none."""
     if depth < PLACES and wp.dot(towards, towards) > 0.0:
         geometry.trails[row, 2 * depth + 1] = towards
@@ -57,7 +59,7 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
 
 @wp.func
 def trail_crosses(
-    trails: wp.array2d(dtype=wp.vec3), row: int, places: int, boxes: wp.array(dtype=mat34), count: int
+    trails: wp.array[wp.vec3, Literal[2]], row: int, places: int, boxes: wp.array[mat34], count: int
 ) -> bool:
     """Whether a path with so many places leads through a box.
 

@@ -61,11 +61,11 @@ class CameraState:
     limit: float
     aperture_m: float
     focus_m: float
-    positions: wp.array(dtype=wp.vec3)
-    steps: wp.array(dtype=wp.vec3)
-    rotations: wp.array(dtype=wp.quat)
-    images: wp.array(dtype=wp.mat33)
-    smallest_m: wp.array(dtype=float)
+    positions: wp.array[wp.vec3]
+    steps: wp.array[wp.vec3]
+    rotations: wp.array[wp.quat]
+    images: wp.array[wp.mat33]
+    smallest_m: wp.array[float]
 
 
 @wp.struct

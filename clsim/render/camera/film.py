@@ -90,7 +90,7 @@ _NAN_BITS = wp.constant(wp.uint32(0x7FC00000))
 
 
 @wp.func
-def store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3):
+def store3(out: wp.array2d[float], plane: int, pixel: int, value: wp.vec3) -> None:
     """Store a vector in three planes, one after the other."""
     out[plane, pixel] = value[0]
     out[plane + 1, pixel] = value[1]
@@ -98,7 +98,7 @@ def store3(out: wp.array2d(dtype=float), plane: int, pixel: int, value: wp.vec3)
 
 
 @wp.func
-def _unknown(out_bits: wp.array2d(dtype=wp.uint32), plane: int, width: int, pixel: int):
+def _unknown(out_bits: wp.array2d[wp.uint32], plane: int, width: int, pixel: int) -> None:
     """Store NaN by its bits: the kernel is compiled as if there were no NaN."""
     for i in range(width):
         out_bits[plane + i, pixel] = _NAN_BITS
@@ -176,7 +176,7 @@ def make_film(variances: bool, batched: bool) -> tuple[Any, Any, Any]:
         return m
 
     @wp.func
-    def store(moments: Moments, pixel: int, out_planes: wp.array2d(dtype=float), out_bits: wp.array2d(dtype=wp.uint32)):
+    def store(moments: Moments, pixel: int, out_planes: wp.array2d[float], out_bits: wp.array2d[wp.uint32]) -> None:
         """Planes where the table of planes has them."""
         coverage = moments.hits / wp.max(moments.count, 1.0)
         store3(out_planes, wp.static(first["Radiance"]), pixel, moments.radiance)

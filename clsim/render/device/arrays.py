@@ -20,6 +20,11 @@ def array(values: Any, dtype: Any, device: Any) -> Any:
     return wp.array(data, dtype=dtype, device=device)
 
 
+def table(kind: Any, shape: int | tuple[int, ...]) -> Any:
+    """Return zeros on the host, as numpy knows rows of a struct."""
+    return np.zeros(shape, kind.numpy_dtype())
+
+
 def write(out: Any, values: Any) -> None:
     """Copy rows to the first of an array on a device, which may have more."""
     if len(values):

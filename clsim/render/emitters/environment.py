@@ -10,6 +10,8 @@ comes from far away in memory: shares are bytes, rounded up, so that a block's a
 and where to begin in a cumulative distribution is guessed by a table, as good as the search and shorter.
 """
 
+from typing import Literal
+
 import warp as wp
 
 from clsim.render.native import native_code
@@ -29,13 +31,13 @@ _SUM_OF_PAIRS = wp.constant(wp.uint64(0x0001000100010001))
 class EnvironmentImage:
     """Radiance by row and column, and how directions are drawn, as ``environment_build`` has it."""
 
-    radiance: wp.array2d(dtype=wp.vec3)
-    rows: wp.array(dtype=float)
-    columns: wp.array(dtype=float)
-    row_guide: wp.array(dtype=wp.uint16)
-    column_guide: wp.array(dtype=wp.uint16)
-    shares: wp.array(dtype=wp.uint64)
-    unit: wp.array(dtype=float)
+    radiance: wp.array[wp.vec3, Literal[2]]
+    rows: wp.array[float]
+    columns: wp.array[float]
+    row_guide: wp.array[wp.uint16]
+    column_guide: wp.array[wp.uint16]
+    shares: wp.array[wp.uint64]
+    unit: wp.array[float]
     to_world: wp.mat33
 
 
@@ -67,7 +69,7 @@ def _radiance(image: EnvironmentImage, u: float, v: float) -> wp.vec3:
 
 @wp.func
 def _find(
-    cumulative: wp.array(dtype=float), first: int, guide: wp.array(dtype=wp.uint16), guesses: int, count: int, u: float
+    cumulative: wp.array[float], first: int, guide: wp.array[wp.uint16], guesses: int, count: int, u: float
 ) -> int:
     """Return the entry of ``u`` in the table that starts at ``first``, whose ``count`` guesses start at ``guesses``."""
     index = first + int(guide[guesses + int(u * float(count))])
@@ -78,7 +80,7 @@ def _find(
 
 
 @wp.func
-def _inside(cumulative: wp.array(dtype=float), first: int, index: int, u: float) -> float:
+def _inside(cumulative: wp.array[float], first: int, index: int, u: float) -> float:
     """Return where in its entry ``u`` lies, 0 to 1; half a step up, so that it is right in the mean."""
     before = float(0.0)
     if index > first:
@@ -122,7 +124,7 @@ def environment_towards(image: EnvironmentImage, direction: wp.vec3) -> Environm
     width = image.radiance.shape[1]
     column = (wp.int32(wp.floor(u * float(width) - 0.5)) + width) % width
     row = wp.clamp(wp.int32(wp.floor(v * float(height) + 0.5)), 0, height)
-    return EnvironmentSample(direction, _radiance(image, u, v), _density(image, row, column, sin_theta))
+    return EnvironmentSample(direction, _radiance(image, u, v), _density(image, row, column, sin_theta))  # type: ignore[call-arg]
 
 
 @wp.func
@@ -148,15 +150,15 @@ def _within(parts: _Parts, left: float) -> wp.vec2:
 
 
 @wp.func_native(native_code("prefetch.h"))
-def _ask_for_columns(array: wp.array(dtype=float), index: int): ...
+def _ask_for_columns(array: wp.array[float], index: int) -> None: ...
 
 
 @wp.func_native(native_code("prefetch.h"))
-def _ask_for_shares(array: wp.array(dtype=wp.uint64), index: int): ...
+def _ask_for_shares(array: wp.array[wp.uint64], index: int) -> None: ...
 
 
 @wp.func
-def foresee_environment(image: EnvironmentImage, random: wp.vec2):
+def foresee_environment(image: EnvironmentImage, random: wp.vec2) -> None:
     """Say that a direction will be drawn soon: what that reads comes from far away in memory.
 
     The block is the one that is guessed, which is right more often than not.

@@ -65,9 +65,9 @@ class LightTree:
     A light that is not in the tree has the slot −1. The root has ``parts``: 2, 4 or 8.
     """
 
-    nodes: wp.array(dtype=LightGroup)
-    lights: wp.array(dtype=int)
-    slots: wp.array(dtype=int)
+    nodes: wp.array[LightGroup]
+    lights: wp.array[int]
+    slots: wp.array[int]
     leaves: int
     parts: int
     probability: float
@@ -129,7 +129,7 @@ def make_receiver(features: Features) -> Any:
 
 @wp.func_native(native_code("light_importance.h", {"LEAST": _LEAST}))
 def _importances(
-    nodes: wp.array(dtype=LightGroup), group: int, first: int, end: int, to: Receiver, glossy: bool, transmission: bool
+    nodes: wp.array[LightGroup], group: int, first: int, end: int, to: Receiver, glossy: bool, transmission: bool
 ) -> Eight:
     """Estimate what of each node's light a point sends on, never 0 where that may be something."""
     ...
@@ -176,9 +176,9 @@ def make_light_tree(features: Features) -> tuple[Any, Any]:
             if probability < _FRESH and not fresh:
                 fresh = True
                 rest = finer
-        choice = LightChoice(-1, 0.0)
+        choice = LightChoice(-1, 0.0)  # type: ignore[call-arg]
         if probability > 0.0:
-            choice = LightChoice(tree.lights[node - tree.leaves], probability)
+            choice = LightChoice(tree.lights[node - tree.leaves], probability)  # type: ignore[call-arg]
         return choice
 
     @wp.func

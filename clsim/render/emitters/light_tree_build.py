@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from clsim.render.device.arrays import array, write
+from clsim.render.device.arrays import array, table, write
 from clsim.render.emitters.light_tree import LightGroup, LightTree
 
 _F64 = npt.NDArray[np.float64]
@@ -101,7 +101,7 @@ def _groups(bounds: _Rows, order: _I64) -> _Rows:
         rows.append(_join(rows[-1][0::2], rows[-1][1::2]))
     unused: _Rows = np.zeros(max(8 - 2 * len(order), 0), BOUNDS)
     merged: _Rows = np.concatenate([np.zeros(1, BOUNDS), *rows[::-1], unused]).reshape(-1, 8)
-    groups: _Rows = np.zeros(len(merged), LightGroup.numpy_dtype())
+    groups: _Rows = table(LightGroup, len(merged))
     some = merged["intensity"] > 0
     low, high = (np.where(some[..., None], merged[name], 0.0) for name in ("low", "high"))
     half = 0.5 * (high - low)

@@ -51,15 +51,15 @@ class Lights:
     ``probability`` is that of each; lights of the tree have none in these tables.
     """
 
-    cumulative: wp.array(dtype=float)
-    probability: wp.array(dtype=float)
-    instance: wp.array(dtype=int)
-    triangle: wp.array(dtype=int)
-    instance_first: wp.array(dtype=int)
-    triangle_rank: wp.array(dtype=int)
-    lamps: wp.array(dtype=Lamp)
+    cumulative: wp.array[float]
+    probability: wp.array[float]
+    instance: wp.array[int]
+    triangle: wp.array[int]
+    instance_first: wp.array[int]
+    triangle_rank: wp.array[int]
+    lamps: wp.array[Lamp]
     first_sphere: int
-    sphere_radiance: wp.array(dtype=wp.vec3)
+    sphere_radiance: wp.array[wp.vec3]
     first_punctual: int
     punctual: Punctual
     first_environment: int
@@ -131,7 +131,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
     @wp.func
     def choose(lights: Lights, to: Receiver, u: float, finer: float) -> LightChoice:
         # A step up, so that the first entry above ``u`` is found.
-        choice = LightChoice(wp.lower_bound(lights.cumulative, u + STEP), 0.0)
+        choice = LightChoice(wp.lower_bound(lights.cumulative, u + STEP), 0.0)  # type: ignore[call-arg]
         if wp.static(features.light_tree):
             if choice.light > lights.first_environment:
                 left = (u + lights.tree.probability - 1.0) / lights.tree.probability
@@ -200,7 +200,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         if wp.static(features.environment_map):
             sample = environment_towards(lights.environment_image, direction)
         else:
-            sample = EnvironmentSample(direction, lights.environment, wp.max(wp.dot(normal, direction), 0.0) / wp.pi)
+            sample = EnvironmentSample(direction, lights.environment, wp.max(wp.dot(normal, direction), 0.0) / wp.pi)  # type: ignore[call-arg]
         sample.pdf = sample.pdf * lights.environment_probability
         return sample
 
@@ -275,7 +275,7 @@ def make_lights(features: Features, surface: Any, emitted: Any) -> tuple[Any, An
         sample = LightSample()
         if wp.static(features.environment_map):
             towards = sample_environment(lights.environment_image, u)
-            drawn = EnvironmentSample(towards, wp.vec3(1.0, 1.0, 1.0), 1.0)
+            drawn = EnvironmentSample(towards, wp.vec3(1.0, 1.0, 1.0), 1.0)  # type: ignore[call-arg]
             sample.mapped = True
         else:
             drawn = environment(lights, point.shading_normal, cosine_hemisphere(point.shading_normal, u))

@@ -36,16 +36,16 @@ class Punctual:
     """
 
     count: int
-    directional: wp.array(dtype=int)
-    intensity: wp.array(dtype=wp.vec3)
-    falloff: wp.array(dtype=wp.vec2)
-    curve: wp.array(dtype=int)
-    positions: wp.array(dtype=wp.vec3)
-    steps: wp.array(dtype=wp.vec3)
-    axes: wp.array(dtype=wp.vec3)
-    rights: wp.array(dtype=wp.vec3)
-    picture: wp.array(dtype=int)
-    picture_size: wp.array(dtype=wp.vec2)
+    directional: wp.array[int]
+    intensity: wp.array[wp.vec3]
+    falloff: wp.array[wp.vec2]
+    curve: wp.array[int]
+    positions: wp.array[wp.vec3]
+    steps: wp.array[wp.vec3]
+    axes: wp.array[wp.vec3]
+    rights: wp.array[wp.vec3]
+    picture: wp.array[int]
+    picture_size: wp.array[wp.vec2]
 
 
 @wp.struct
@@ -63,7 +63,7 @@ def make_punctual(features: Features) -> Any:
     lookup, *_ = make_textures(features)
 
     @wp.func
-    def axis_at(axes: wp.array(dtype=wp.vec3), count: int, index: int, time: float) -> wp.vec3:
+    def axis_at(axes: wp.array[wp.vec3], count: int, index: int, time: float) -> wp.vec3:
         axis = axes[row_at(count, index, time)]
         if wp.static(features.motion_blur):
             first = shutter_key(time) * count + index
@@ -108,7 +108,7 @@ def make_punctual(features: Features) -> Any:
         lights: Punctual, textures: Textures, index: int, position: wp.vec3, time: float
     ) -> PunctualSample:
         axis = wp.normalize(axis_at(lights.axes, lights.count, index, time))
-        sample = PunctualSample(-axis, _FAR, lights.intensity[index])
+        sample = PunctualSample(-axis, _FAR, lights.intensity[index])  # type: ignore[call-arg]
         if lights.directional[index] == 0:
             away = position_at(lights, index, time) - position
             sample.distance = wp.max(wp.length(away), 1.0e-15)

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.accel.placement import Placement
-from clsim.render.device.arrays import array, write
+from clsim.render.device.arrays import array, table, write
 from clsim.render.emitters import punctual as lights_punctual
 from clsim.render.emitters.environment_build import LUMINANCE, steps, tabulate, upload_environment
 from clsim.render.emitters.light_choice import fair
@@ -111,7 +111,7 @@ class LightData:
     def _lamps(self, mesh: Mesh, triangles: npt.NDArray[np.int64]) -> Any:
         """Return the table of emitting triangles, all of them in the mesh of what never moves."""
         corners = mesh.vertices[mesh.triangles[triangles]].astype(np.float64)
-        rows = np.zeros(len(triangles), Lamp.numpy_dtype())
+        rows = table(Lamp, len(triangles))
         rows["corner"] = corners[:, 0]
         rows["edge1"], rows["edge2"] = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
         ends = [rows["corner"] + rows[edge] for edge in ("edge1", "edge2")]

@@ -187,7 +187,7 @@ class Features(SceneFeatures):
             (self.sobol, "Sobol's sequence"),
             (self.variances, "variance planes"),
             (self.first_hits, "first-hit rays and steered samples"),
-            (self.light_cache, "light kept on surfaces"),
+            (self.light_cache, "cached light"),
             (self.anchored, "stored paths that follow the light"),
             (self.coats, "light of coats kept apart"),
             (self.lamp_light, "light straight from lamps in closed form"),

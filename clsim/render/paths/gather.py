@@ -53,10 +53,10 @@ def make_plain(gather: Any, store: Any, scene_type: Any, view_type: Any, setting
         camera: view_type,
         settings: settings_type,
         first_pixel: int,
-        pixels: wp.array(dtype=int),
-        out_planes: wp.array2d(dtype=float),
-        out_bits: wp.array2d(dtype=wp.uint32),
-    ):
+        pixels: wp.array[int],
+        out_planes: wp.array2d[float],
+        out_bits: wp.array2d[wp.uint32],
+    ) -> None:
         pixel = first_pixel + wp.tid()
         if pixels.shape[0] > 0:
             pixel = pixels[pixel]

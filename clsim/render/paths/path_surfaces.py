@@ -46,7 +46,7 @@ def make_meet(
         choice: float,
         width: wp.vec2,
         time: float,
-    ):
+    ) -> tuple[wp.vec3, Bsdf, wp.vec3, LightSample]:
         """Return the normal that light sees, the surface's material, and the normal by which light is cached.
 
         Last comes the light that was asked first, where rays to lights go before textures are read. ``far`` is how far
@@ -96,7 +96,9 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
     """Return the Warp function ``colours``: the albedo that a pixel shows of a surface, and that of a coat over it."""
 
     @wp.func(inline=True)
-    def colours(scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3):
+    def colours(
+        scene: Scene, bsdf: Bsdf, point: Surface, kept_normal: wp.vec3, direction: wp.vec3, tint: wp.vec3
+    ) -> tuple[wp.vec3, wp.vec3, bool]:
         """Return both, and whether there is a coat; ``tint`` is what mirrors on the way here left."""
         albedo = wp.cw_mul(tint, albedo_of(bsdf))
         coat = wp.vec3()
@@ -108,8 +110,8 @@ def make_colours(features: Features, albedo_of: Any, mean_of_blend: Any) -> Any:
             if coated:
                 cosine = -wp.dot(direction, kept_normal)
                 passing = passing_out(scene.materials.transmittance, bsdf, cosine)
-                coat = tint * (1.0 - passing)
-                albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing
+                coat = tint * (1.0 - passing)  # type: ignore[assignment]
+                albedo = wp.cw_mul(tint, base_albedo(bsdf)) * passing  # type: ignore[operator]
         return albedo, coat, coated
 
     return colours

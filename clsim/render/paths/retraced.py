@@ -26,7 +26,7 @@ _LAST = wp.constant(12)
 
 
 @wp.func
-def _are_lit_alike(corners: wp.array(dtype=Sample)) -> bool:
+def _are_lit_alike(corners: wp.array[Sample]) -> bool:
     """Whether light of lamps was found at a pixel's own corners, as far as they asked, and the same share of it."""
     asker = int(_FIRST)
     alike = bool(True)
@@ -67,11 +67,11 @@ def make_retraced(
         settings: settings_type,
         first: int,
         count: int,
-        pixels: wp.array(dtype=int),
-        instants: wp.array(dtype=int),
-        out_planes: wp.array2d(dtype=float),
-        out_bits: wp.array2d(dtype=wp.uint32),
-    ):
+        pixels: wp.array[int],
+        instants: wp.array[int],
+        out_planes: wp.array2d[float],
+        out_bits: wp.array2d[wp.uint32],
+    ) -> None:
         begin = first + wp.tid() * count
         for request in range(begin, begin + count):
             moments = gather(scene, camera, settings, pixels[request], instants[request])
@@ -88,8 +88,8 @@ def make_retraced(
         primary_rays: PrimaryRays,
         before: Seen,
         shadows: Shadows,
-        corners: wp.array(dtype=Sample),
-        surfaces: wp.array(dtype=SeenSurface),
+        corners: wp.array[Sample],
+        surfaces: wp.array[SeenSurface],
     ) -> Seen:
         """Sample the corners of a pixel, and then the pixel; or go on from what was seen of it before.
 
@@ -137,10 +137,10 @@ def make_retraced(
         first: int,
         count: int,
         primary_rays: PrimaryRays,
-        pixels: wp.array(dtype=int),
-        instants: wp.array(dtype=int),
-        out_planes: wp.array2d(dtype=float),
-    ):
+        pixels: wp.array[int],
+        instants: wp.array[int],
+        out_planes: wp.array2d[float],
+    ) -> None:
         surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count
@@ -170,19 +170,19 @@ def make_retraced(
         first: int,
         count: int,
         steering: Gathering,
-        cells: wp.array(dtype=Cell),
-        followed: wp.array(dtype=Followed),
-        own: wp.array(dtype=wp.vec3),
-        own_before: wp.array(dtype=wp.vec3),
-        learnt: wp.array(dtype=float),
-        shadows_before: wp.array(dtype=Shadow),
-        shadows_after: wp.array(dtype=Shadow),
-        passed: wp.array(dtype=float),
-        light_passed: wp.array(dtype=float),
-        pixels: wp.array(dtype=int),
-        instants: wp.array(dtype=int),
-        out_planes: wp.array2d(dtype=float),
-    ):
+        cells: wp.array[Cell],
+        followed: wp.array[Followed],
+        own: wp.array[wp.vec3],
+        own_before: wp.array[wp.vec3],
+        learnt: wp.array[float],
+        shadows_before: wp.array[Shadow],
+        shadows_after: wp.array[Shadow],
+        passed: wp.array[float],
+        light_passed: wp.array[float],
+        pixels: wp.array[int],
+        instants: wp.array[int],
+        out_planes: wp.array2d[float],
+    ) -> None:
         surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         corners = wp.zeros(shape=16, dtype=Sample)
         begin = first + wp.tid() * count

@@ -57,7 +57,7 @@ def make_shoot_at(features: Features, trace: Any) -> Any:
         return sample
 
     # Inlined, and ``trace`` too: a function of its own would copy the scene for each ray.
-    return wp.func(shoot_at, inline=True)
+    return wp.func(shoot_at, inline=True)  # type: ignore[call-overload]
 
 
 def make_shoot(sobol: bool, shoot_at: Any) -> Any:

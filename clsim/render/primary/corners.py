@@ -47,7 +47,7 @@ def _over_distance(sample: Sample, pixel: wp.vec2) -> wp.vec3:
 
 
 @wp.func
-def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int, pixel: wp.vec2) -> Footprint:
+def footprint_of(corners: wp.array[Sample], nearest: int, row: int, pixel: wp.vec2) -> Footprint:
     """Return what the four corners tell of a flat surface; ``row`` is the number of corners in a row."""
     f = Footprint()
     f.top_left = _over_distance(corners[nearest], pixel)
@@ -58,7 +58,7 @@ def footprint_of(corners: wp.array(dtype=Sample), nearest: int, row: int, pixel:
 
 
 @wp.func
-def between_corners(corners: wp.array(dtype=Sample), nearest: int, row: int, place: wp.vec2, pixel: wp.vec2) -> Sample:
+def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp.vec2, pixel: wp.vec2) -> Sample:
     """Return where a ray meets the one triangle that all four corners see, and how that faces; nothing else."""
     sample = Sample()
     sample.triangle = corners[nearest].triangle
@@ -91,8 +91,8 @@ def on_flat_surface(footprint: Footprint, first: Sample, sample: Sample, place: 
 
 @wp.func
 def centre_surface(
-    surfaces: wp.array(dtype=SeenSurface), corners: wp.array(dtype=Sample), nearest: int, row: int, coats: bool
-):
+    surfaces: wp.array[SeenSurface], corners: wp.array[Sample], nearest: int, row: int, coats: bool
+) -> None:
     """Put the one surface that a pixel shows at the mean of what its corners see: that of few rays is off centre."""
     if surfaces[0].rays <= 0.0:
         surfaces[0].emission = wp.vec3()

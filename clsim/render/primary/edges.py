@@ -118,9 +118,7 @@ def next_side(edge: Edge, side: int, steps: int) -> Edge:
 
 
 @wp.func
-def narrow(
-    edge: Edge, sample: Sample, corners: wp.array(dtype=Sample), nearest: int, pixel: wp.vec2, steps: int
-) -> Edge:
+def narrow(edge: Edge, sample: Sample, corners: wp.array[Sample], nearest: int, pixel: wp.vec2, steps: int) -> Edge:
     """Halve what is left of a side by a ray to its middle; after the last one, the edge crosses it there.
 
     The next side gets ``steps`` rays.
@@ -158,9 +156,7 @@ def off_line(through: wp.vec2, along: wp.vec2, place: wp.vec2, first: bool) -> b
 
 
 @wp.func
-def _is_lit_otherwise_around(
-    corners: wp.array(dtype=Sample), nearest: int, row: int, asker: int, pixel: wp.vec2
-) -> bool:
+def _is_lit_otherwise_around(corners: wp.array[Sample], nearest: int, row: int, asker: int, pixel: wp.vec2) -> bool:
     """Whether another share of the lamps' light than at ``asker`` reaches its surface at a corner next to the pixel's.
 
     Each corner asks for one place on a lamp alone. In a soft shadow all four may find theirs free, or none.
@@ -198,7 +194,7 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         settings: settings_type,
         pixel: wp.vec2,
         smallest_m: float,
-        corners: wp.array(dtype=Sample),
+        corners: wp.array[Sample],
         nearest: int,
         row: int,
     ) -> Edge:

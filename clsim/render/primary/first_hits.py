@@ -130,7 +130,7 @@ def _wanted_inside(edge: Edge, primary_rays: PrimaryRays) -> int:
 
 @wp.func
 def _take_in(
-    surfaces: wp.array(dtype=SeenSurface),
+    surfaces: wp.array[SeenSurface],
     number: int,
     edge: Edge,
     sample: Sample,
@@ -178,8 +178,8 @@ def make_sample_primary(
     shoot_at: Any,
     shadow_ray: Any | None,
     flat: Any,
-    mean_albedo: Any | None,
-    light_surfaces: Any | None,
+    mean_albedo: Any,
+    light_surfaces: Any,
     wide_lamps: bool,
     scene_type: Any,
     view_type: Any,
@@ -211,8 +211,8 @@ def make_sample_primary(
 
     @wp.func
     def paint(
-        scene: scene_type, surfaces: wp.array(dtype=SeenSurface), corner: Sample, footprint: Footprint, texels: int
-    ):
+        scene: scene_type, surfaces: wp.array[SeenSurface], corner: Sample, footprint: Footprint, texels: int
+    ) -> None:
         """Give the one surface that a pixel shows the mean albedo of its texture."""
         like = corner
         if wp.static(coats):
@@ -229,11 +229,11 @@ def make_sample_primary(
         instant: int,
         primary_rays: PrimaryRays,
         corner: int,
-        corners: wp.array(dtype=Sample),
+        corners: wp.array[Sample],
         nearest: int,
         row: int,
         before: Seen,
-        surfaces: wp.array(dtype=SeenSurface),
+        surfaces: wp.array[SeenSurface],
     ) -> tuple[Edge, Footprint, int]:
         """Return what the corners, or the rays ``before``, tell of the edge, and the number of surfaces so far."""
         number = int(0)
@@ -267,7 +267,7 @@ def make_sample_primary(
         primary_rays: PrimaryRays,
         instant: int,
         corner: int,
-        corners: wp.array(dtype=Sample),
+        corners: wp.array[Sample],
         nearest: int,
         row: int,
         edge: Edge,
@@ -278,7 +278,7 @@ def make_sample_primary(
         shadows: Shadows,
         more_light: float,
         shadow: Shadow,
-        surfaces: wp.array(dtype=SeenSurface),
+        surfaces: wp.array[SeenSurface],
     ) -> Seen:
         """Give the surfaces their shares, and what is known of them without rays."""
         finish_surfaces(surfaces, number, edge.straight, edge.area, wp.static(coats))
@@ -323,12 +323,12 @@ def make_sample_primary(
         state: wp.uint64,
         primary_rays: PrimaryRays,
         corner: int,
-        corners: wp.array(dtype=Sample),
+        corners: wp.array[Sample],
         nearest: int,
         row: int,
         before: Seen,
         shadows: Shadows,
-        surfaces: wp.array(dtype=SeenSurface),
+        surfaces: wp.array[SeenSurface],
     ) -> Seen:
         stream = sampling.Stream()
         edge, footprint, number = begin(

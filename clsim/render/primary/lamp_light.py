@@ -171,10 +171,10 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
         lights: Lights,
         geometry: Geometry,
         materials: Any,
-        surfaces: wp.array(dtype=SeenSurface),
+        surfaces: wp.array[SeenSurface],
         number: int,
         time: float,
-    ):
+    ) -> None:
         share = float(0.0)
         for k in range(number):
             first = surfaces[k].first

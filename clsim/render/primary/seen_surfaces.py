@@ -90,7 +90,7 @@ def same_colour(a: Sample, b: Sample) -> bool:
 
 
 @wp.func
-def begin_surface(surfaces: wp.array(dtype=SeenSurface), number: int, sample: Sample) -> int:
+def begin_surface(surfaces: wp.array[SeenSurface], number: int, sample: Sample) -> int:
     """Add a surface for which no ray counts yet; return the number of surfaces then."""
     if number < _MOST_SURFACES:
         surface = SeenSurface()
@@ -100,9 +100,7 @@ def begin_surface(surfaces: wp.array(dtype=SeenSurface), number: int, sample: Sa
 
 
 @wp.func
-def find_surface(
-    surfaces: wp.array(dtype=SeenSurface), number: int, sample: Sample, by_colour: bool, pixel: wp.vec2
-) -> int:
+def find_surface(surfaces: wp.array[SeenSurface], number: int, sample: Sample, by_colour: bool, pixel: wp.vec2) -> int:
     """Return the surface that a ray hit; −1 for one not seen before, −2 − k for another colour of the surface k."""
     found = int(-1)
     for k in range(number):
@@ -117,7 +115,7 @@ def find_surface(
 
 
 @wp.func
-def add_to_surface(surfaces: wp.array(dtype=SeenSurface), k: int, sample: Sample, coats: bool):
+def add_to_surface(surfaces: wp.array[SeenSurface], k: int, sample: Sample, coats: bool) -> None:
     """Add a ray to the sums of a surface; where there are no ``coats``, theirs are not worth their time."""
     surfaces[k].rays += 1.0
     surfaces[k].emission += sample.emission
@@ -134,7 +132,7 @@ def add_to_surface(surfaces: wp.array(dtype=SeenSurface), k: int, sample: Sample
 
 
 @wp.func
-def finish_surfaces(surfaces: wp.array(dtype=SeenSurface), number: int, straight: bool, area: float, coats: bool):
+def finish_surfaces(surfaces: wp.array[SeenSurface], number: int, straight: bool, area: float, coats: bool) -> None:
     """Turn sums into means; shares are those of the rays, or of the two sides of a straight edge.
 
     Where no ray counted, there is no more than one surface.
@@ -171,7 +169,7 @@ def finish_surfaces(surfaces: wp.array(dtype=SeenSurface), number: int, straight
 
 
 @wp.func
-def resume_surfaces(surfaces: wp.array(dtype=SeenSurface), number: int):
+def resume_surfaces(surfaces: wp.array[SeenSurface], number: int) -> None:
     """Turn means into sums again, so that more rays may count."""
     for k in range(number):
         mine = surfaces[k].rays
@@ -186,7 +184,7 @@ def resume_surfaces(surfaces: wp.array(dtype=SeenSurface), number: int):
 
 
 @wp.func
-def covered_by(surfaces: wp.array(dtype=SeenSurface), number: int) -> float:
+def covered_by(surfaces: wp.array[SeenSurface], number: int) -> float:
     """Return the share of the pixel where a surface is seen."""
     covered = float(0.0)
     for k in range(number):
@@ -197,14 +195,14 @@ def covered_by(surfaces: wp.array(dtype=SeenSurface), number: int) -> float:
 
 @wp.func
 def store_surfaces(
-    surfaces: wp.array(dtype=SeenSurface),
+    surfaces: wp.array[SeenSurface],
     number: int,
     samples: int,
     radiance: wp.vec3,
     weights: wp.vec3,
     pixel: int,
-    out_planes: wp.array2d(dtype=float),
-):
+    out_planes: wp.array2d[float],
+) -> None:
     """Store all planes; those of surfaces are means over the part of the pixel where one is hit."""
     covered = covered_by(surfaces, number)
     depth = float(0.0)

@@ -58,7 +58,7 @@ class Shadows:
 @wp.func
 def bit_of(bits: wp.uint64, ray: int) -> float:
     """Return 1 if a ray reached a lamp, else 0."""
-    return float((bits >> wp.uint64(ray)) & wp.uint64(1))
+    return float((bits >> wp.uint64(ray)) & wp.uint64(1))  # type: ignore[operator]
 
 
 @wp.func
@@ -72,7 +72,7 @@ def are_told(shadows: Shadows, triangle: int) -> bool:
 @wp.func
 def next_that_differs(shadows: Shadows, ray: int) -> int:
     """Return the first ray from that one on that reached a lamp in one frame alone; how many there are if none did."""
-    differ = shadows.before.lit_rays ^ shadows.after.lit_rays
+    differ = shadows.before.lit_rays ^ shadows.after.lit_rays  # type: ignore[operator]
     found = int(ray)
     while found < shadows.before.rays and bit_of(differ, found) == 0.0:
         found = found + 1

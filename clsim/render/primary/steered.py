@@ -115,9 +115,7 @@ def _corrected(grade: int, known: int, before: int) -> int:
 
 
 @wp.func
-def _rays_at_event(
-    surfaces: wp.array(dtype=SeenSurface), number: int, weights: wp.vec3, primary_rays: PrimaryRays
-) -> int:
+def _rays_at_event(surfaces: wp.array[SeenSurface], number: int, weights: wp.vec3, primary_rays: PrimaryRays) -> int:
     """Return how many primary rays a pixel gets near an event, by how its surfaces differ.
 
     Colours count, and how direct light differs between surfaces, and not how much light there is: where that alone
@@ -149,7 +147,7 @@ def _rays_at_event(
 
 
 @wp.func
-def _lit(surfaces: wp.array(dtype=SeenSurface), number: int, e: wp.vec3) -> wp.vec3:
+def _lit(surfaces: wp.array[SeenSurface], number: int, e: wp.vec3) -> wp.vec3:
     """Return the radiance of what is seen, in light of that irradiance over π."""
     radiance = wp.vec3()
     for k in range(number):
@@ -184,15 +182,15 @@ def make_steered(
         first_pixel: int,
         pixels: int,
         corner_pass: bool,
-        corners: wp.array(dtype=Sample),
+        corners: wp.array[Sample],
         steering: Steering,
-        grades: wp.array(dtype=wp.uint8),
-        irradiance: wp.array(dtype=wp.vec3),
-        correction: wp.array2d(dtype=wp.vec3),
-        known: wp.array(dtype=int),
-        out_planes: wp.array2d(dtype=float),
-        out_spent: wp.array2d(dtype=int),
-    ):
+        grades: wp.array[wp.uint8],
+        irradiance: wp.array[wp.vec3],
+        correction: wp.array2d[wp.vec3],
+        known: wp.array[int],
+        out_planes: wp.array2d[float],
+        out_spent: wp.array2d[int],
+    ) -> None:
         # Room is made, and arguments are copied, once for all pixels of a thread.
         surfaces = wp.zeros(shape=wp.static(MOST_SURFACES), dtype=SeenSurface)
         first = first_pixel + wp.tid() * pixels

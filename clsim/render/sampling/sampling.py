@@ -204,7 +204,7 @@ def brightness(c: wp.vec3, weights: wp.vec3) -> float:
 
 
 @wp.func_native(native_code("finite.h"))
-def _finite(x: float) -> bool: ...
+def _finite(x: float) -> bool: ...  # type: ignore[empty-body]
 
 
 @wp.func

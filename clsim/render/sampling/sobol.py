@@ -18,7 +18,7 @@ _OTHER = wp.constant(wp.uint64(0x9E6C63D0876A9A62))
 
 
 @wp.func_native(native_code("reverse_bits.h"))
-def _reverse_bits(x: wp.uint32) -> wp.uint32: ...
+def _reverse_bits(x: wp.uint32) -> wp.uint32: ...  # type: ignore[empty-body]
 
 
 @wp.func

@@ -75,7 +75,7 @@ def _matt(sample: Sample) -> bool:
 
 
 @wp.func
-def _plane_through(corners: wp.array(dtype=Sample), corner: int, right: int, below: int) -> Plane:
+def _plane_through(corners: wp.array[Sample], corner: int, right: int, below: int) -> Plane:
     """Return the plane on which a corner and three more lie: ``right`` and ``below`` tell how far on they stand."""
     plane = Plane()
     a = corners[corner]
@@ -201,9 +201,9 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         first: int,
         count: int,
         rows: int,
-        corners: wp.array(dtype=Sample),
-        out_bounds: wp.array(dtype=wp.uint8),
-    ):
+        corners: wp.array[Sample],
+        out_bounds: wp.array[wp.uint8],
+    ) -> None:
         row = settings.width + 1
         begin = first + wp.tid() * count
         for corner in range(begin, begin + count):
@@ -222,10 +222,10 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         first: int,
         count: int,
         rows: int,
-        corners: wp.array(dtype=Sample),
-        bounds: wp.array(dtype=wp.uint8),
-        out_places: wp.array2d(dtype=wp.vec3),
-    ):
+        corners: wp.array[Sample],
+        bounds: wp.array[wp.uint8],
+        out_places: wp.array2d[wp.vec3],
+    ) -> None:
         row = settings.width + 1
         powers = wp.zeros(shape=wp.static(INSTANTS), dtype=wp.vec3)
         begin = first + wp.tid() * count
@@ -255,14 +255,14 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
                 out_places[corner, j] = powers[j]
 
     @wp.func
-    def place_at(places: wp.array2d(dtype=wp.vec3), corner: int, share: float) -> wp.vec3:
+    def place_at(places: wp.array2d[wp.vec3], corner: int, share: float) -> wp.vec3:
         at = places[corner, _INSTANTS - 1]
         for k in range(1, _INSTANTS):
             at = at * share + places[corner, _INSTANTS - 1 - k]
         return at
 
     @wp.func
-    def footprint_at(places: wp.array2d(dtype=wp.vec3), corner: int, row: int, share: float) -> Footprint:
+    def footprint_at(places: wp.array2d[wp.vec3], corner: int, row: int, share: float) -> Footprint:
         f = Footprint()
         f.top_left = place_at(places, corner, share)
         f.top_right = place_at(places, corner + 1, share)
@@ -310,19 +310,19 @@ def build_flat_pixels(features: Features) -> tuple[Any, Any, Any]:
         settings: Settings,
         first: int,
         count: int,
-        corners: wp.array(dtype=Sample),
-        places: wp.array2d(dtype=wp.vec3),
-        pixels: wp.array(dtype=int),
-        light: wp.array2d(dtype=float),
+        corners: wp.array[Sample],
+        places: wp.array2d[wp.vec3],
+        pixels: wp.array[int],
+        light: wp.array2d[float],
         texels: int,
         least: float,
         late: float,
         longest: float,
         finest: float,
         linear: bool,
-        out_counts: wp.array(dtype=int),
-        out_knots: wp.array2d(dtype=wp.vec2),
-    ):
+        out_counts: wp.array[int],
+        out_knots: wp.array2d[wp.vec2],
+    ) -> None:
         shares = wp.zeros(shape=wp.static(_DEPTH), dtype=float)
         values = wp.zeros(shape=wp.static(_DEPTH), dtype=float)
         squares = wp.zeros(shape=wp.static(_DEPTH), dtype=wp.vec3)

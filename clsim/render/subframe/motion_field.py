@@ -117,9 +117,9 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
         start: int,
         at: wp.vec2,
         seen: bool,
-        places: wp.array(dtype=wp.vec4),
-        out_ways: wp.array(dtype=wp.vec2),
-    ):
+        places: wp.array[wp.vec4],
+        out_ways: wp.array[wp.vec2],
+    ) -> None:
         columns = (settings.width + spacing - 1) // spacing
         begin = wp.tid() * blocks
         for block in range(begin, wp.min(begin + blocks, out_ways.shape[0])):
@@ -152,18 +152,18 @@ def build_motion_field(features: Features, tree: Tree) -> Any:
 
 
 def pass_over(
-    ways: wp.array2d(dtype=wp.vec2),
+    ways: wp.array2d[wp.vec2],
     columns: int,
     rows: int,
     spacing: float,
-    out_longest: wp.array(dtype=wp.int64),
-):
+    out_longest: wp.array[wp.int64],
+) -> None:
     """Tell each block of the longest way over it: its length in `FRACTIONS`, then the row and the block it is of.
 
     A thread is a row of ``ways`` ``[R, rows·columns]`` and a block, which is ``spacing`` pixels wide; bits of
     ``out_longest`` ``[rows·columns]`` from 32 on hold the length, the others row · blocks + block.
     """
-    row, block = wp.tid()
+    row, block = wp.tid()  # type: ignore[misc]
     way = ways[row, block]
     length = wp.min(wp.length(way), _LONGEST_PX)
     steps = int(wp.ceil(length / spacing))

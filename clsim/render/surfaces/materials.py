@@ -83,9 +83,9 @@ class MaterialRow:
 class Materials:
     """All materials and textures; ``transmittance`` holds the tables of rough plastics (``plastic_tables``)."""
 
-    rows: wp.array(dtype=MaterialRow)
+    rows: wp.array[MaterialRow]
     textures: Textures
-    transmittance: wp.array(dtype=float)
+    transmittance: wp.array[float]
 
 
 @wp.struct

@@ -30,7 +30,7 @@ class TextureRow:
     wrap_v: int
     nearest: int
     decoding: int
-    uv_matrix: mat23
+    uv_matrix: mat23  # type: ignore[valid-type]
     color_a: wp.vec3
     color_b: wp.vec3
     scale: float
@@ -43,10 +43,10 @@ class Textures:
     ``coarse`` is the texels of all coarser levels: of means over 2×2, 4×4 … of the others.
     """
 
-    rows: wp.array(dtype=TextureRow)
-    texels: wp.array(dtype=wp.uint32)
-    coarse: wp.array(dtype=wp.uint32)
-    decoding: wp.array(dtype=float)
+    rows: wp.array[TextureRow]
+    texels: wp.array[wp.uint32]
+    coarse: wp.array[wp.uint32]
+    decoding: wp.array[float]
 
 
 @wp.struct

@@ -109,7 +109,9 @@ def straightened(color: wp.vec3, bend: wp.vec3) -> wp.vec3:
 @wp.func_native(
     native_code("image_mean.h", {"REPEAT": REPEAT, "MIRROR": MIRROR, "GOLDEN": _GOLDEN, "AT_ONCE": _AT_ONCE})
 )
-def smooth_mean(textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3) -> wp.vec4:
+def smooth_mean(  # type: ignore[empty-body]
+    textures: Textures, row: TextureRow, footprint: Footprint, places: int, bend: wp.vec3
+) -> wp.vec4:
     """Return the mean of an image's colours, interpolated between its texels and `bent`, at so many places."""
     ...
 
@@ -133,7 +135,7 @@ def image_mean(textures: Textures, row: TextureRow, footprint: Footprint, places
 
 
 @wp.func_native(native_code("prefetch.h"))
-def _prefetch(array: wp.array(dtype=wp.uint32), index: int): ...
+def _prefetch(array: wp.array[wp.uint32], index: int) -> None: ...
 
 
 def make_textures(features: Features) -> tuple[Any, Any, Any]:

@@ -53,8 +53,8 @@ class TruthHit:
 class Objects:
     """Which object a hit belongs to; see ``Placement``. Sphere lights come after ``count`` instances."""
 
-    of_instance: wp.array(dtype=int)
-    of_triangle: wp.array(dtype=int)
+    of_instance: wp.array[int]
+    of_triangle: wp.array[int]
     count: int
 
 
@@ -93,7 +93,7 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         return xyz(sphere_at(geometry, sphere, _NOW))
 
     @wp.func
-    def put3(out_planes: wp.array2d(dtype=float), row: int, pixel: int, value: wp.vec3):
+    def put3(out_planes: wp.array2d[float], row: int, pixel: int, value: wp.vec3) -> None:
         out_planes[row, pixel] = value[0]
         out_planes[row + 1, pixel] = value[1]
         out_planes[row + 2, pixel] = value[2]
@@ -105,9 +105,9 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
         objects: Objects,
         width: int,
         first_pixel: int,
-        out_hits: wp.array(dtype=TruthHit),
-        out_planes: wp.array2d(dtype=float),
-    ):
+        out_hits: wp.array[TruthHit],
+        out_planes: wp.array2d[float],
+    ) -> None:
         pixel = first_pixel + wp.tid()
         x = float(pixel % width) + 0.5
         y = float(pixel // width) + 0.5
@@ -177,14 +177,14 @@ def build_truth(features: Features, planes: PlaneSet, tree: Tree) -> tuple[Any, 
     def follow(
         scene: Scene,
         camera: CameraState,
-        hits: wp.array(dtype=TruthHit),
+        hits: wp.array[TruthHit],
         width: int,
         height: int,
         row: int,
         scale: float,
         first_pixel: int,
-        out_planes: wp.array2d(dtype=float),
-    ):
+        out_planes: wp.array2d[float],
+    ) -> None:
         pixel = first_pixel + wp.tid()
         seen = hits[pixel]
         origin = camera.positions[0]

@@ -28,39 +28,37 @@ def words(text: str) -> str:
 def test_the_settings_of_a_quality_are_printed(clsim: Callable[..., object]) -> None:
     outcome = clsim("live", "still", *SMALL, "--quality", "draft", "--spp", "2", "--view", "none")
     assert outcome.status == 0
-    settings = "esim, 1 to 2 spp, pixels probed each 64 frames, 8 first-hit rays, sobol, light kept on surfaces"
+    settings = "esim, 1 to 2 spp, pixels probed each 64 frames, 8 first-hit rays, sobol, cached light"
     assert f"clsim: draft: {settings}" in words(outcome.stderr)
 
 
 @pytest.mark.slow
-def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., object]) -> None:
-    rays = ("--sampler", "sobol", "--first-hit-rays", "4")
-    command = ("live", "still", *SMALL, *rays, "--method", "irradiance", "--view", "none")
+def test_options_that_the_method_has_no_use_for_are_named(clsim: Callable[..., object], tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text('sampler = "sobol"\nfirst_hit_rays = 4\n')
+    command = ("live", "still", *SMALL, "--config", tmp_path / "run.toml", "--method", "irradiance", "--view", "none")
     assert "has no use for" not in clsim(*command).stderr
     outcome = clsim(*command, "--history", "2", "--gate", "delta-r")
     assert "clsim: --method irradiance has no use for --gate, --history" in words(outcome.stderr)
 
 
-def test_a_governor_without_a_clock_is_refused(clsim: Callable[..., object]) -> None:
-    outcome = clsim("live", "still", *SMALL, "--governor")
-    assert (outcome.status, outcome.stderr) == (
-        2,
-        "clsim: --governor needs --pace real: without a clock to keep, no frame can be late\n",
-    )
-    assert clsim("live", "still", *SMALL, "--no-governor", "--view", "none").status == 0
-
-
 @pytest.mark.parametrize(
-    "cause", ["--noise independent", pytest.param("--first-hit-rays 0", marks=pytest.mark.slow), "--quality exact"]
+    "cause", ["--noise independent", pytest.param("`first_hit_rays` 0", marks=pytest.mark.slow), "--quality exact"]
 )
-def test_a_run_that_no_governor_can_help_names_the_cause(clsim: Callable[..., object], cause: str) -> None:
-    outcome = clsim("live", "still", *SMALL, "--pace", "real", *cause.split(), "--view", "none")
+def test_a_run_that_no_governor_can_help_names_the_cause(
+    clsim: Callable[..., object], tmp_path: Path, cause: str
+) -> None:
+    (tmp_path / "run.toml").write_text("first_hit_rays = 0\n")
+    given = cause.split() if cause.startswith("--") else ("--config", tmp_path / "run.toml")
+    outcome = clsim("live", "still", *SMALL, "--pace", "real", *given, "--view", "none")
     assert f"no governor, because of {cause}: frames may be late" in words(outcome.stderr)
 
 
-def test_nobody_misses_a_governor_that_was_declined(clsim: Callable[..., object]) -> None:
-    outcome = clsim("live", "still", *SMALL, "--pace", "real", "--no-governor", "--view", "none")
-    assert "governor" not in outcome.stderr
+def test_nobody_misses_a_governor_that_was_declined(clsim: Callable[..., object], tmp_path: Path) -> None:
+    (tmp_path / "run.toml").write_text("governor = false\n")
+    without = ("--config", tmp_path / "run.toml", "--view", "none")
+    assert clsim("live", "still", *SMALL, *without).status == 0
+    outcome = clsim("live", "still", *SMALL, "--pace", "real", *without)
+    assert outcome.status == 0 and "governor" not in outcome.stderr
 
 
 def test_json_tells_paths_effort_and_governor(clsim: Callable[..., object]) -> None:

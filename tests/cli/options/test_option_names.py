@@ -1,5 +1,6 @@
 """What cannot work is named as Python spells it there, and as the command line spells it here."""
 
+import dataclasses
 import inspect
 import os
 import subprocess
@@ -9,9 +10,11 @@ from typing import get_args, get_type_hints
 import pytest
 
 from clsim.cli.commands.detect import detect
-from clsim.cli.spelling import as_options
+from clsim.cli.options.texts import told
+from clsim.cli.spelling import CONFIG_KEYS, as_options
 from clsim.detect.config import DetectorConfig
 from clsim.errors import InputError
+from clsim.live.options import LiveOptions
 
 WRONG = {
     "method": "v2e",
@@ -51,7 +54,8 @@ def test_options_of_the_detector(name: str) -> None:
 @pytest.mark.parametrize(
     ("message", "printed"),
     [
-        ("`probe_spp` must be at most `spp`, got 9", "--probe-spp must be at most --spp, got 9"),
+        ("`max_depth` must be at most `spp`, got 9", "--max-depth must be at most --spp, got 9"),
+        ("`probe_spp` must be at most `spp`, got 9", "`probe_spp` must be at most --spp, got 9"),
         ("`duration_s` and `outputs` differ", "--duration and --out differ"),
         ("or `clsim detect` on recorded frames", "or `clsim detect` on recorded frames"),
         ("`threshold_on` must be positive", "--threshold must be positive"),
@@ -87,6 +91,28 @@ def options(command: object) -> list[object]:
 def test_few_options_stand_in_front(words: tuple[str, ...], most: int) -> None:
     plain = [option for option in options(commands()[words]) if option.rich_help_panel is None]  # type: ignore[attr-defined]
     assert len(plain) + 1 <= most, [option.opts for option in plain]  # and --help
+
+
+def test_other_settings_of_a_run_are_keys_of_a_file() -> None:
+    """Each field of a run is an option of `clsim live` or a key for ``--config``, and what stands apart is not much."""
+    live = commands()[("live",)]
+    named = {option.opts[0] for option in options(live)}  # type: ignore[attr-defined]
+    fields = {field.name for field in dataclasses.fields(LiveOptions)} - {"scene", "files"}
+    assert {name for name in fields if as_options(f"`{name}`") not in named} == CONFIG_KEYS
+    assert len([option for option in options(live) if option.rich_help_panel is not None]) <= 25  # type: ignore[attr-defined]
+
+
+def test_the_text_of_an_option_is_that_of_its_field() -> None:
+    assert all(told(field.name) for field in dataclasses.fields(LiveOptions) if field.name != "files")
+    assert (
+        told("max_depth") == "Longest light path [edges]: 1 sees emitters only, 2 adds direct light, 3 one bounce. [8]"
+    )
+    assert told("spp").endswith(", at most. [the quality's]")
+    assert told("governor") == "With --pace real, render less rather than fall behind. [yes]"
+    assert told("loop").endswith("for ever or until --duration.")
+    assert told("duration_s", "Such as 2s.") == "Simulated time [s]. Such as 2s. [the scene's motion, once]"
+    assert told("floor", default="the frames'") == "Smallest luminance after scaling. [the frames']"
+    assert told("RecordedSensor.seed") == "Seed of the sensor's random numbers. [0]" != told("seed")
 
 
 def test_one_name_means_one_thing() -> None:

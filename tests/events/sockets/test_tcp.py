@@ -152,7 +152,7 @@ def test_a_large_packet_drops_as_many_small_ones_as_it_needs_room() -> None:
         sink.write(large, end_of(large))
         assert 900_000 < sink.queued_bytes <= 1 << 20
         assert sink.dropped_packets > dropped + 50 and sink.dropped_events == 1000 * sink.dropped_packets
-        sink.hurry()
+        sink.flush_briefly()
         sink.close()
 
 
@@ -272,7 +272,7 @@ def test_close_does_not_wait_for_a_stuck_client(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) -> None:
+def test_a_brief_flush_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) -> None:
     """Ctrl-C, be it while a close waits already, does not wait for a stuck client."""
     monkeypatch.setattr("clsim.events.sockets.tcp.PATIENCE_S", 1000.0)
     monkeypatch.setattr("clsim.events.sockets.tcp.CLOSE_TIMEOUT_S", 1000.0)
@@ -287,12 +287,12 @@ def test_hurry_ends_all_patience(monkeypatch: pytest.MonkeyPatch, late: bool) ->
             closer.start()
             closer.join(0.5)
             assert closer.is_alive()
-        sink.hurry()
+        sink.flush_briefly()
         if not late:
             closer.start()
         closer.join(30)
         assert not closer.is_alive()
-    sink.hurry()
+    sink.flush_briefly()
     sink.close()
 
 
@@ -317,7 +317,7 @@ def test_a_packet_of_which_a_client_got_a_part_counts_as_dropped() -> None:
         while sink.dropped_packets < 2:
             sink.write(batch, end_of(batch))
             sent += 1
-        sink.hurry()
+        sink.flush_briefly()
         sink.close()
         receive_header(stuck)
         whole = 0

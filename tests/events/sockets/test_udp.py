@@ -170,14 +170,14 @@ def test_close_sends_a_long_queue(receiver: socket.socket) -> None:
     assert (sink.dropped_packets, sink.dropped_events, sink.queued_bytes) == (0, 0, 0)
 
 
-@pytest.mark.parametrize("in_a_hurry", [False, True])
-def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket, in_a_hurry: bool) -> None:
-    monkeypatch.setattr(f"clsim.events.sockets.udp.{'HURRY_S' if in_a_hurry else 'CLOSE_TIMEOUT_S'}", 0.0)
+@pytest.mark.parametrize("briefly", [False, True])
+def test_close_is_bounded(monkeypatch: pytest.MonkeyPatch, receiver: socket.socket, briefly: bool) -> None:
+    monkeypatch.setattr(f"clsim.events.sockets.udp.{'BRIEF_FLUSH_S' if briefly else 'CLOSE_TIMEOUT_S'}", 0.0)
     sink = UdpSink(f"udp://127.0.0.1:{receiver.getsockname()[1]}", WIDTH, HEIGHT)
     for _ in range(5):
         sink.write(make_events(50_000), end_of(make_events(50_000)))
-    if in_a_hurry:
-        sink.hurry()
+    if briefly:
+        sink.flush_briefly()
     sink.close()
     sink.close()
     receiver.setblocking(False)

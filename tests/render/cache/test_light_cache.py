@@ -231,7 +231,7 @@ def test_at_a_pace_light_becomes_better_at_the_same_times_whatever_the_frames(fp
 def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
     """Else a frame would have more paths than there is room for."""
 
-    class Hurried(light_cache_host.LightCacheHost):
+    class Doubling(light_cache_host.LightCacheHost):
         @property
         def effort(self):
             now, self._now = self._now, Effort(2 * self._now.spp, 1, 8)
@@ -241,7 +241,7 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
         def effort(self, value):
             self._now = value
 
-    cache_host = Hurried(
+    cache_host = Doubling(
         4, 3, Effort(2, 1, 8), effort.PrimarySetup((0.01, 0.0), sharp=True), None, UNTOLD, 0, None, "cpu"
     )
     for index in range(3):
@@ -251,8 +251,8 @@ def test_effort_that_is_set_meanwhile_holds_from_the_next_frame_on():
 
 def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
     """Corners of pixels are seen for as many rays as the frame has."""
-    calm, hurried = (Run(textured_world(), **CACHED) for _ in range(2))
-    cache_host = hurried.tracer.light_cache_host
+    calm, changed = (Run(textured_world(), **CACHED) for _ in range(2))
+    cache_host = changed.tracer.light_cache_host
     prepare = cache_host.prepare
 
     def prepare_and_change(*arguments):
@@ -263,7 +263,7 @@ def test_first_hit_rays_that_are_set_meanwhile_leave_a_frame_as_it_was():
 
     cache_host.prepare = prepare_and_change
     for index in range(2):
-        np.testing.assert_array_equal(hurried.fill(index).planes, calm.fill(index).planes)
+        np.testing.assert_array_equal(changed.fill(index).planes, calm.fill(index).planes)
 
 
 def test_a_table_that_grows_loses_nothing(monkeypatch):
