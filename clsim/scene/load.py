@@ -20,7 +20,9 @@ from clsim.scene.validate import validate
 from clsim.scene.world import Material, World
 from clsim.values import read_value
 
-SUFFIXES = (".toml", ".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt", *USD_ENDINGS)
+FOREIGN = (".gltf", ".glb", ".obj", ".ply", ".xml", ".pbrt", *USD_ENDINGS)
+"""Endings of other programs' files."""
+SUFFIXES = (".toml", *FOREIGN)
 
 
 def load_world(
@@ -134,10 +136,12 @@ def _load(scene: str | Path, motion: Motion | None) -> World:
         from clsim.scene.toml.scene import load_toml
 
         return follow(load_toml(path))
-    return drifting(follow(_load_file(path, suffix, animation)))
+    return drifting(follow(load_foreign(path, animation)))
 
 
-def _load_file(path: Path, suffix: str, animation: str | None) -> World:
+def load_foreign(path: Path, animation: str | None = None) -> World:
+    """Load a file of another program, as it is; ``animation`` is what stands after # in a scene's name."""
+    suffix = path.suffix.lower()
     if suffix in (".gltf", ".glb"):
         from clsim.scene.gltf.scene import load_gltf
 

@@ -73,6 +73,8 @@ def parse(data: dict[str, Any], source: Path) -> SceneTable:
 
 def _conflicts(data: dict[str, Any]) -> Iterator[str]:
     """Yield what no single key can tell; works on raw data, so that these errors come along with all others."""
+    if "camera" not in data and "base" not in data:
+        yield "camera: is missing"
     materials = data.get("materials")
     materials = materials if isinstance(materials, dict) else {}
     names = list(materials)

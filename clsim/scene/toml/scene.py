@@ -15,6 +15,7 @@ import numpy as np
 
 from clsim.errors import InputError
 from clsim.scene import shapes
+from clsim.scene.defaults.drift import drifting
 from clsim.scene.files import USD_ENDINGS, named_file, need_usd
 from clsim.scene.light.spectra import METALS
 from clsim.scene.meshes.geometry import is_similarity, placed_rigidly, transformed
@@ -86,7 +87,11 @@ def load_toml(path: Path) -> World:
 
     scene = parse(read_toml(path), path)
     problems: list[str] = []
-    builder = _Builder(path)
+    base: World | None = None
+    if scene.base is not None:
+        with _collecting(problems, f"{path}: base"):
+            base = _read_base(named_file(scene.base, path.parent), drifts=scene.camera is None)
+    builder = _Builder(path, base)
     for name, material in scene.materials.items():
         with _collecting(problems, f"{path}: materials.{name}"):
             builder.add_material(name, material)
@@ -101,18 +106,23 @@ def load_toml(path: Path) -> World:
     for i, punctual in enumerate(scene.lights):
         with _collecting(problems, f"{path}: lights[{i}]"):
             builder.add_light(punctual)
+    environment, modulation = scene.environment.radiance, read_modulation(scene.environment.modulation)
     environment_map: EnvironmentMap | None = None
+    if base is not None and "environment" not in scene.model_fields_set:
+        environment, modulation = base.environment, base.environment_modulation
+        environment_map = base.environment_map
     with _collecting(problems, f"{path}: environment.map"):
-        environment_map = builder.environment_map(scene.environment)
+        environment_map = builder.environment_map(scene.environment) or environment_map
     if scene.environment.daylight is not None and not problems:
         daylight = scene.environment.daylight
         environment_map, suns = read_daylight(daylight, path, builder.meshes, builder.instances)
         lights += [replace(sun, modulation=read_modulation(scene.environment.modulation)) for sun in suns]
         if environment_map is None and not suns and (daylight.sky_scale > 0 or daylight.sun_scale > 0):
             builder.warnings.append(f"{path.name}: the sun is below the horizon, so there is no daylight")
-    camera: Camera | None = None
-    with _collecting(problems, f"{path}: camera"):
-        camera = _camera(scene.camera, path.parent)
+    camera: Camera | None = None if base is None else base.camera
+    if scene.camera is not None:
+        with _collecting(problems, f"{path}: camera"):
+            camera = _camera(scene.camera, path.parent)
     if problems or camera is None:
         raise InputError("\n".join(problems))
     world = World(
@@ -124,9 +134,9 @@ def load_toml(path: Path) -> World:
         textures=tuple(builder.textures),
         sphere_lights=tuple(lights),
         punctual_lights=tuple(builder.punctual_lights),
-        environment=scene.environment.radiance,
+        environment=environment,
         environment_map=environment_map,
-        environment_modulation=read_modulation(scene.environment.modulation),
+        environment_modulation=modulation,
         sensor=Sensor(**scene.sensor.model_dump()),
         fps=scene.fps,
         warnings=tuple(builder.warnings),
@@ -139,18 +149,18 @@ def load_toml(path: Path) -> World:
 class _Builder:
     """Collects meshes, materials and instances as objects are added."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, base: World | None) -> None:
         self.folder = path.parent
-        self.meshes: list[Mesh] = []
-        self.instances: list[Instance] = []
-        self.materials: list[Material] = [Material()]
-        self.textures: list[Texture] = []
-        self.punctual_lights: list[PunctualLight] = []
-        self.sphere_lights: list[SphereLight] = []
-        self.warnings: list[str] = []
-        self.notes: list[str] = []
+        self.meshes: list[Mesh] = list(base.meshes) if base else []
+        self.instances: list[Instance] = list(base.instances) if base else []
+        self.materials: list[Material] = [*(base.materials if base else ()), Material()]
+        self.textures: list[Texture] = list(base.textures) if base else []
+        self.punctual_lights: list[PunctualLight] = list(base.punctual_lights) if base else []
+        self.sphere_lights: list[SphereLight] = list(base.sphere_lights) if base else []
+        self.warnings: list[str] = list(base.warnings) if base else []
+        self.notes: list[str] = list(base.notes) if base else []
         self.budget = PixelBudget()
-        self.material_ids: dict[str | None, int] = {None: 0}
+        self.material_ids: dict[str | None, int] = {None: len(self.materials) - 1}
 
     def add_material(self, name: str, table: schema.MaterialTable) -> None:
         self.material_ids[name] = len(self.materials)
@@ -290,6 +300,17 @@ class _Builder:
             size = float(np.cbrt(np.linalg.det(stretch[:3, :3])))
             radius_m = sphere.radius_m * size
             self.sphere_lights.append(replace(sphere, motion=placed, radius_m=radius_m, name=f"{name}/{sphere.name}"))
+
+
+def _read_base(path: Path, *, drifts: bool) -> World:
+    """Return the world of another program's file; its camera is in motion as where the file is the scene."""
+    # The scene's loader reads TOML files by this module.
+    from clsim.scene.load import FOREIGN, load_foreign
+
+    if path.suffix.lower() not in FOREIGN:
+        raise InputError(f"{path.name}: expected a file of another program, ending in {', '.join(FOREIGN)}")
+    world = load_foreign(path)
+    return drifting(world) if drifts else world
 
 
 def _read_parts(path: Path) -> Parts:

@@ -323,7 +323,8 @@ class SceneTable(Table):
     description: str = ""
     fps: Positive = Field(120.0, description="frames per simulated second")
     duration_s: Positive | None = Field(None, description="default: until all motion has ended, 1 s without motion")
-    camera: CameraTable
+    base: str | None = Field(None, description="a scene file of another program, to which this one adds")
+    camera: CameraTable | None = Field(None, description="needed where base has none to give")
     cameras: tuple[MountTable, ...] = ()
     environment: EnvironmentTable = EnvironmentTable()
     sensor: SensorTable = SensorTable()
