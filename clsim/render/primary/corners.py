@@ -71,11 +71,11 @@ def between_corners(corners: wp.array[Sample], nearest: int, row: int, place: wp
         # Perspective is linear in the inverse of the distance.
         weight /= wp.where(pixel[0] > 0.0, corners[k].depth, 1.0)
         total += weight
-        sample.position += corners[k].position * weight
-        sample.normal += corners[k].normal * weight
+        sample.position += weight * corners[k].position
+        sample.normal += weight * corners[k].normal
         sample.reach_m = wp.max(sample.reach_m, corners[k].reach_m)
-    sample.position = sample.position / total
-    sample.normal = wp.normalize(sample.normal)
+    sample.position = sample.position / total  # type: ignore[assignment]
+    sample.normal = wp.normalize(sample.normal)  # type: ignore[assignment]
     return sample
 
 

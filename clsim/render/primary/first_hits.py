@@ -176,7 +176,7 @@ def make_sample_primary(
     coats: bool,
     records: bool,
     shoot_at: Any,
-    shadow_ray: Any | None,
+    shadow_ray: Any,
     flat: Any,
     mean_albedo: Any,
     light_surfaces: Any,

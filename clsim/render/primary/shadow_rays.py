@@ -100,7 +100,7 @@ def _rim_draw(lights: Lights, corner: int) -> float:
     """
     light = corner % lights.first_environment
     middle = lights.cumulative[light] - 0.5 * lights.probability[light]
-    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)
+    return wp.min(middle, lights.cumulative[lights.first_environment - 1] - STEP)  # type: ignore[no-any-return]
 
 
 @wp.func
