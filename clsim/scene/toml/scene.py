@@ -17,6 +17,7 @@ from clsim.errors import InputError
 from clsim.scene import shapes
 from clsim.scene.defaults.drift import drifting
 from clsim.scene.files import USD_ENDINGS, named_file, need_usd
+from clsim.scene.foreign import FOREIGN, load_foreign
 from clsim.scene.light.spectra import METALS
 from clsim.scene.meshes.geometry import is_similarity, placed_rigidly, transformed
 from clsim.scene.motion import (
@@ -304,9 +305,6 @@ class _Builder:
 
 def _read_base(path: Path, *, drifts: bool) -> World:
     """Return the world of another program's file; its camera is in motion as where the file is the scene."""
-    # The scene's loader reads TOML files by this module.
-    from clsim.scene.load import FOREIGN, load_foreign
-
     if path.suffix.lower() not in FOREIGN:
         raise InputError(f"{path.name}: expected a file of another program, ending in {', '.join(FOREIGN)}")
     world = load_foreign(path)

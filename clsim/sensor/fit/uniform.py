@@ -33,6 +33,8 @@ _LOG_MOST = 0.5
 """Standard error of a number's logarithm from which on it is not known."""
 _THRESHOLDS, _DARK, _TRIED = (0.07, 0.12, 0.2, 0.34), (0.3, 1.0, 3.0, 10.0), 3
 """Where a search begins, and how many of the best it goes on from."""
+_FARTHEST = 30.0
+"""Largest logarithm of what is sought; a threshold's is 3."""
 _STEP = 0.02
 """Of logarithms, by which rates are seen to change."""
 _MISFIT = 25.0
@@ -176,8 +178,9 @@ def _numbers(guess: Any) -> tuple[float, float, float, float, float]:
     """Return thresholds, photons a lux, photons of the dark and a look's length [s], of what is sought.
 
     Thresholds and photons are nearly one number: rates hang on on² · photons, and on both apart where these are few.
+    A search may try what is far beyond all sense; then the farthest counts that can be computed with.
     """
-    on, ratio, squared, dark, look_s = np.exp(guess).tolist()
+    on, ratio, squared, dark, look_s = np.exp(np.clip(guess, -_FARTHEST, (3.0, *4 * (_FARTHEST,)))).tolist()
     return on, on * ratio, squared / on**2, dark, look_s
 
 
