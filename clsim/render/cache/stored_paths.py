@@ -35,10 +35,9 @@ from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 10
-"""Of R, G and B, the number of paths, R, G and B as they were before light changed, and of the brightness (mean of R, G
-and B) the squares now, the products of now and before, and the squares before."""
-_COUNT, _BASE, _SQUARES = wp.constant(3), wp.constant(4), wp.constant(7)
+FOLLOWED_SUMS = 7
+"""Of R, G and B, the number of paths, and R, G and B as they were before light changed."""
+_COUNT, _BASE = wp.constant(3), wp.constant(4)
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -50,10 +49,6 @@ _LONGEST_AGE = wp.constant(64)
 """Frames after which what a path found says nothing of how fast that changes."""
 _UNIT = wp.constant(4294967296.0)
 _LARGEST = wp.constant(65536.0)
-"""Light of a path counts as no more than that, …"""
-_SQUARED_UNIT = wp.constant(16777216.0)
-_LARGEST_SQUARED = wp.constant(67108864.0)
-"""… and its square as no more than this: sums stay below 2⁶³ for 8,000 paths as bright."""
 _MOST_UNEVEN = wp.constant(4.0)
 """Times as many paths are stored at most where they find light that differs much."""
 _MOST = wp.constant(8.0)
@@ -167,13 +162,6 @@ def _whole(value: float) -> wp.int64:
 
 
 @wp.func
-def _product(a: wp.vec3, b: wp.vec3) -> wp.int64:
-    """Return the product of two brightnesses as a whole number."""
-    product = (a[0] + a[1] + a[2]) * (b[0] + b[1] + b[2]) / 9.0
-    return wp.int64(wp.clamp(product, 0.0, _LARGEST_SQUARED) * _SQUARED_UNIT)
-
-
-@wp.func
 def _advanced(path: StoredPath, found: wp.vec3, traced_again: bool, steady: bool) -> StoredPath:
     """Return a path after another frame: as it was found, or by the rate at which it changed before."""
     after = path
@@ -221,15 +209,7 @@ def add_paths(
                     wp.atomic_add(sums, row, c, change)
                     if joining:
                         wp.atomic_add(sums, row, _BASE + c, _whole(path.base[c]))
-                squares = _product(path.light, path.light)
-                both = _product(path.light, path.base)
-                if not joining:
-                    squares = squares - _product(paths[i].light, paths[i].light)
-                    both = both - _product(paths[i].light, path.base)
-                wp.atomic_add(sums, row, _SQUARES, squares)
-                wp.atomic_add(sums, row, _SQUARES + 1, both)
                 if joining:
-                    wp.atomic_add(sums, row, _SQUARES + 2, _product(path.base, path.base))
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                 followed[row].last = followed[row].factor
         path.places = paths[i].places
@@ -237,39 +217,13 @@ def add_paths(
 
 
 @wp.func
-def _sure(sums: wp.array2d[wp.int64], row: int) -> float:
-    """Return the share of a cell's change that is more than chance: d² less its variance, of d².
-
-    So a change that one path makes by itself, as it finds a bright speck for a moment, counts for nothing. The variance
-    is the sum of the squares of what each path's light has changed by; or, where that is less, of what this differs by
-    from the change of all, as where a lamp dims.
-    """
-    light = float(sums[row, 0]) + float(sums[row, 1]) + float(sums[row, 2])
-    base = float(sums[row, _BASE]) + float(sums[row, _BASE + 1]) + float(sums[row, _BASE + 2])
-    change = (light - base) / (3.0 * _UNIT)
-    now = float(sums[row, _SQUARES])
-    both = float(sums[row, _SQUARES + 1])
-    then = float(sums[row, _SQUARES + 2])
-    share = float(1.0)
-    if light > 0.0 and base > 0.0 and change != 0.0:
-        # By the larger light, so that what comes and what goes count alike.
-        factor = light / base
-        less = wp.min(factor, 1.0)
-        apart = (now - 2.0 * factor * both + factor * factor * then) / (less * less)
-        variance = wp.max(wp.min(now - 2.0 * both + then, apart), 0.0)
-        share = wp.max(1.0 - variance / (_SQUARED_UNIT * change * change), 0.0)
-    return share
-
-
-@wp.func
 def _told(cell: Followed, sums: wp.array2d[wp.int64], row: int) -> Followed:
     """Return a cell as its stored paths tell."""
     after = cell
     after.count = float(sums[row, _COUNT])
-    sure = _sure(sums, row)
     for c in range(3):
+        light = float(sums[row, c])
         base = float(sums[row, _BASE + c])
-        light = base + (float(sums[row, c]) - base) * sure
         after.factor[c] = 1.0
         if base > 0.0:
             after.factor[c] = wp.min(light / base, _MOST)

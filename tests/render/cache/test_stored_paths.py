@@ -14,8 +14,6 @@ from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.accel.geometry import mat34
 from clsim.render.accel.upload_geometry import into_boxes
-from clsim.render.cache.light_cache import Followed
-from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
@@ -122,39 +120,6 @@ def test_a_lamp_that_goes_out_leaves_no_light_behind():
     shown, _ = pictures(replace(world, sphere_lights=(lamp,)), [10_000, 60_000, 110_000, 160_000])
     bright = shown.mean(axis=(1, 2, 3))
     assert np.all(bright[:2] > 0.01) and np.all(bright[2:] < 1e-4 * bright.max())
-
-
-def factor_of(before, after):
-    """Return the factor by which the light of a cell has changed, by what its paths found."""
-    kernels, count = build_storing(), len(before)
-    records = np.zeros(count, dtype=StoredPath.numpy_dtype())
-    records["base"], records["rows"] = 1.0, (0, -1, -1, -1)
-    paths = wp.array(records, dtype=StoredPath, device="cpu")
-    traced = wp.full(count, 1, dtype=wp.int32, device="cpu")
-    sums = wp.zeros((1, FOLLOWED_SUMS), dtype=wp.int64, device="cpu")
-    followed = wp.zeros(1, dtype=Followed, device="cpu")
-    for found, joining in ((before, True), (after, False)):
-        lights = wp.array(np.repeat(np.asarray(found, np.float32)[:, None], 3, axis=1), dtype=wp.vec3, device="cpu")
-        wp.launch(kernels.add_paths, count, [0, joining, False, paths, lights, traced, sums, followed], device="cpu")
-        wp.launch(kernels.average_paths, count, [0, joining, False, 1, paths, traced, sums, followed], device="cpu")
-    return float(followed.numpy()["factor"][0].mean())
-
-
-def test_one_path_that_finds_a_bright_speck_tells_of_no_change():
-    lights = np.tile((0.0, 0.0, 0.5, 0.02), 16)
-    speck = lights.copy()
-    speck[5] = 20.0
-    assert factor_of(lights, speck) == pytest.approx(1.0, abs=0.02)
-    assert factor_of(speck, lights) == pytest.approx(1.0, abs=0.02)
-
-
-def test_light_that_changes_for_many_paths_has_changed():
-    lights = np.tile((0.0, 0.0, 0.5, 0.02), 16)
-    assert factor_of(lights, 0.5 * lights) == pytest.approx(0.5, abs=1e-5)
-    assert factor_of(lights, 4.0 * lights) == pytest.approx(4.0, abs=1e-4)
-    assert factor_of(lights, 0.0 * lights) == 0.0
-    half = np.where(np.arange(64) < 32, 0.0, lights)
-    assert factor_of(lights, half) == pytest.approx(0.5, abs=0.08)
 
 
 def test_a_lamp_that_moves_is_followed_in_turn():
