@@ -129,6 +129,12 @@ def _wanted_inside(edge: Edge, primary_rays: PrimaryRays) -> int:
 
 
 @wp.func
+def _primary_in_shadow(primary_rays: PrimaryRays) -> int:
+    """Return how many rays inside a pixel in soft shadow are primary ones: something small may lie between corners."""
+    return wp.max(primary_rays.inside, primary_rays.in_shadow // 4)
+
+
+@wp.func
 def _take_in(
     surfaces: wp.array[SeenSurface],
     number: int,
@@ -386,7 +392,7 @@ def make_sample_primary(
             on_triangle = bool(False)
             if wp.static(shadow_ray is not None):
                 if corner < 0 and not places and edge.shaded and edge.alone and (edge.plain or edge.flat):
-                    on_triangle = edge.whole or inside >= primary_rays.inside
+                    on_triangle = edge.whole or inside >= _primary_in_shadow(primary_rays)
             sample = Sample()
             if on_triangle:
                 sample = between_corners(corners, nearest, row, place, primary_rays.pixel)
