@@ -4,7 +4,7 @@ python -m tools.kernel_profile live two-boxes --resolution 346x260 --frame-count
 
 It runs that command of clsim with one thread under ``perf``, with kernels that have line numbers, which are compiled
 into a cache of their own. ``nm`` and ``llvm-symbolizer`` then tell the function of each sample, and those that called
-it. Printed are, for the kernel with the most samples, the share of each function by itself, and with all it calls.
+it. Printed are the share of each kernel and, for the one with the most samples, that of each function by itself, and with all it calls.
 """
 
 from __future__ import annotations
@@ -98,8 +98,16 @@ def main(arguments: list[str]) -> None:
                 each - int(start) + int(offset) for each in sampled if 0 <= each - int(start) < int(size)
             )
             kernels[path, name] = hits
-        (path, name), hits = max(kernels.items(), key=lambda item: item[1].total())
+        _print_kernels(kernels, len(sampled))
+        (path, _), hits = max(kernels.items(), key=lambda item: item[1].total())
         _print(path, hits, len(sampled))
+
+
+def _print_kernels(kernels: dict[tuple[str, str], collections.Counter[int]], sampled: int) -> None:
+    print(f"{'kernel':50}{'of all':>9}")
+    for (_, name), hits in sorted(kernels.items(), key=lambda item: -item[1].total()):
+        if hits.total() >= _LEAST * sampled:
+            print(f"{_short(name):50}{hits.total() / sampled:9.1%}")
 
 
 def _print(path: str, hits: collections.Counter[int], sampled: int) -> None:

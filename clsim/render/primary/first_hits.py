@@ -378,9 +378,7 @@ def make_sample_primary(
                     stream.reversed_index = reverse_bits(wp.uint32(inside))
                 stream.key = sampling.stream_key(sampling.absorb(state, inside))
                 place = uniform2(stream, sampling.CAMERA)
-            # Where the corners tell of one surface, and of its light, rays inside need no shadow rays.
-            asked = primary_rays.steps > 0 and (edge.plain or edge.flat) and not edge.shaded
-            to_lamps = wp.where(places or asked, AT_NONE, AT_ANY)
+            to_lamps = wp.where(places, AT_NONE, AT_ANY)
             if wp.static(edges):
                 if corner >= 0:
                     to_lamps = _rim_of(corner, settings.width, primary_rays.few_ask)

@@ -12,7 +12,7 @@ from clsim.render.camera.film import Sample, store3
 from clsim.render.camera.pixel_width import width_at
 from clsim.render.sampling.sampling import brightness, luminance
 
-MOST_SURFACES = 8
+MOST_SURFACES = 16
 """Surfaces that a pixel tells from each other; any more count for the last of them."""
 _MOST_SURFACES = wp.constant(MOST_SURFACES)
 _PLANES = rendered_planes(first_hit_rays=True)
