@@ -23,6 +23,7 @@ from clsim.render.cache.cached_light import (
     Gathering,
     finished,
     gain,
+    holds_lamps,
     is_smooth,
     light_of,
     shown_in,
@@ -226,7 +227,7 @@ def make_cached(
                         instance = sample.instance
                         out_met[i, pixel] = met_by(scene, sample)
                     where = wp.vec4(p[0], p[1], p[2], width_at(steering.cell, sample.depth))
-                    layer = layer_of(wp.where(sample.in_coat, 1, 0), instance)
+                    layer = layer_of(sample.in_coat, holds_lamps(sample, steering), instance)
                     kind = float(2 * layer) + wp.where(is_smooth(sample, steering), 1.0, 0.0)
                     out_normals[i, pixel] = wp.vec4(n[0], n[1], n[2], kind)
                     out_lights[i, pixel] = wp.cw_div(reflected, lit_albedo(sample))

@@ -107,6 +107,12 @@ def is_smooth(sample: Sample, gathering: Gathering) -> bool:
 
 
 @wp.func
+def holds_lamps(sample: Sample, gathering: Gathering) -> bool:
+    """Whether the cached light of a surface holds that of lamps, where it does not on most."""
+    return gathering.lamps and not sample.lamp and sample.coat[0] == 0.0
+
+
+@wp.func
 def light_of(
     cells: wp.array[Cell],
     followed: wp.array[Followed],
@@ -155,7 +161,7 @@ def light_of(
                     last_in_coat = in_coat
                     last_smooth = smooth
                     width_m = width_at(gathering.cell, first.depth)
-                    layer = layer_of(in_coat, instance)
+                    layer = layer_of(in_coat == 1, holds_lamps(first, gathering), instance)
                     cached = look_up(cells, followed, gathering.asked, at, facing, layer, smooth, width_m)
                 s.known = wp.min(s.known, cached.known)
                 if in_coat == 0 and not smooth:

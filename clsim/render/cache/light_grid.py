@@ -40,9 +40,12 @@ def grid_of(size: int, face: int, layer: int) -> wp.uint64:
 
 
 @wp.func
-def layer_of(in_coat: int, instance: int) -> int:
-    """Return the number of the cells on that instance, −1 for the whole world, or of those that coats reflect."""
-    return in_coat + 2 * (instance + 1)
+def layer_of(in_coat: bool, with_lamps: bool, instance: int) -> int:
+    """Return the number of the cells on that instance, −1 for the whole world.
+
+    Those that coats reflect are others, and so are those that hold the lamps' light where most do not.
+    """
+    return wp.where(in_coat, 1, wp.where(with_lamps, 2, 0)) + 3 * (instance + 1)
 
 
 @wp.func
