@@ -4,7 +4,8 @@ python -m tools.kernel_profile live two-boxes --resolution 346x260 --frame-count
 
 It runs that command of clsim with one thread under ``perf``, with kernels that have line numbers, which are compiled
 into a cache of their own. ``nm`` and ``llvm-symbolizer`` then tell the function of each sample, and those that called
-it. Printed are the share of each kernel and, for the one with the most samples, that of each function by itself, and with all it calls.
+it. Printed are the share of each kernel and, for the one with the most samples, that of each function by itself, and
+with all it calls.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from clsim.render.bsdf.facets import make_facets
 from clsim.render.bsdf.parts import Outgoing, Scattered, Scattering
 from clsim.render.features.features import Features
 from clsim.render.sampling.sampling import cosine_hemisphere, luminance
-from clsim.render.surfaces.materials import Bsdf
+from clsim.render.surfaces.materials import Bsdf, Materials
 from clsim.render.surfaces.microfacet import SMOOTH, fresnel_dielectric, reflected
 from clsim.render.surfaces.plastic_tables import TABLE_SIZE
 
@@ -47,6 +47,20 @@ def base_albedo(b: Bsdf) -> wp.vec3:
     """
     inner = wp.vec3(1.0, 1.0, 1.0) - wp.where(b.nonlinear != 0, b.color, wp.vec3(1.0, 1.0, 1.0)) * b.inner
     return wp.cw_div(b.color, inner) * (1.0 - b.inner)
+
+
+@wp.func
+def passing_in(materials: Materials, material: int, cosine: float) -> float:
+    """Return how much more light from a direction passes the coat of a plastic than passes of light from all sides.
+
+    Of the base's albedo, which is that for light from all sides, it makes that for light from there.
+    """
+    row = materials.rows[material]
+    b = Bsdf()
+    b.alpha = row.alpha
+    b.eta = row.ior
+    b.table = row.table
+    return _passing(materials.transmittance, b, cosine) / (row.ior * row.ior * (1.0 - row.inner))
 
 
 @wp.func

@@ -24,7 +24,8 @@ class Sample:
     ``coat`` is the albedo of a coat whose light is cached separately, and ``albedo`` then that of what lies below. Of a
     path, ``in_coat`` is whether it found what the coat reflects, and so has ``coat`` for its albedo.
 
-    ``lamp`` is whether direct light is analytic (``lamp_light.py``). A shadow ray to a place on a lamp carries
+    ``lamp`` is whether direct light is analytic (``lamp_light.py``); under a coat, ``coated_by`` is the number of its
+    material from 1. A shadow ray to a place on a lamp carries
     ``lamp_all`` if nothing stands between, else ``lamp_lit``. ``boxed`` is whether the first ray went into
     the box around an instance, or met a lamp.
 
@@ -47,6 +48,7 @@ class Sample:
     coat: wp.vec3
     in_coat: bool
     lamp: bool
+    coated_by: int
     lamp_all: float
     lamp_lit: float
     boxed: bool

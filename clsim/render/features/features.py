@@ -198,10 +198,11 @@ class Features(SceneFeatures):
         }
 
 
-def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy) -> bool:
-    """Whether direct light may be analytic instead of being found by paths."""
+def has_analytic_direct_light(scene: SceneFeatures, strategy: Strategy, light_cache: bool) -> bool:
+    """Whether direct light may be analytic instead of being found by paths; under coats only where light is cached."""
     plain = not (scene.blends or scene.absorption or scene.motion_blur or scene.light_tree)
-    return plain and scene.few_lamps and scene.diffuse_lit and strategy == "mis"
+    lit = scene.diffuse_lit or (light_cache and "plastic" in scene.kinds)
+    return plain and scene.few_lamps and lit and strategy == "mis"
 
 
 def view_features(
@@ -218,7 +219,7 @@ def view_features(
     replay: bool = False,
 ) -> Features:
     """Return the features of the kernel with which a camera renders such a scene."""
-    lamp_light = first_hits and has_analytic_direct_light(scene, strategy)
+    lamp_light = first_hits and has_analytic_direct_light(scene, strategy, light_cache)
     changes = light_cache and (scene.light_changes or lights_set)
     about_cached_light = {"light_changes": changes, "deforms": light_cache and scene.deforms}
     return Features(

@@ -134,5 +134,5 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
 
 
 def direct_light_is_analytic(world: World) -> bool:
-    """Whether direct light is analytic at first hits; paths find the rest."""
-    return has_analytic_direct_light(scene_features(world, 0.0), "mis")
+    """Whether direct light is analytic at first hits, where light is cached; paths find the rest."""
+    return has_analytic_direct_light(scene_features(world, 0.0), "mis", light_cache=True)

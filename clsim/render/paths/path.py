@@ -16,10 +16,11 @@ from clsim.render.camera.film import Sample
 from clsim.render.emitters.environment import foresee_environment
 from clsim.render.emitters.light_tree import make_receiver
 from clsim.render.emitters.lights import NEVER
-from clsim.render.features.bsdf_kinds import DIFFUSE
+from clsim.render.features.bsdf_kinds import PLASTIC
 from clsim.render.features.features import Features
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.paths.path_lights import Carried
+from clsim.render.paths.path_surfaces import make_is_analytic
 from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler
 from clsim.render.surfaces.absorption import absorption_towards, dimmed
@@ -57,6 +58,7 @@ def make_trace(
     receiver = make_receiver(features)
     outgoing, scatter, agree, side = about_scattering
     emitted, triangle_pdf, weight = about_lamps
+    is_analytic = make_is_analytic(features)
     by_light = features.strategy != "scatter"
     has_lights = features.triangle_lights or features.sphere_lights or features.punctual_lights or features.environment
     glossy = features.kinds != ("diffuse",)
@@ -168,7 +170,12 @@ def make_trace(
                     alone = depth == 0 and not detailed(scene.materials, point.material)
                     sample.triangle = wp.where(alone, 1 + hit.triangle + hit.instance * 65537, 0)
                 if wp.static(features.lamp_light):
-                    analytic = was_primary and not primary and bsdf.kind == DIFFUSE
+                    analytic = was_primary and not primary and is_analytic(scene.materials, bsdf, point.material)
+                    if wp.static(features.coats):
+                        # A path that finds what the coat reflects finds all of it.
+                        analytic = analytic and not sample.in_coat
+                        if analytic and bsdf.kind == PLASTIC:
+                            sample.coated_by = point.material + 1
                     sample.lamp = sample.lamp or analytic
                 if wp.static(primary_only):
                     if not primary:

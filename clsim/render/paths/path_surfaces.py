@@ -23,6 +23,20 @@ _PLACES = wp.constant(8)
 """Places around a primary ray, of which the mean of a texture is taken."""
 
 
+def make_is_analytic(features: Features) -> Any:
+    """Return the Warp function ``is_analytic``: whether the light of lamps on a surface is, where it is for any."""
+
+    @wp.func
+    def is_analytic(materials: Materials, bsdf: Bsdf, material: int) -> bool:
+        found = bsdf.kind == DIFFUSE
+        if wp.static(features.coats):
+            smooth = materials.rows[material].roughness_texture < 0
+            found = found or (bsdf.kind == PLASTIC and not bsdf.dark and smooth)
+        return found
+
+    return is_analytic
+
+
 def make_meet(
     features: Features, primary_only: bool, materials: tuple[Any, ...], pick: Any, mapped_normal: Any, look_ahead: Any
 ) -> Any:
@@ -33,6 +47,7 @@ def make_meet(
     resolve, _, _, foresee, texture_seen, _, textured, coloured, texture_at, mean_texture = materials
     uniform2 = make_sampler(features.sobol)
     ahead = looks_ahead(features) and not primary_only
+    is_analytic = make_is_analytic(features)
 
     @wp.func(inline=True)
     def meet(
@@ -83,7 +98,7 @@ def make_meet(
         if wp.static(not features.light_cache):
             kept_normal = point.shading_normal
         if wp.static(features.normal_maps and features.light_cache):
-            if bsdf.mirror or (wp.static(features.lamp_light) and bsdf.kind == DIFFUSE):
+            if bsdf.mirror or (wp.static(features.lamp_light) and is_analytic(scene.materials, bsdf, point.material)):
                 if wp.static(primary_only):
                     point.shading_normal = mapped_normal(scene.materials, point, -direction)
                 kept_normal = point.shading_normal

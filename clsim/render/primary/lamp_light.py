@@ -15,6 +15,7 @@ from typing import Any
 import warp as wp
 
 from clsim.render.accel.geometry import Geometry, make_sphere_at
+from clsim.render.bsdf.plastic import passing_in
 from clsim.render.camera.film import Sample
 from clsim.render.emitters.lights import Lights, sphere_cone
 from clsim.render.emitters.punctual import make_punctual
@@ -110,8 +111,23 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
     towards_punctual = make_punctual(features)
 
     @wp.func
+    def through_coat(materials: Any, coated_by: int, towards: wp.vec3, normal: wp.vec3) -> float:
+        share = float(1.0)
+        if wp.static(features.coats):
+            if coated_by > 0:
+                share = passing_in(materials, coated_by - 1, wp.max(wp.dot(wp.normalize(towards), normal), 0.0))
+        return share
+
+    @wp.func
     def from_triangle(
-        lights: Lights, geometry: Geometry, materials: Any, light: int, position: wp.vec3, normal: wp.vec3, time: float
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        light: int,
+        position: wp.vec3,
+        normal: wp.vec3,
+        coated_by: int,
+        time: float,
     ) -> wp.vec3:
         lamp = on_lamp(lights, geometry, light, wp.vec3(1.0, 0.0, 0.0), time)
         a = lamp.position - position
@@ -127,11 +143,18 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
             form = solid * wp.max(wp.dot(away, normal), 0.0) / wp.sqrt(distance2)
         else:
             form = triangle_irradiance(a, b, c, normal)
-        return shining(materials, lamp) * form
+        return shining(materials, lamp) * (form * through_coat(materials, coated_by, away, normal))
 
     @wp.func
     def from_sphere(
-        lights: Lights, geometry: Geometry, index: int, position: wp.vec3, normal: wp.vec3, time: float
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        index: int,
+        position: wp.vec3,
+        normal: wp.vec3,
+        coated_by: int,
+        time: float,
     ) -> wp.vec3:
         sphere = sphere_at(geometry, index, time)
         found = wp.vec3()
@@ -140,30 +163,44 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
             distance = wp.length(away)
             sine = sphere[3] / distance
             cosine = wp.dot(away, normal) / distance
-            found = lights.sphere_radiance[index] * sphere_irradiance(cosine, sine * sine)
+            form = sphere_irradiance(cosine, sine * sine) * through_coat(materials, coated_by, away, normal)
+            found = lights.sphere_radiance[index] * form
         return found
 
     @wp.func
     def lamp_light(
-        lights: Lights, geometry: Geometry, materials: Any, position: wp.vec3, normal: wp.vec3, time: float
+        lights: Lights,
+        geometry: Geometry,
+        materials: Any,
+        position: wp.vec3,
+        normal: wp.vec3,
+        coated_by: int,
+        time: float,
     ) -> wp.vec3:
-        """Return the irradiance over π that all lamps send to a point if nothing stands between."""
+        """Return the irradiance over π that all lamps send to a point if nothing stands between.
+
+        Where it is ``coated_by`` the material of that number from 1, light that the coat lets pass counts; as much as
+        it does from the lamp's middle.
+        """
         total = wp.vec3()
         for light in range(lights.first_environment):
             # One that is never drawn is left to scattering.
             if lights.probability[light] > 0.0:
                 if wp.static(features.triangle_lights):
                     if light < lights.first_sphere:
-                        total += from_triangle(lights, geometry, materials, light, position, normal, time)
+                        total += from_triangle(lights, geometry, materials, light, position, normal, coated_by, time)
                 if wp.static(features.sphere_lights):
                     if light >= lights.first_sphere and light < lights.first_punctual:
-                        total += from_sphere(lights, geometry, light - lights.first_sphere, position, normal, time)
+                        sphere = light - lights.first_sphere
+                        total += from_sphere(lights, geometry, materials, sphere, position, normal, coated_by, time)
                 if wp.static(features.punctual_lights):
                     if light >= lights.first_punctual:
                         found = towards_punctual(
                             lights.punctual, materials.textures, light - lights.first_punctual, position, time
                         )
-                        total += found.irradiance * wp.max(wp.dot(found.direction, normal), 0.0)
+                        form = wp.max(wp.dot(found.direction, normal), 0.0)
+                        form = form * through_coat(materials, coated_by, found.direction, normal)
+                        total += found.irradiance * form
         return total / wp.pi
 
     @wp.func
@@ -191,7 +228,7 @@ def make_lamp_light(features: Features, on_lamp: Any, shining: Any) -> Any:
                 share = lit / most
                 if lit > 0.0:
                     normal = wp.normalize(surfaces[k].normal)
-                    light = lamp_light(lights, geometry, materials, surfaces[k].position, normal, time)
+                    light = lamp_light(lights, geometry, materials, surfaces[k].position, normal, first.coated_by, time)
                     surfaces[k].from_lamps = wp.cw_mul(surfaces[k].albedo, light) * (lit / most)
                     surfaces[k].emission += surfaces[k].from_lamps
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -180,3 +181,61 @@ def test_a_picture_of_light_is_seen_as_the_mean_over_pixels():
     lit = plain > 0.5 * plain.max()
     assert lit.sum() > 50
     assert np.std(seen[lit] / plain[lit]) < 0.2
+
+
+@pytest.mark.parametrize("alpha", [0.0, 0.3], ids=["mirroring", "rough"])
+@pytest.mark.parametrize("angle_deg", [10.0, 60.0, 80.0])
+def test_under_a_coat_light_of_a_lamp_is_what_the_coat_lets_pass_from_there(alpha, angle_deg):
+    """More than of light from all sides where it comes straight from above, and less where it grazes."""
+    to = np.array([np.sin(np.radians(angle_deg)), np.cos(np.radians(angle_deg)), 0.0])
+    lamp = SphereLight(0.4, (40.0, 40.0, 40.0), Static(hw.translation(*(6.0 * to))))
+    coated = Material(kind="plastic", color=(0.6, 0.4, 0.2), alpha=alpha, ior=1.5)
+    floor = hw.quad((-0.5, 0, 0.5), (1, 0, 0), (0, 0, -1))
+    # Seen from where the coat mirrors no lamp.
+    view = hw.camera(hw.look_from((0.3, 2.0, 1.0), (0, 0, 0)), 8, 8, 20.0)
+    world = hw.world(floor, materials=(coated, hw.GREY), sphere_lights=(lamp,), view=view)
+    assert direct_light_is_analytic(world)
+    plain = Run(world, spp=1024, max_depth=2, first_hit_rays=0).fill(0).planes[:3, 1:-1, 1:-1]
+    once, again = (
+        Run(world, spp=1, max_depth=2, first_hit_rays=32, light_cache=True, seed=seed).fill(0).planes[:3, 1:-1, 1:-1]
+        for seed in (0, 1)
+    )
+    np.testing.assert_allclose(once.mean(axis=(1, 2)), plain.mean(axis=(1, 2)), rtol=0.015)
+    if alpha == 0:
+        # One path tells nothing of the lamp: all of it is known in closed form.
+        np.testing.assert_allclose(once, again, rtol=0.001)
+
+
+def test_thin_tubes_are_lit_by_how_each_part_of_them_faces():
+    """Of two tubes in one pixel a lamp lights one side each, and the pixel shows all of that."""
+    pixel, facets = 2 * np.tan(np.radians(20.0)) / 8, 24
+    turns = np.linspace(0, 2 * np.pi, facets + 1)
+    circle = 0.2 * pixel * np.stack([np.cos(turns), np.zeros(facets + 1), np.sin(turns)], axis=1)
+    tubes = [
+        hw.quad(a + begin, b - a, (0, 4, 0), material=1)
+        for begin in ((0.25 * pixel, -2, -1), (1.5 * pixel, -2, -2))
+        for a, b in itertools.pairwise(circle)
+    ]
+    lamp = SphereLight(0.3, (40.0, 40.0, 40.0), Static(hw.translation(6.0, 0.0, -1.5)))
+    materials = (Material(color=(0.01, 0.01, 0.01)), hw.GREY)
+    wall = hw.quad((-8, -8, -3), (16, 0, 0), (0, 16, 0))
+    world = hw.world(wall, *tubes, materials=materials, sphere_lights=(lamp,), view=hw.camera(width=8, height=8))
+    seen = Run(world, spp=1, max_depth=2, first_hit_rays=64, light_cache=True).fill(0).planes[:3].sum()
+    plain = Run(world, spp=1024, max_depth=2, first_hit_rays=0).fill(0).planes[:3].sum()
+    assert seen == pytest.approx(plain, rel=0.05)
+
+
+def test_the_sun_on_metal_does_not_shine_on_what_lies_beside_it():
+    """Strips of metal and of cloth, as wide as a pixel: cells of several pixels hold both."""
+    side = 0.1
+    strips = [hw.quad(((x - 12) * side, 0, 1.2), (side, 0, 0), (0, 0, -2.4), material=x % 2) for x in range(24)]
+    metal = Material(kind="conductor", color=(0.9, 0.9, 0.9), alpha=0.4)
+    lamp = SphereLight(0.2, (400.0, 400.0, 400.0), Static(hw.translation(0.0, 4.0, -2.0)))
+    view = hw.camera(hw.look_from((0, 2.0, 2.0), (0, 0, 0)), 24, 24, 40.0)
+    world = hw.world(*strips, materials=(hw.GREY, metal), sphere_lights=(lamp,), view=view)
+    seen = Run(world, spp=16, max_depth=2, first_hit_rays=32, light_cache=True).fill(0)
+    plain = Run(world, spp=1024, max_depth=2, first_hit_rays=0).fill(0)
+    cloth = np.abs(plain.plane("Albedo.R") - hw.GREY.color[0]) < 0.01
+    assert cloth.sum() > 20
+    ratio = seen.plane("G")[cloth].mean() / plain.plane("G")[cloth].mean()
+    assert ratio == pytest.approx(1.0, abs=0.01)
