@@ -28,7 +28,7 @@ def make_is_analytic(features: Features) -> Any:
 
     @wp.func
     def is_analytic(materials: Materials, bsdf: Bsdf, material: int) -> bool:
-        found = bsdf.kind == DIFFUSE
+        found = bool(bsdf.kind == DIFFUSE)
         if wp.static(features.coats):
             smooth = materials.rows[material].roughness_texture < 0
             found = found or (bsdf.kind == PLASTIC and not bsdf.dark and smooth)
