@@ -12,7 +12,7 @@ from clsim.render.cache.light_cache import Asked, CachedLight, Cell, Followed, l
 from clsim.render.cache.light_grid import layer_of
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
-from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import NextEvent
 from clsim.render.primary.seen_surfaces import SeenSurface
 from clsim.render.sampling.sampling import brightness

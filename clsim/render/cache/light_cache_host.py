@@ -11,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.cache.cached_light import Gathering
+from clsim.render.cache.first_frame import PASSES_OF_FIRST, passes_of_first
 from clsim.render.cache.light_cache import LEVELS, Asked, Cell, Followed
 from clsim.render.cache.light_grid import BLOCK
 from clsim.render.cache.light_updates import SUMS, build_updates
@@ -18,7 +19,7 @@ from clsim.render.cache.path_store import PathStore
 from clsim.render.cache.stored_paths import Met
 from clsim.render.device.launch import record
 from clsim.render.primary.effort import Effort, PrimarySetup, primary_rays_for
-from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import NextEvent
 from clsim.render.primary.shadow_rays import Shadow
 from clsim.scene import Sensor
@@ -41,14 +42,6 @@ _LARGEST_TABLE = 1 << 22
 _REMEMBERED = 256
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
-_PASSES_OF_FIRST = 2
-"""Times that the first frame is rendered, at least: nothing was known when it was rendered first …"""
-_KNOWN_AT_FIRST = 0.28
-"""… and until the paths of a pixel alone know the light to this part: what is learnt first helps all frames. …"""
-_FEW = 2
-"""Paths of a pixel that tell how much they differ, at least."""
-_MOST_AT_FIRST = 160
-"""… Paths of a pixel, at most, until then."""
 
 
 def nothing_shown(device: Any) -> dict[str, Any]:
@@ -79,18 +72,6 @@ def next_event(fires_at: tuple[float, float] | None, sensor: Sensor) -> Any:
 def _finest_of(effort: Effort) -> int:
     """Return the first level of cells that is asked: where few paths are traced, fine cells would know next to none."""
     return 0 if effort.spp >= _ENOUGH_FOR_FINE else LEVELS - 1
-
-
-def _relative_variance(lights: npt.NDArray[np.float32], begin: npt.NDArray[np.bool_]) -> float:
-    """Return how noisy light is: the mean over pixels of the variance of what their paths found, over its mean squared.
-
-    Args:
-        lights: what they found ``[paths, pixels, 3]``.
-        begin: whether they hit anything ``[paths, pixels]``.
-    """
-    lit = begin.all(axis=0) & lights.any(axis=(0, 2))
-    found = lights[:, lit].mean(axis=2)
-    return float((found / found.mean(axis=0)).var(axis=0, ddof=1).mean()) if lit.any() else 0.0
 
 
 class LightCacheHost:
@@ -145,7 +126,7 @@ class LightCacheHost:
         self._update = 0
         self._found_more = False
         self._finest = _finest_of(effort)
-        self._passes = _PASSES_OF_FIRST
+        self._passes = PASSES_OF_FIRST
         self._used: Any = wp.zeros(2, dtype=wp.int32, device=device)
         self._keys, self._sums, self._cells, self._told = self._table(
             1 << int(np.ceil(np.log2(max(_CELLS_PER_PIXEL * pixels, BLOCK))))
@@ -306,7 +287,7 @@ class LightCacheHost:
         self._found_more = True
         self._frames += 1
         if self._frames == 1:
-            self._passes = self._passes_of_first()
+            self._passes = passes_of_first(self._found["out_lights"].numpy(), self._found["out_positions"].numpy())
         if self._store is not None:
             # As long as all is where these paths met it.
             self._learn()
@@ -316,14 +297,6 @@ class LightCacheHost:
     def _finds_all(self) -> bool:
         """Whether paths find all light in the cache, and so many of them that fine cells are looked up."""
         return self._finest == 0 and not self._primary_setup.lamps
-
-    def _passes_of_first(self) -> int:
-        """Return how many times the first frame is rendered, so that memory for the paths of one pass is enough."""
-        lights, positions = self._found["out_lights"].numpy(), self._found["out_positions"].numpy()
-        if len(lights) < _FEW:
-            return _PASSES_OF_FIRST
-        wanted = _relative_variance(lights, positions[..., 3] > 0) / _KNOWN_AT_FIRST**2
-        return max(math.ceil(min(wanted, _MOST_AT_FIRST) / len(lights)), _PASSES_OF_FIRST)
 
     def _asked(self) -> Any:
         """Return which cells are asked for the light as it is known; for no update is there a gain."""

@@ -12,8 +12,9 @@ from clsim.render.cache.cached_light import GatheredLight, Gathering, light_of, 
 from clsim.render.cache.light_cache import Cell, Followed
 from clsim.render.camera.film import Sample
 from clsim.render.primary.corners import corner_near
-from clsim.render.primary.first_hits import PrimaryRays, Seen
+from clsim.render.primary.first_hits import Seen
 from clsim.render.primary.lamp_light import same_light
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import SHARE_ERROR, refine_primary_rays
 from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, store_surfaces
 from clsim.render.primary.shadow_rays import Shadow, Shadows

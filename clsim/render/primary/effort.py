@@ -10,7 +10,7 @@ import warp as wp
 
 from clsim.errors import InputError
 from clsim.frames import DELAY, InterestBoard, InterestMap
-from clsim.render.primary.first_hits import PrimaryRays
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.steered import GRADES, REFINED, Steering
 
 NEAR = 0.1

@@ -21,6 +21,7 @@ from clsim.render.camera.film import Sample
 from clsim.render.primary.corners import between_corners, centre_surface, footprint_of, on_flat_surface
 from clsim.render.primary.edges import Edge, is_sound, make_judge, narrow, next_side, off_line, on_side
 from clsim.render.primary.lamp_light import same_light
+from clsim.render.primary.ray_numbers import PrimaryRays, primary_in_shadow, wanted_inside
 from clsim.render.primary.seen_surfaces import (
     DARK,
     SeenSurface,
@@ -46,39 +47,8 @@ from clsim.render.sampling import sampling
 from clsim.render.sampling.sobol import make_sampler, reverse_bits
 from clsim.render.textures.texture_data import Footprint
 
-_COUNTED = wp.constant(8)
-"""Rays that count shares at least, if there are so many, whatever the search for a straight edge took."""
 _CORNER = wp.constant(-3)
 """Number of the random numbers of rays at corners; they matter where glass or cut-outs choose a way."""
-
-
-@wp.struct
-class PrimaryRays:
-    """The numbers of primary rays that a pixel gets, by what it shows.
-
-    Attributes:
-        most: largest number.
-        inside: rays inside a pixel that shows one surface.
-        by_edge: rays inside a pixel that a straight edge crosses, where each side has one colour.
-        steps: rays that place each crossing of an edge; 0 counts shares without rays at corners.
-        in_shadow: largest number where lamps light a part of what is seen.
-        texels: places on a flat surface at which its texture is looked up.
-        pixel: how wide a pixel is (`pixel_width.py`).
-        at_contrast: largest number where surfaces are of very different brightness; up to ``most`` for no more.
-        at_event: largest number near an event, where shares are counted.
-        few_ask: whether two of a pixel's corners trace shadow rays, instead of all four.
-    """
-
-    most: int
-    inside: int
-    by_edge: int
-    steps: int
-    in_shadow: int
-    texels: int
-    pixel: wp.vec2
-    at_contrast: int
-    at_event: int
-    few_ask: bool
 
 
 @wp.struct
@@ -112,26 +82,6 @@ def _rim_of(corner: int, width: int, few_ask: bool) -> int:
     if few_ask and (rim == 1 or rim == 2):
         rim = AT_NONE
     return rim
-
-
-@wp.func
-def _wanted_inside(edge: Edge, primary_rays: PrimaryRays) -> int:
-    """Return how many rays a pixel gets inside, by what is known of it so far."""
-    wanted = wp.max(primary_rays.most - edge.rays, _COUNTED)
-    if edge.plain or edge.flat:
-        wanted = wp.where(edge.whole, 0, primary_rays.inside)
-    if edge.straight and not edge.varied:
-        wanted = primary_rays.by_edge
-    wanted = wp.min(wanted, primary_rays.most)
-    if edge.shaded:
-        wanted = wp.max(wanted, primary_rays.in_shadow - edge.rays)
-    return wanted
-
-
-@wp.func
-def _primary_in_shadow(primary_rays: PrimaryRays) -> int:
-    """Return how many rays inside a pixel in soft shadow are primary ones: something small may lie between corners."""
-    return wp.max(primary_rays.inside, primary_rays.in_shadow // 4)
 
 
 @wp.func
@@ -371,7 +321,7 @@ def make_sample_primary(
                         differs = next_that_differs(shadows, inside)
                         skipped = skipped + differs - inside
                         inside = differs
-                if inside >= wp.where(told, shadows.before.rays, _wanted_inside(edge, primary_rays)):
+                if inside >= wp.where(told, shadows.before.rays, wanted_inside(edge, primary_rays)):
                     break
                 if wp.static(sobol):
                     stream.scrambling = sampling.stream_key(sampling.absorb(state, -1))
@@ -390,7 +340,7 @@ def make_sample_primary(
             on_triangle = bool(False)
             if wp.static(shadow_ray is not None):
                 if corner < 0 and not places and edge.shaded and edge.alone and (edge.plain or edge.flat):
-                    on_triangle = edge.whole or inside >= _primary_in_shadow(primary_rays)
+                    on_triangle = edge.whole or inside >= primary_in_shadow(primary_rays)
             sample = Sample()
             if on_triangle:
                 sample = between_corners(corners, nearest, row, place, primary_rays.pixel)

@@ -9,7 +9,8 @@ brightness may be wrong by as much as is left to go.
 
 import warp as wp
 
-from clsim.render.primary.first_hits import PrimaryRays, Seen
+from clsim.render.primary.first_hits import Seen
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.seen_surfaces import MOST_SURFACES
 from clsim.render.sampling.sampling import brightness
 

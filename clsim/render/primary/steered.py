@@ -20,7 +20,8 @@ from typing import Any
 import warp as wp
 
 from clsim.render.camera.film import Sample
-from clsim.render.primary.first_hits import PrimaryRays, Seen
+from clsim.render.primary.first_hits import Seen
+from clsim.render.primary.ray_numbers import PrimaryRays
 from clsim.render.primary.refinement import SHARE_ERROR, rays_needed
 from clsim.render.primary.seen_surfaces import MOST_SURFACES, SeenSurface, covered_by, lit_albedo, store_surfaces
 from clsim.render.primary.shadow_rays import Shadows

@@ -9,7 +9,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.render import Effort, RenderOptions, direct_light_is_analytic, light_stands_still
-from clsim.render.cache import light_cache_host
+from clsim.render.cache import first_frame, light_cache_host
 from clsim.render.primary import effort
 from clsim.scene import ImageTexture, Material, Sensor
 from clsim.scene.defaults.drift import drifting
@@ -75,9 +75,9 @@ def test_how_noisy_light_is_is_the_mean_of_relative_variances():
     """Pixels: paths found 1 and 3, twice 5, nothing, and one missed. Of the first the mean is 2, the variance 2."""
     lights = np.array([[1, 5, 0, 7], [3, 5, 0, 9]], np.float32)[..., None] * np.ones(3, np.float32)
     begin = np.array([[True, True, True, False], [True] * 4])
-    assert light_cache_host._relative_variance(lights, begin) == pytest.approx((2 / 2**2 + 0) / 2)
-    assert light_cache_host._relative_variance(1e-30 * lights, begin) == pytest.approx(0.25)
-    assert light_cache_host._relative_variance(lights, ~begin) == 0.0
+    assert first_frame._relative_variance(lights, begin) == pytest.approx((2 / 2**2 + 0) / 2)
+    assert first_frame._relative_variance(1e-30 * lights, begin) == pytest.approx(0.25)
+    assert first_frame._relative_variance(lights, ~begin) == 0.0
 
 
 def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
@@ -95,7 +95,7 @@ def test_noisy_light_gets_more_paths_before_the_first_frame_is_seen():
 
 def test_what_seemed_black_comes_to_light_without_events(monkeypatch):
     """Where no path had found light, the first that does tells of it, and of no change."""
-    monkeypatch.setattr(light_cache_host, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
+    monkeypatch.setattr(first_frame, "_MOST_AT_FIRST", 16)  # or all is found before the first frame is seen
     run = Run(dim_room(), spp=4, probe_spp=1, probe_every=2, first_hit_rays=8, light_cache=True)
     seen = np.array([np.log(np.maximum(luminance(run.fill(index)), 1e-4)) for index in range(40)])
     assert (seen[0] < np.log(2e-4)).sum() > 10
