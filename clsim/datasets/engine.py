@@ -22,6 +22,7 @@ from typing import Any
 from clsim.datasets.job import Done, read_done, run_job, sequence_folder
 from clsim.datasets.kernels import KernelCaches
 from clsim.datasets.manifest import write_manifest
+from clsim.datasets.preview import SHEET
 from clsim.datasets.spec import Spec
 from clsim.errors import Error, InputError
 
@@ -124,7 +125,7 @@ def prepare(spec: Spec, out: Path) -> None:
                 raise InputError(
                     f"{out}: holds a data set of another specification, seed or version of clsim; give a new folder"
                 )
-        elif any(out.iterdir()):
+        elif any(each.name != SHEET for each in out.iterdir()):
             raise InputError(f"{out}: holds something else than a data set; give a new or empty folder")
         part = out / f".dataset.json.{os.getpid()}.part"
         part.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")

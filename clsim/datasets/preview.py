@@ -20,7 +20,7 @@ from clsim.datasets.spec import Spec
 SAMPLES = 10
 _MEASURED_S = 60.0
 _COLUMNS = 5
-_SHEET = "contact-sheet.png"
+SHEET = "contact-sheet.png"
 _SHOWN_US = 15_000
 """Time before and after the middle of which events are shown; less where they would cover everything."""
 _PIXELS_AN_EVENT = 6
@@ -93,7 +93,7 @@ def preview(spec: Spec, out: Path, workers: int | None, longest_s: float = _MEAS
             shutil.rmtree(place, ignore_errors=True)
             if time.monotonic() - begun > longest_s:
                 break
-    sheet = out / _SHEET
+    sheet = out / SHEET
     _write_sheet(tiles, sheet)
     total = spec.count / made
     cores = os.cpu_count() or 1

@@ -132,3 +132,16 @@ def test_a_scene_that_cannot_be_is_told_without_the_hidden_folder(tmp_path):
     with pytest.raises(InputError, match=r"^scene\.toml: camera: is missing"):
         run_job(load_spec(str(tmp_path / "a.toml")), 0, str(tmp_path / "set"), None)
     assert not any((tmp_path / "set" / "sequences").iterdir())
+
+
+def test_a_dry_runs_sheet_is_in_nobodys_way(tmp_path):
+    out = tmp_path / "set"
+    out.mkdir()
+    (out / "contact-sheet.png").write_bytes(b"a picture")
+    spec = load_spec("flow")
+    prepare(spec, out)
+    assert (out / "contact-sheet.png").is_file() and (out / "dataset.json").is_file()
+    (tmp_path / "notes").mkdir()
+    (tmp_path / "notes" / "notes.txt").touch()
+    with pytest.raises(InputError, match="something else"):
+        prepare(spec, tmp_path / "notes")
