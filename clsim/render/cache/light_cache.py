@@ -87,6 +87,7 @@ class Followed:
         factor: by which the light has changed.
         more: light that came where next to none was.
         count: number of stored paths; 0 tells of no change.
+        error: standard error of the factor, in brightness.
         step: by how much the factor has changed in the step to the frame ``stepped``, from what it was ``last``.
         stepped: number of a frame.
     """
@@ -94,6 +95,7 @@ class Followed:
     factor: wp.vec3
     more: wp.vec3
     count: float
+    error: float
     step: wp.vec3
     last: wp.vec3
     stepped: int
@@ -109,8 +111,8 @@ class CachedLight:
         before: the same, as they knew it before the last update.
         known_before: whether any path was near before the last update.
         in_finest: number of paths in the finest cells alone.
-        off: relative error of the light: that of each cell is its standard error with a random sign, which stays the
-            same. Where nobody asked, 0.
+        off: relative error of the light: that of each cell, and that of its change, is its standard error with a random
+            sign, which stays the same. Where nobody asked, 0.
         off_before: the same of the light before.
         factor, more: of `Followed`, 1 and 0 where no path is stored.
     """
@@ -185,7 +187,7 @@ def _find(cells: wp.array[Cell], key: wp.int64) -> int:
 
 
 @wp.func
-def _bright(light: wp.vec3) -> float:
+def bright_of(light: wp.vec3) -> float:
     """Return the mean over R, G and B."""
     return (light[0] + light[1] + light[2]) / 3.0
 
@@ -244,7 +246,7 @@ def _finer(coarse: Level, sums: Level) -> Level:
         # Of few paths the variance is badly known: what is told by the more paths of coarser cells has more weight.
         variance = (coarse.variance * coarse.paths + sums.variance) / known
         light = sums.light * each
-        differs = _bright(light) - _bright(coarse.light)
+        differs = bright_of(light) - bright_of(coarse.light)
         chance = variance * each
         beyond = wp.max(differs * differs - _SURE * chance, 0.0)
         share = float(1.0)
@@ -285,6 +287,7 @@ def look_up(
     factor = wp.vec3(1.0, 1.0, 1.0)
     more = wp.vec3()
     told = float(0.0)
+    off_factor = float(0.0)
     # As a variable, so that the loop is compiled once and not eight times.
     corners = int(8)
     level = int(_LEVELS - 1)
@@ -300,6 +303,7 @@ def look_up(
         sums_before = Level()
         factors = wp.vec3()
         extra = wp.vec3()
+        off_there = float(0.0)
         paths = float(0.0)
         for i in range(corners):
             dx = float(i & 1)
@@ -328,6 +332,9 @@ def look_up(
                             by.factor -= by.step * asked.to_go
                         factors += by.factor * (weight * by.count)
                         extra += by.more * (weight * by.count)
+                        if asked.tells_error:
+                            # By chance too, whatever the sign of the cell's own error.
+                            off_there += _sign_of(-cell.key) * by.error * (weight * by.count)
                         paths += weight * by.count
         # By the same rule in both, so that what was known before is what the last frame showed.
         if level >= finest:
@@ -339,6 +346,7 @@ def look_up(
             share = wp.where(told > 0.0, paths / (paths + _WANTED_STORED), 1.0)
             factor += (factors / paths - factor) * share
             more += (extra / paths - more) * share
+            off_factor += (off_there / paths - off_factor) * share
             told += paths
         side_m = side_m * 0.5
         level = level - 1
@@ -346,10 +354,11 @@ def look_up(
     cached.factor = factor
     cached.more = more
     cached.light = wp.cw_mul(whole.light, factor) + more
-    cached.off = whole.off / wp.max(_bright(whole.light), 1.0e-20)
+    off_factor = off_factor / wp.max(bright_of(factor), _LEAST_FACTOR)
+    cached.off = whole.off / wp.max(bright_of(whole.light), 1.0e-20) + off_factor
     cached.known_before = whole_before.paths > 0.0
     cached.before = wp.cw_mul(whole_before.light, factor) + more
-    cached.off_before = whole_before.off / wp.max(_bright(whole_before.light), 1.0e-20)
+    cached.off_before = whole_before.off / wp.max(bright_of(whole_before.light), 1.0e-20) + off_factor
     return cached
 
 

@@ -23,6 +23,7 @@ from clsim.render.cache.light_cache import (
     Cell,
     Followed,
     before_change,
+    bright_of,
     look_up_at,
     tells_before,
 )
@@ -35,9 +36,10 @@ from clsim.render.sampling.sobol import make_sampler, reverse_bits
 
 wp.set_module_options(kernel_options())
 
-FOLLOWED_SUMS = 7
-"""Of R, G and B, the number of paths, and R, G and B as they were before light changed."""
-_COUNT, _BASE = wp.constant(3), wp.constant(4)
+FOLLOWED_SUMS = 10
+"""Of R, G and B, the number of paths, and R, G and B as they were before light changed; of the brightness of both the
+squares: that of now, the product, and that of before."""
+_COUNT, _BASE, _SQUARES = wp.constant(3), wp.constant(4), wp.constant(7)
 _LEVELS = wp.constant(LEVELS)
 _STORED_AT = wp.constant(2)
 """Level of the cells that tell how many paths are stored, of those that are asked."""
@@ -209,7 +211,18 @@ def add_paths(
                     wp.atomic_add(sums, row, c, change)
                     if joining:
                         wp.atomic_add(sums, row, _BASE + c, _whole(path.base[c]))
+                now = bright_of(path.light)
+                base = bright_of(path.base)
+                squares = _whole(now * now)
+                products = _whole(now * base)
+                if not joining:
+                    before = bright_of(paths[i].light)
+                    squares = squares - _whole(before * before)
+                    products = products - _whole(before * base)
+                wp.atomic_add(sums, row, _SQUARES, squares)
+                wp.atomic_add(sums, row, _SQUARES + 1, products)
                 if joining:
+                    wp.atomic_add(sums, row, _SQUARES + 2, _whole(base * base))
                     wp.atomic_add(sums, row, _COUNT, wp.int64(1))
                 followed[row].last = followed[row].factor
         path.places = paths[i].places
@@ -221,6 +234,15 @@ def _told(cell: Followed, sums: wp.array2d[wp.int64], row: int) -> Followed:
     """Return a cell as its stored paths tell."""
     after = cell
     after.count = float(sums[row, _COUNT])
+    # The error of a ratio is that of what it leaves: the sum of (now − ratio · before)² over the same paths.
+    before = (float(sums[row, _BASE]) + float(sums[row, _BASE + 1]) + float(sums[row, _BASE + 2])) / 3.0
+    now = (float(sums[row, 0]) + float(sums[row, 1]) + float(sums[row, 2])) / 3.0
+    after.error = 0.0
+    if before > 0.0:
+        ratio = now / before
+        left = float(sums[row, _SQUARES]) - 2.0 * ratio * float(sums[row, _SQUARES + 1])
+        left = wp.max(left + ratio * ratio * float(sums[row, _SQUARES + 2]), 0.0)
+        after.error = wp.min(wp.sqrt(left * _UNIT) / before, 1.0)
     for c in range(3):
         light = float(sums[row, c])
         base = float(sums[row, _BASE + c])

@@ -14,6 +14,8 @@ from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
 from clsim.render.accel.geometry import mat34
 from clsim.render.accel.upload_geometry import into_boxes
+from clsim.render.cache.light_cache import Followed
+from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
@@ -112,6 +114,28 @@ def test_light_changes_as_it_does_by_many_paths():
     error = np.abs(change - true_change)
     assert np.quantile(np.abs(true_change), 0.75) > 0.02
     assert np.median(error) < 0.015 and np.quantile(error, 0.8) < 0.05
+
+
+def test_the_error_of_a_change_is_that_of_the_ratio_of_two_sums():
+    """Of 60 paths in one cell, whose light is found twice; against the formula in float64."""
+    rng = np.random.default_rng(3)
+    first, then = rng.exponential(1.0, (2, 60, 3))
+    rows = np.zeros(60, StoredPath.numpy_dtype())
+    rows["rows"], rows["base"] = (0, -1, -1, -1), 1.0
+    paths = wp.array(rows, dtype=StoredPath, device="cpu")
+    sums = wp.zeros((1, FOLLOWED_SUMS), dtype=wp.int64, device="cpu")
+    followed = wp.zeros(1, dtype=Followed, device="cpu")
+    traced = wp.ones(60, dtype=wp.int32, device="cpu")
+    for joining, light in ((True, first), (False, 0.5 * (first + then))):
+        found = wp.array(light.astype(np.float32), dtype=wp.vec3, device="cpu")
+        of = [0, joining, False]
+        wp.launch(build_storing().add_paths, 60, [*of, paths, found, traced, sums, followed], device="cpu")
+        wp.launch(build_storing().average_paths, 60, [*of, 0, paths, traced, sums, followed], device="cpu")
+        before, now = first.mean(axis=1), light.mean(axis=1)
+        ratio = now.sum() / before.sum()
+        expected = np.sqrt(np.square(now - ratio * before).sum()) / before.sum()
+        assert followed.numpy()["error"][0] == pytest.approx(expected, rel=1e-3, abs=1e-3)
+    assert expected > 0.03
 
 
 def test_a_lamp_that_goes_out_leaves_no_light_behind():
