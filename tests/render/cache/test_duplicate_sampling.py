@@ -45,7 +45,10 @@ def test_patches_are_those_of_the_complement_of_the_seed():
 
 @pytest.mark.slow
 def test_where_objects_move_two_estimates_differ_as_two_seeds_do():
-    """In how much brighter pixels grow, by the noise of light and of first hits; the picture stays as it is."""
+    """To a factor of 1.5 in how much brighter pixels grow, by the noise of light and of first hits.
+
+    The picture stays as it is.
+    """
     world = load_world("cornell", resolution=(48, 36))
     given = {"first_hit_rays": 32, "spp": 16, "probe_spp": 4, "sampler": "sobol", "light_cache": True}
     primary_rays, seeds, dark = [], [], 1e-3
@@ -63,8 +66,8 @@ def test_where_objects_move_two_estimates_differ_as_two_seeds_do():
             primary_rays.append(np.log((one + dark) / (again + dark)))
             seeds.append(np.log((seen + dark) / (differs + dark)))
     grown = (np.diff(np.reshape(each, (3, 4, -1)), axis=1) for each in (primary_rays, seeds))
-    spread = [np.quantile(np.abs(each), (0.68, 0.95)) for each in grown]
-    np.testing.assert_allclose(*spread, rtol=0.35)
+    told, seen = (np.quantile(np.abs(each), (0.68, 0.95)) for each in grown)
+    assert np.all(np.abs(np.log(told / seen)) < np.log(1.5)), (told, seen)
 
 
 def test_first_hit_rays_without_cached_light_have_no_duplicates():
