@@ -57,8 +57,8 @@ class Effort:
         probe_spp: paths where fewest are, at most ``spp``; elsewhere twice, four times … as many. Common random
             numbers make them the first of ``spp``.
         first_hit_rays: primary rays where a pixel shows more than one surface. Where direct light is analytic, a
-            part-lit pixel gets at least eight times the root of that, but no more than twice as many; those of one that
-            shows one triangle are shadow rays alone.
+            part-lit pixel gets at least eight times the root of that, but no more than twice as many; of one that shows
+            one triangle three in four are shadow rays alone, or all where nothing is smaller than a pixel.
         every: a pixel that needs no more is probed in every n-th frame, at another phase than its neighbours.
     """
 
