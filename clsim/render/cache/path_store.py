@@ -16,7 +16,7 @@ from clsim.render.cache.trails import PLACES
 from clsim.render.device.launch import Tiles, record
 
 _TILE = 2048
-"""Paths of a launch."""
+"""Paths of a launch on a CPU; on a GPU all are one, for each launch takes as long as its slowest path."""
 _MOST_BOXES = 16
 """Pairs of boxes that trails are compared with; of more instances several share one."""
 
@@ -76,7 +76,8 @@ class PathStore:
         self._allocate(1)
         self._kernel = kernel
         count = "pixels"
-        self._tiles = Tiles(self._record, "first_pixel", 1 << 30, _TILE, threads, self._device.is_cpu, count)
+        tile = _TILE if self._device.is_cpu else None
+        self._tiles = Tiles(self._record, "first_pixel", 1 << 30, tile, threads, self._device.is_cpu, count)
 
     def forget(self) -> None:
         """Trace all again: lights have changed."""

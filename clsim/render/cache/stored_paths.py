@@ -352,7 +352,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
             path = paths[i]
             again = moved[path.met.instance] > 0
             if every > 0:
-                again = again or (i + turn) % every == 0
+                # Not by its row: on a GPU, rows are taken in no order.
+                again = again or (path.pixel + path.number + turn) % every == 0
             if not again:
                 again = trail_crosses(scene.geometry.trails, i, path.places, boxes, box_count)
             out_traced[i] = wp.where(again, 1, 0)

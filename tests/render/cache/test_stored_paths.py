@@ -15,6 +15,7 @@ from clsim.render import PathTracer, RenderOptions
 from clsim.render.accel.geometry import mat34
 from clsim.render.accel.upload_geometry import into_boxes
 from clsim.render.cache.light_cache import Followed
+from clsim.render.cache.path_store import PathStore
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
@@ -98,6 +99,29 @@ def test_no_path_is_traced_where_nothing_has_moved():
     # A few pixels do not know enough yet.
     assert max(paths[1], paths[2]) < 0.01 * paths[0]
     assert 0.01 * paths[0] < paths[3] < 0.5 * paths[0]
+
+
+def test_the_order_in_which_paths_are_stored_changes_nothing(monkeypatch):
+    """On a GPU threads store them in another order each time; runs are alike to the bit all the same."""
+    lamp = driven(hw.translation(1.2, 3.0, 1.0), ((0.0, (1.2, 3.0, 1.0)), (0.1, (-1.2, 3.0, 1.0))))
+    world = room(there_and_back(), lamp)
+    times_us = range(0, 50_000, 10_000)
+    shown, _ = pictures(world, times_us, follow_every=4)
+    rng, choose = np.random.default_rng(0), PathStore._choose
+    shuffled = []
+
+    def choose_in_any_order(store, *given):
+        first, count = store.stored, choose(store, *given)
+        if count <= len(store._paths):
+            rows = store._paths.numpy()
+            rows[first:count] = rng.permutation(rows[first:count])
+            shuffled.append(count - first)
+        return count
+
+    monkeypatch.setattr(PathStore, "_choose", choose_in_any_order)
+    again, _ = pictures(world, times_us, follow_every=4)
+    assert max(shuffled) > 100
+    np.testing.assert_array_equal(again, shown)
 
 
 @pytest.mark.slow
