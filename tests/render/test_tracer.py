@@ -350,7 +350,13 @@ def test_the_build_is_described():
         "surfaces that are black behind",
         "surfaces that the camera does not see from behind",
     ]
-    lenses = ["environment map", "motion blur of deforming objects", "fisheye projection", "orthographic projection"]
+    lenses = [
+        "tree over sphere lights",
+        "environment map",
+        "motion blur of deforming objects",
+        "fisheye projection",
+        "orthographic projection",
+    ]
     lenses += ["lens distortion"]
     sampling = ["Sobol's sequence", "first-hit rays and steered samples", "cached light"]
     sampling += [

@@ -76,6 +76,7 @@ class Geometry:
     spheres: wp.array[wp.vec4]
     sphere_steps: wp.array[wp.vec3]
     sphere_count: int
+    sphere_tree: wp.uint64
     rest_vertices: wp.array[wp.vec3]
     rest_scales: wp.array[float]
     trails: wp.array[wp.vec3, Literal[2]]

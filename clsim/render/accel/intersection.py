@@ -164,7 +164,16 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
                 hit.vertex2 = found.vertex2
                 hit.normal = found.normal
                 hit.reach_m = found.reach_m
-        if wp.static(features.sphere_lights):
+        if wp.static(features.sphere_tree):
+            near = wp.bvh_query_ray(geometry.sphere_tree, origin, direction)
+            sphere = int(0)
+            while wp.bvh_query_next(near, sphere, hit.t):
+                t = hit_sphere(sphere_at(geometry, sphere, time), origin, direction)
+                if t > 0.0 and t < hit.t:
+                    hit.t = t
+                    hit.triangle = -1
+                    hit.sphere = sphere
+        elif wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
                 if t > 0.0 and t < hit.t:
@@ -175,7 +184,14 @@ def make_intersection(features: Features, tree: Tree) -> tuple[Any, Any, Any, An
 
     @wp.func
     def occluded(geometry: Geometry, origin: wp.vec3, direction: wp.vec3, far: float, time: float) -> int:
-        if wp.static(features.sphere_lights):
+        if wp.static(features.sphere_tree):
+            near = wp.bvh_query_ray(geometry.sphere_tree, origin, direction)
+            sphere = int(0)
+            while wp.bvh_query_next(near, sphere, far):
+                t = hit_sphere(sphere_at(geometry, sphere, time), origin, direction)
+                if t > 0.0 and t < far:
+                    return BLOCKED
+        elif wp.static(features.sphere_lights):
             for i in range(geometry.sphere_count):
                 t = hit_sphere(sphere_at(geometry, i, time), origin, direction)
                 if t > 0.0 and t < far:

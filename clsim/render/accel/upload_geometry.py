@@ -191,6 +191,10 @@ class GeometryData:
             spheres, sphere_steps = self._sphere_rows(times_s)
             write(self._spheres, spheres)
             write(self._sphere_steps, sphere_steps)
+            if self._features.sphere_tree:
+                for corners, there in zip(self._sphere_boxes, self._sphere_bounds(times_s), strict=True):
+                    corners.assign(there)
+                self._sphere_tree.rebuild()
 
     def _create_places(self, times_s: _F64) -> None:
         """Put instances and spheres where they are at those times and build the tree over instances."""
@@ -220,6 +224,10 @@ class GeometryData:
             self._spheres = array(spheres, wp.vec4, self._device)
             self._sphere_steps = array(sphere_steps, wp.vec3, self._device)
             geometry.spheres, geometry.sphere_steps = self._spheres, self._sphere_steps
+            if self._features.sphere_tree:
+                self._sphere_boxes = [array(corners, wp.vec3, self._device) for corners in self._sphere_bounds(times_s)]
+                self._sphere_tree: Any = wp.Bvh(*self._sphere_boxes)
+                geometry.sphere_tree = self._sphere_tree.id
 
     def _poses(self, times_s: _F64) -> tuple[_F64, _F64]:
         """Poses from the origin ``[keys, instances, 4, 4]`` and their steps (``shutter.key_steps``)."""
@@ -244,6 +252,18 @@ class GeometryData:
             beyond = chord_error(poses[..., :3, 3], steps) + _sagitta(poses[..., :3, :3], farthest)[:, None]
             lowers, uppers = lowers - beyond, uppers + beyond
         return lowers, uppers
+
+    def _sphere_bounds(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Return the corners of boxes around what each sphere sweeps, from the origin ``[spheres, 3]``."""
+        rows, steps = self._sphere_rows(times_s)
+        places = rows.reshape(len(times_s), -1, 4).astype(np.float64)
+        centres, extents = places[..., :3], places[..., 3:]
+        extents = extents + _WIDER * (1.0 + np.abs(centres) + extents)
+        lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
+        if self._features.motion_blur:
+            beyond = chord_error(centres, steps.reshape(centres.shape).astype(np.float64))
+            lowers, uppers = lowers - beyond, uppers + beyond
+        return lowers.astype(np.float32), uppers.astype(np.float32)
 
     def _sphere_rows(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
         """Centres from the origin and radii ``[keys · spheres, 4]``, and steps (``shutter.key_steps``)."""

@@ -38,6 +38,7 @@ class SceneFeatures:
         triangle_lights: some triangle emits.
         still_lamps: all such triangles stand still and shine the same all over.
         sphere_lights: the number of sphere lights is not zero.
+        sphere_tree: there are so many that rays find them by a tree.
         punctual_lights: the number of point, spot and directional lights is not zero.
         lamps_move: something that shines moves or deforms.
         few_lamps: few enough shine to add up what all send to a point; none has a texture or a picture.
@@ -77,6 +78,7 @@ class SceneFeatures:
     triangle_lights: bool
     still_lamps: bool
     sphere_lights: bool
+    sphere_tree: bool
     punctual_lights: bool
     light_pictures: bool
     few_lamps: bool
@@ -174,6 +176,7 @@ class Features(SceneFeatures):
             (self.one_sided_lamps, "lamps that shine from one side"),
             (self.triangle_lights, "triangle area lights"),
             (self.sphere_lights, "sphere lights"),
+            (self.sphere_tree, "tree over sphere lights"),
             (self.punctual_lights, "point, spot and directional lights"),
             (self.light_tree, "choice among many lights by what each may send (light tree)"),
             (self.environment and not self.environment_map, "constant environment"),

@@ -11,6 +11,9 @@ from clsim.render.motion.deform import deforms
 from clsim.scene import CheckerTexture, ImageTexture, Material, Mesh, World
 from clsim.scene.driven import stands_still
 
+_SPHERES_OF_A_TREE = 32
+"""Sphere lights from which on a tree costs rays less than to meet one after the other."""
+
 
 def _used_meshes(world: World) -> list[Mesh]:
     return [world.meshes[index] for index in sorted({instance.mesh for instance in world.instances})]
@@ -116,6 +119,7 @@ def scene_features(world: World, interval_s: float, instants: bool = False) -> S
         triangle_lights=any(max(material.emission) > 0 for material in materials),
         still_lamps=still_lamps(world),
         sphere_lights=bool(world.sphere_lights),
+        sphere_tree=len(world.sphere_lights) >= _SPHERES_OF_A_TREE,
         punctual_lights=bool(world.punctual_lights),
         light_pictures=any(light.picture >= 0 for light in world.punctual_lights),
         few_lamps=few_lamps(world),
