@@ -1,4 +1,6 @@
-// Asks a CPU for the line of memory in which an entry lies, and goes on.
+// Asks a CPU for the lines of memory in which an entry lies, and goes on.
 #ifndef __CUDA_ARCH__
-__builtin_prefetch(&array.data[index]);
+for (size_t at = 0; at < sizeof(array.data[0]); at += 64) {
+    __builtin_prefetch(reinterpret_cast<const char*>(&array.data[index]) + at);
+}
 #endif

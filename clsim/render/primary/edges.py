@@ -11,6 +11,7 @@ import warp as wp
 
 from clsim.render.camera.film import Sample
 from clsim.render.camera.pixel_width import width_at
+from clsim.render.native import native_code
 from clsim.render.primary.corners import corner_at, corner_near
 from clsim.render.primary.lamp_light import same_light, same_share
 from clsim.render.primary.seen_surfaces import same_colour, same_surface
@@ -20,6 +21,14 @@ _OFF_LINE_PX = wp.constant(0.05)
 """Distance from a straight edge within which a ray may see the other side [pixels]."""
 _WIDE_PX = wp.constant(2.0)
 """What is wider hides between no corners of a pixel, but for its own blunt corners [pixels]."""
+
+
+_AHEAD = wp.constant(8)
+"""Pixels ahead of which corners are asked for in memory."""
+
+
+@wp.func_native(native_code("prefetch.h"))
+def _prefetch(array: wp.array[Sample], index: int) -> None: ...
 
 
 @wp.func
@@ -198,6 +207,8 @@ def make_judge(flat: Any, wide_lamps: bool, scene_type: Any, settings_type: Any)
         nearest: int,
         row: int,
     ) -> Edge:
+        # The lowest row that is read: those above were read for pixels above.
+        _prefetch(corners, wp.min(nearest + 2 * row + _AHEAD, corners.shape[0] - 1))
         edge = Edge()
         edge.side = 4
         edge.rays = 1
