@@ -67,7 +67,7 @@ class PathStore:
         self.frame = 0
         self.followed = False
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
-        self._boxes: Any = wp.zeros(2 * _MOST_BOXES, dtype=mat34, device=self._device)
+        self._boxes: Any = wp.zeros(1 + 2 * _MOST_BOXES, dtype=mat34, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
         self._all_again = False
         self._last, self._lamps, self._lamps_moved = data.places(), data.lamp_poses(), False
@@ -151,7 +151,7 @@ class PathStore:
             wp.copy(self._boxes, wp.array(boxes, dtype=mat34, device=self._device), count=len(boxes))
         self._moved.assign(moved.astype(np.int32))
         self.followed = True
-        self._trace(0, every, len(boxes))
+        self._trace(0, every, max(0, len(boxes) - 1))
         self._add(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
@@ -213,11 +213,16 @@ class PathStore:
 def _moved_boxes(before: Places, now: Places) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
     """Return boxes around where instances are and were that have moved, and which have.
 
-    Each is the matrix that makes it the cube from −1 to 1, ``[n, 3, 4]``.
+    Each is the matrix that makes it the cube from −1 to 1, ``[1 + n, 3, 4]``; the first is around all others. There is
+    none where nothing has moved.
     """
     moved = np.zeros(now.count, bool)
     moved[now.moving] = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
     mine = moved[now.moving]
+    if not mine.any():
+        return np.zeros((0, 3, 4), np.float32), moved
+    corners = np.concatenate([before.boxes[mine], now.boxes[mine]])
+    around = into_boxes(np.eye(4)[None], corners[:, 0].min(axis=0)[None], corners[:, 1].max(axis=0)[None])
     if mine.sum() <= _MOST_BOXES:
         boxes = np.concatenate([before.into_boxes[mine], now.into_boxes[mine]])
     else:
@@ -226,4 +231,4 @@ def _moved_boxes(before: Places, now: Places) -> tuple[npt.NDArray[np.float32], 
         lower = np.minimum.reduceat(pairs.min(axis=1), first)
         upper = np.maximum.reduceat(pairs.max(axis=1), first)
         boxes = into_boxes(np.broadcast_to(np.eye(4), (_MOST_BOXES, 4, 4)), lower, upper)
-    return boxes.astype(np.float32), moved
+    return np.concatenate([around, boxes]).astype(np.float32), moved

@@ -1,4 +1,4 @@
-# ruff: noqa: UP018
+# ruff: noqa: UP018, SIM102
 """The trail of a stored path: its vertices, and the points on lights that these sampled, as Warp functions.
 
 While nothing moves in or out of the way between two of these, the path finds what it found.
@@ -58,22 +58,36 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
 
 
 @wp.func
+def _crosses_any(boxes: wp.array[mat34], count: int, from_m: wp.vec3, to_m: wp.vec3) -> bool:
+    for k in range(1, count + 1):
+        if _crosses(transform_point(boxes[k], from_m), transform_point(boxes[k], to_m)):
+            return True
+    return False
+
+
+@wp.func
 def trail_crosses(
     trails: wp.array[wp.vec3, Literal[2]], row: int, places: int, boxes: wp.array[mat34], count: int
 ) -> bool:
-    """Whether a path with so many places leads through a box.
+    """Whether a path with so many places leads through one of ``count`` boxes.
 
-    Each is told by the matrix that makes it the cube from −1 to 1.
+    Each is told by the matrix that makes it the cube from −1 to 1. They follow after the one around them all.
     """
-    for k in range(count):
-        at = transform_point(boxes[k], trails[row, 0])
-        for i in range(places):
-            light = trails[row, 2 * i + 1]
-            if _crosses(at, transform_point(boxes[k], light)):
+    if count == 0:
+        return False
+    place = trails[row, 0]
+    at = transform_point(boxes[0], place)
+    for i in range(places):
+        light = trails[row, 2 * i + 1]
+        if _crosses(at, transform_point(boxes[0], light)):
+            if _crosses_any(boxes, count, place, light):
                 return True
-            if i + 1 < places:
-                after = transform_point(boxes[k], trails[row, 2 * i + 2])
-                if _crosses(at, after):
+        if i + 1 < places:
+            following = trails[row, 2 * i + 2]
+            after = transform_point(boxes[0], following)
+            if _crosses(at, after):
+                if _crosses_any(boxes, count, place, following):
                     return True
-                at = after
+            place = following
+            at = after
     return False

@@ -227,7 +227,10 @@ def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
         )
 
     out = wp.zeros(1, dtype=wp.int32, device="cpu")
-    into = into_boxes(pose[None], lower[None], upper[None]).astype(np.float32)
+    corners = np.array([[x, y, z] for x, y, z in np.ndindex(2, 2, 2)]) * (upper - lower) + lower
+    corners = corners @ pose[:3, :3].T + pose[:3, 3]
+    around = into_boxes(np.eye(4)[None], corners.min(axis=0)[None], corners.max(axis=0)[None])
+    into = np.concatenate([around, into_boxes(pose[None], lower[None], upper[None])]).astype(np.float32)
     boxes = wp.array(into, dtype=mat34, device="cpu")
     wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, boxes, 1, out], device="cpu")
     found = bool(out.numpy()[0])
