@@ -135,6 +135,12 @@ class Detector:
         if self._sensor is not None:
             self._sensor.forget()
 
+    def restart(self) -> None:
+        """Reset, and forget what is on its way off the sensor too: time may begin anew."""
+        self.reset()
+        if self._sensor is not None:
+            self._sensor.restart()
+
     def close(self) -> None:
         """Release the device's memory; safe to call twice."""
         self.estimator.close()

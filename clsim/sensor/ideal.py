@@ -104,6 +104,10 @@ class IdealPixels:
         """Take all references back: the next level of each pixel is its first."""
         self._place.write(self.references, np.full(self.references.shape, np.nan, dtype=self._place.real))
 
+    def restart(self) -> None:
+        """Forget; nothing is ever on its way."""
+        self.forget()
+
     def step(self, path: BrightnessPath) -> Fired:
         """Return the events of a time step and move the references of the pixels that fired."""
         if path.count == 0:

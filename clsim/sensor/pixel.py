@@ -69,10 +69,9 @@ class RealPixels:
         self._rooms = place.allocate((self._chunks + 1,), np.int64)
         self._make_room(np.full(self._chunks, _ROOM))
         self._gathered = self._allocate(0)
-        self._asked, self._stamped = Pool(REQUEST), Pool(REQUEST)
         self._bus = None if settings.readout.is_perfect else Bus(place, settings.readout)
         self._stamp_us = settings.readout.stamp_us
-        self.forget()
+        self.restart()
 
     def forget(self) -> None:
         """Take all references and filters back: the next level of each pixel is its first, under which it rests."""
@@ -80,6 +79,13 @@ class RealPixels:
         state[0] = np.nan
         self._place.write(self._state, state)
         self._place.write(self.references, np.full(self.references.shape, np.nan, dtype=self._place.real))
+
+    def restart(self) -> None:
+        """Forget, and let nothing be on its way off the chip: time may begin anew."""
+        self.forget()
+        self._asked, self._stamped = Pool(REQUEST), Pool(REQUEST)
+        if self._bus is not None:
+            self._bus.forget()
 
     def step(self, path: BrightnessPath) -> Fired:
         """Return the events of a time step, as far as their stamps lie in it, and move the pixels' state."""

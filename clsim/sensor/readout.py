@@ -55,8 +55,12 @@ class Bus:
         else:
             self._serve = place.kernels("sensor_readout", ("serve",))[0]
         self._state = place.allocate((2,), np.int64)
-        place.write(self._state, np.array([0, -1]))
         self._buffers: tuple[Buffer, ...] = ()
+        self.forget()
+
+    def forget(self) -> None:
+        """Know no request and no event any more: the bus is free, and what waits for it is gone."""
+        self._place.write(self._state, np.array([0, -1]))
         self._for_scan: Requests | None = None
         self._for_row: Requests | None = None
         self._period, self._passed = -1, 0

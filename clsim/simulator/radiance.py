@@ -114,7 +114,7 @@ class RadianceCamera:
 
     def reset(self) -> None:
         """Forget all pictures: the next one fires nothing, and may be of any time."""
-        self._detector.reset()
+        self._detector.restart()
         self.time_us = None
 
     def close(self) -> None:

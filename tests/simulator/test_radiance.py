@@ -9,8 +9,8 @@ import warp as wp
 import clsim
 from clsim.errors import Error, InputError
 from clsim.sensor import load_sensor
-from clsim.sensor.pixel_stages import Threshold
-from clsim.sensor.settings import Optics
+from clsim.sensor.pixel_stages import Delay, Threshold
+from clsim.sensor.settings import Optics, Readout, SensorSettings
 from clsim.simulator.radiance import on_host
 
 WIDTH, HEIGHT = 12, 8
@@ -180,3 +180,24 @@ def test_each_threshold_is_the_sensors_or_a_fifth(on: float | None, off: float |
     falls = int((1.0 + rises * (on or 0.2)) / (off or 0.2) + 1e-6)
     assert (len(up), len(down)) == (rises * WIDTH * HEIGHT, falls * WIDTH * HEIGHT)
     assert up["on"].all() and not down["on"].any()
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        "davis346",
+        "gen4.1",
+        SensorSettings(readout=Readout(scan_us=7_000)),
+        SensorSettings(delay=Delay(latency_us=15_000)),
+        SensorSettings(readout=Readout(most_in_period=20, control_period_us=50_000)),
+    ],
+    ids=["a bus of events", "a bus of rows", "a scan", "a delay", "a controller"],
+)
+def test_a_camera_that_is_reset_sees_as_at_first(sensor: str | SensorSettings) -> None:
+    """Time may begin anew: nothing of before is still on its way off the chip, nor keeps it busy."""
+    with camera(sensor=sensor) as pixels:
+        first, again = [], []
+        for found in (first, again):
+            found += [pixels.push(ramp(gain), 10_000 * k).tobytes() for k, gain in enumerate((0.0, 2.0, -1.0, 1.0))]
+            pixels.reset()
+    assert first == again and any(first)
