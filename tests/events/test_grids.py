@@ -38,3 +38,10 @@ def test_what_is_no_grid_is_told() -> None:
     for bins, end_us in ((0, 10), (3, 0)):
         with pytest.raises(InputError, match="expected at least 1 bin and an end after the start"):
             voxel_grid(some(0, 3), WIDTH, HEIGHT, bins, 0, end_us)
+
+
+def test_events_outside_the_time_count_once_at_the_nearest_end() -> None:
+    events = np.zeros(4, EVENT_DTYPE)
+    events["t"], events["x"], events["on"] = (0, 90, 2_000, 10**9), range(4), True
+    voxels = voxel_grid(events, WIDTH, HEIGHT, 3, 100, 1_100)
+    assert voxels[:, 0].T.tolist() == [[1, 0, 0], [1, 0, 0], [0, 0, 1], [0, 0, 1], [0, 0, 0]]

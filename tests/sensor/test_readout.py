@@ -61,6 +61,9 @@ def test_a_bus_that_is_asked_for_more_than_it_can_loses_the_rest():
 def test_who_waits_exactly_as_long_as_may_be_is_served():
     served, lost = bus(event_us=1.0, most_wait_us=2.0).run(requests_at([1000] * 4), END_NS)
     assert served["t"].tolist() == [2000, 3000, 4000] and lost == 1
+    # Whoever may not wait at all is lost where the bus is busy.
+    served, lost = bus(event_us=1.0, most_wait_us=0.0).run(requests_at([1000, 1000, 1500, 2000]), END_NS)
+    assert served["t"].tolist() == [2000, 3000] and lost == 2
 
 
 def test_a_scan_reads_column_after_column():

@@ -141,6 +141,10 @@ SECONDS = "\n".join(f"{t * 1e-6:.6f} {x} {y} {p}" for t, x, y, p in zip(T, X, Y,
         "names in a comment": ("a.txt", "# made by hand\n# columns: t x y p\n" + LINES.replace(",", " ")),
         "a unit in the name": ("a.csv", "timestamp [us],x,y,polarity\n" + LINES),
         "ns": ("a.csv", "t_ns,x,y,p\n" + "".join(f"{t}000,{x},{y},{p}\n" for t, x, y, p in ROWS)),
+        "seconds without a point": (
+            "a.txt",
+            "".join(f"{t}e-6 {x} {y} {p}\n" for t, x, y, p in ROWS),
+        ),
         "short seconds": (
             "a.txt",
             "".join(f"{t * 1e-6:g} {x} {y} {p}\n" for t, x, y, p in zip(T, X, Y, P, strict=True)),

@@ -1,6 +1,7 @@
 """What we write is read by libraries that did not write it, event for event; what others write is read by us."""
 
 import struct
+from itertools import pairwise
 from pathlib import Path
 
 import aedat
@@ -88,6 +89,14 @@ def test_aedat4_has_a_data_table_and_lz4(tmp_path):
         part = EVENTS[1000 * index : 1000 * (index + 1)]
         assert (each.start_t, each.end_t) == (part["t"][0], part["t"][-1])
     assert dv.io.MonoCameraRecording(str(path)).getTimeRange() == (EVENTS["t"][0], EVENTS["t"][-1])
+
+
+def test_each_packet_of_one_flush_has_its_own_times_in_the_data_table(tmp_path, monkeypatch):
+    monkeypatch.setattr("clsim.events.formats.dv_stream.EVENTS_PER_PACKET", 300)
+    table = check_data_table(write(tmp_path / "a.aedat4", [EVENTS[:1000]], flush=FlushPolicy(events=1000)))
+    ends = (0, 300, 600, 900, 1000)
+    parts = [EVENTS[start:end]["t"] for start, end in pairwise(ends)]
+    assert [(each.start_t, each.end_t) for each in table] == [(part[0], part[-1]) for part in parts]
 
 
 @pytest.mark.parametrize("packet", [50, 70, 100, 300, 4000])

@@ -275,3 +275,22 @@ def test_what_is_only_read_is_not_written(tmp_path: Path) -> None:
         for ending in each.endings:
             with pytest.raises(InputError, match="are only read; expected"):
                 open_sink(tmp_path / f"a{ending}", 9, 9)
+
+
+def test_events_that_aedat_3_1_marks_as_not_valid_are_left_out(tmp_path: Path) -> None:
+    raw = bytearray(aedat3())
+    first = raw.index(np.array([1 | ON[0] << 1 | Y[0] << 2 | X[0] << 17, T[0]], "<u4").tobytes())
+    for number in (0, 7, 8):
+        raw[first + 8 * number] &= 0xFE
+    (tmp_path / "a.aedat").write_bytes(raw)
+    found = open_source(tmp_path / "a.aedat").read()
+    assert np.array_equal(found[:1197], np.delete(EVENTS[:1200], (0, 7, 8)))
+
+
+def test_n_mnist_s_clock_goes_on_from_portion_to_portion(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [(1, 240 if k % 3 == 2 else 2, 0, 0, k) for k in range(12)]
+    (tmp_path / "a.bin").write_bytes(np.array(rows, np.uint8).tobytes())
+    whole = open_source(tmp_path / "a.bin").read()
+    monkeypatch.setattr("clsim.events.formats.nmnist.CHUNK_EVENTS", 2)
+    assert np.array_equal(open_source(tmp_path / "a.bin").read(), whole)
+    assert whole["t"].tolist() == [k + (k // 3 << 13) for k in range(12) if k % 3 < 2]

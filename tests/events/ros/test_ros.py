@@ -184,7 +184,11 @@ def test_silence_at_the_end_is_told(tmp_path):
 def test_long_pauses_fit_the_ns_of_a_packet(tmp_path):
     batch = events(20, start_us=0, span_us=200_000_000)
     assert np.diff(batch["t"]).max() > 4_300_000
-    np.testing.assert_array_equal(read(write(tmp_path / "a.mcap", [batch])), batch)
+    path = write(tmp_path / "a.mcap", [batch])
+    np.testing.assert_array_equal(read(path), batch)
+    for _, time_ns, packet in messages_of(path):  # each is played back when its own last event was
+        last = int(np.asarray(packet.events, np.uint8).view("<u8")[-1] & np.uint64(0xFFFFFFFF))
+        assert time_ns == packet.time_base + last
 
 
 def test_one_topic_of_several_is_that_of_esim(tmp_path):

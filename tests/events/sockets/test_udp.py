@@ -304,3 +304,19 @@ def test_a_datagram_that_comes_out_of_order_does_not_make_the_next_look_far_ahea
             batch["t"] = time_us
             send(source.port, "t64", batch)
         assert next(source)["t"].tolist() == sorted(times_us)
+
+
+def test_any_number_but_0_is_on_in_t64() -> None:
+    data = b"".join(struct.pack("<QHHB", 7, 1, 2, on) for on in (0, 1, 2, 128, 254, 255))
+    found = LAYOUTS["t64"].unpack(data)["on"]
+    assert found.view(np.uint8).tolist() == [0, 1, 1, 1, 1, 1]
+
+
+def test_events_without_times_are_counted_from_the_start_of_listening() -> None:
+    begun_s = time.monotonic()
+    with open_socket_source(f"udp://127.0.0.1:0?format=spif&size={WIDTH}x{HEIGHT}") as source:
+        assert isinstance(source, UdpSource)
+        time.sleep(0.05)
+        send(source.port, "spif", make_events(10))
+        times_us = next(source)["t"]
+        assert ((times_us >= 50_000) & (times_us <= (time.monotonic() - begun_s) * 1e6)).all()

@@ -130,3 +130,16 @@ def test_normals_of_a_skin_that_stretches_stay_across_their_triangle(tmp_path):
     np.testing.assert_allclose(mesh.vertices, slanted * (1, 3, 1), atol=1e-6)
     across = np.cross(mesh.vertices[1] - mesh.vertices[0], mesh.vertices[2] - mesh.vertices[0])
     np.testing.assert_allclose(mesh.normals, [across / np.linalg.norm(across)] * 3, atol=1e-6)
+
+
+def test_morph_targets_start_over_with_an_asset_s_animation(tmp_path):
+    """Without a camera of its own a file is an asset, whose animation repeats: shapes as well as places."""
+    tree = gltf()
+    targets = [{"POSITION": add(tree, [(0, 0, 1), (0, 0, 0), (0, 0, 0)])}]
+    tree["meshes"] = [{"primitives": [{"attributes": {"POSITION": 0}, "targets": targets}]}]
+    animate(tree, (0, "weights", [0, 2], [0, 1], "LINEAR"))
+    deformation = load_gltf(write_gltf(tmp_path, tree)).meshes[0].deformation
+    for time_s in (0.5, 2.5, 40.5):
+        np.testing.assert_allclose(
+            deformation.vertices_at(time_s)[0], np.add(CORNERS, [(0, 0, 0.25), (0,) * 3, (0,) * 3])
+        )

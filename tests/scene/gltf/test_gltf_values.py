@@ -1,5 +1,9 @@
 """glTF value by value: where points are and what materials say, against the specification's own formulas."""
 
+import math
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -111,3 +115,15 @@ def test_each_lamp_has_the_animation_that_points_at_it(tmp_path):
         shine = [np.multiply(light.intensity, light.modulation.mean(time_s, time_s)) for light in (first, second)]
         assert shine[0] == pytest.approx((1 - time_s, 1, 1 - 0.5 * time_s), abs=1e-6)
         assert shine[1] == pytest.approx(np.multiply(2 - time_s, (1.0, 0.5, 0.25)), abs=1e-6)
+
+
+@given(st.floats(0.1, 2.5), st.one_of(st.none(), st.floats(0.5, 3.0)))
+def test_a_camera_sees_its_height_whether_its_aspect_is_told_or_not(yfov, aspect):
+    with tempfile.TemporaryDirectory() as folder:
+        tree = with_camera(gltf())
+        tree["cameras"][0]["perspective"] = {"yfov": yfov} | ({} if aspect is None else {"aspectRatio": aspect})
+        camera = load_gltf(write_gltf(Path(folder), tree)).camera
+    across = math.tan(math.radians(camera.fov_deg) / 2)
+    height = camera.height if aspect is None else camera.width / aspect
+    assert across * height / camera.width == pytest.approx(math.tan(yfov / 2), rel=1e-6)
+    assert camera.height == pytest.approx(height, abs=0.51)

@@ -261,3 +261,22 @@ def test_a_shutter_is_open_from_when_it_opens_until_it_closes(tmp_path, opens, c
     told = {"shutter_open": opens, "shutter_close": closes}
     properties = "".join(f'<float name="{name}" value="{value}"/>' for name, value in told.items() if value is not None)
     assert camera(tmp_path, properties).shutter_s == pytest.approx(exposes)
+
+
+@pytest.mark.parametrize(("axis", "size"), [("x", (1, 0.5)), ("larger", (1, 0.5)), ("y", (2, 1)), ("smaller", (2, 1))])
+def test_a_projector_s_field_of_view_is_that_of_the_axis_it_names(tmp_path, axis, size):
+    """A picture of 2:1 that covers 90° along one of its sides."""
+    PIL.Image.new("RGB", (8, 4)).save(tmp_path / "slide.png")
+    slide = '<texture name="irradiance" type="bitmap"><string name="filename" value="slide.png"/></texture>'
+    told = f'<float name="fov" value="90"/><string name="fov_axis" value="{axis}"/>'
+    world = load(tmp_path, f'<shape type="rectangle"/><emitter type="projector">{told}{slide}</emitter>')
+    assert world.punctual_lights[0].picture_size == pytest.approx(size)
+
+
+@pytest.mark.parametrize("scale", [None, 0.25, 3.0])
+def test_an_environment_is_as_bright_as_its_picture_times_its_scale(tmp_path, scale):
+    PIL.Image.new("RGB", (8, 4), "white").save(tmp_path / "sky.png")
+    told = "" if scale is None else f'<float name="scale" value="{scale}"/>'
+    sky = f'<emitter type="envmap"><string name="filename" value="sky.png"/>{told}</emitter>'
+    world = load_world(scene(tmp_path, SENSOR + '<shape type="cube"/>' + sky))
+    np.testing.assert_allclose(world.environment_map.radiance, scale or 1.0, rtol=1e-5)

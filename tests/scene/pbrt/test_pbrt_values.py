@@ -93,3 +93,27 @@ def test_spectra_are_pairs_of_a_wavelength_and_a_value(tmp_path):
     assert grey.color == pytest.approx((0.25,) * 3, rel=2e-2)
     _, red = surface(tmp_path, '"diffuse" "spectrum reflectance" [300 0 590 0 600 0.8 830 0.8]')
     assert red.color[0] > 0.5 > 0.1 > red.color[2] and math.isfinite(sum(red.color))
+
+
+def test_a_reversal_turns_the_normals_that_a_mesh_tells(tmp_path):
+    """ReverseOrientation turns a mesh's N too (pbrt-v4, TriangleMesh), so that it is shaded from the same side."""
+    told = TRIANGLE.rstrip() + ' "normal N" [0 0.6 0.8  0 0 1  0.6 0 0.8]\n'
+    plain, turned = (load(tmp_path, before + told).meshes[0].normals for before in ("", "ReverseOrientation "))
+    np.testing.assert_allclose(turned, -plain)
+
+
+@pytest.mark.parametrize(("told", "focus_m"), [("", 1e6), ('"float focaldistance" 2.5', 2.5)])
+def test_a_lens_is_sharp_far_away_unless_told(tmp_path, told, focus_m):
+    head = f'LookAt 0 0 -5  0 0 0  0 1 0\nCamera "perspective" "float lensradius" 0.1 {told}\n'
+    lens = load(tmp_path, TRIANGLE, head).camera.lens
+    assert (lens.aperture_radius_m, lens.focus_distance_m) == (0.1, focus_m)
+
+
+def test_what_is_placed_by_the_camera_s_coordinates_is_before_it(tmp_path):
+    """CoordSysTransform "camera": +z is ahead of the camera, +y up in its picture."""
+    head = 'LookAt 3 4 -5  1 2 3  0 1 0\nCamera "perspective" "float fov" 40\n'
+    world = load(tmp_path, 'CoordSysTransform "camera" Translate 0 0 7 ' + TRIANGLE, head)
+    seen = np.linalg.inv(world.camera.motion.pose(0.0))
+    points = corners(world) @ seen[:3, :3].T + seen[:3, 3]
+    expected = [(0, 0, -7), (0, 1, -7), (1, 0, -7)]
+    np.testing.assert_allclose(points[np.lexsort(points.round(3).T[::-1])], expected, atol=1e-5)

@@ -160,3 +160,16 @@ def test_wrong_surfaces(tmp_path, text, part):
     with pytest.raises(InputError) as caught:
         material(tmp_path, text)
     assert part in str(caught.value)
+
+
+def test_a_material_of_ones_own_covers_the_colours_of_a_file(tmp_path):
+    corners = ["0 0 0 255 0 0", "1 0 0 0 255 0", "0 1 0 0 0 255"]
+    names = [*(f"float {axis}" for axis in "xyz"), *(f"uchar {color}" for color in ("red", "green", "blue"))]
+    head = ["ply", "format ascii 1.0", "element vertex 3", *(f"property {name}" for name in names)]
+    text = [*head, "element face 1", "property list uchar int vertex_indices", "end_header", *corners, "3 0 1 2"]
+    (tmp_path / "a.ply").write_text("\n".join(text) + "\n")
+    told = '[[objects]]\nfile = "a.ply"\n'
+    assert load(tmp_path, told).meshes[0].colors is not None
+    covered = load(tmp_path, f'[materials.m]\ncolor = [0.1, 0.2, 0.3]\n{told}material = "m"\n')
+    mesh = covered.meshes[0]
+    assert covered.materials[mesh.material_ids[0]].color == (0.1, 0.2, 0.3) and mesh.colors is None

@@ -129,3 +129,13 @@ def test_cubic_keyframes_may_look_at_a_target(tmp_path):
     for time_s in (0.0, 0.6, 2.0):
         x, y, z, _ = np.linalg.inv(motion.pose(time_s)) @ (0, 0, 0, 1)
         assert (x, y) == pytest.approx((0, 0), abs=1e-9) and z < 0
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+@pytest.mark.parametrize("turn", ["look_at = [0, 0, 0]", "rotation_deg = [0, 20, 0]"])
+def test_before_its_first_keyframe_and_after_its_last_a_motion_waits(tmp_path, interpolation, turn):
+    lines = ", ".join(f"{{ time_s = {t}, position = [{x}, 0, 9], {turn} }}" for t, x in ((1, 0), (2, 3), (3, 1)))
+    camera = f'interpolation = "{interpolation}"\nkeyframes = [{lines}]'
+    motion = load_world(scene(tmp_path, camera)).camera.motion
+    for time_s, key_s in ((0.0, 1.0), (0.9, 1.0), (3.5, 3.0)):
+        np.testing.assert_allclose(motion.pose(time_s), motion.pose(key_s), atol=1e-12)

@@ -340,3 +340,14 @@ def test_faces_that_should_show_on_one_side_are_told(tmp_path, sides, told):
     world = load_world(usda(tmp_path, mesh(sides, "wall") + mesh(sides, "floor")))
     assert sum("doubleSided is false of wall" in note for note in world.notes) == told
     assert not any("doubleSided" in warning for warning in world.warnings)
+
+
+@pytest.mark.parametrize("end", [13, 34])
+def test_the_motion_of_an_asset_starts_over_however_short_it_is(tmp_path, end):
+    """Without a camera of its own a file is an asset, whose motion repeats."""
+    text = mesh(placed(f"double3 xformOp:translate.timeSamples = {{ 10: (0, 0, 0), {end}: (3, 2, 1) }}"))
+    timed = f"{METRES}\n    startTimeCode = 10\n    endTimeCode = {end}\n    timeCodesPerSecond = 24"
+    world = load_world(usda(tmp_path, text, timed))
+    lasts_s = (end - 10) / 24
+    for time_s in (0.25 * lasts_s, 1.25 * lasts_s, 7.25 * lasts_s):
+        np.testing.assert_allclose(world.instances[0].motion.pose(time_s)[:3, 3], (0.75, 0.5, 0.25), atol=1e-6)
