@@ -1,5 +1,7 @@
 """The bundled edge: rendered brightness is its closed form, and more rays time it better."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -58,3 +60,15 @@ def test_edges_of_all_speeds_stay_in_the_picture_and_pass_its_middle(speed_px_s,
     edge, half_s = scene.edge, (frames - 1) / 120 / 2
     assert edge.offset_px + edge.speed_px_s * half_s == pytest.approx(edge.normal[0] * 16 + edge.normal[1] * 12)
     assert edge.speed_px_s == speed_px_s
+
+
+@pytest.mark.parametrize("late_us", [-50, 100])
+def test_events_that_are_late_have_a_bias_along_the_edge_s_way(monkeypatch, late_us):
+    scene = edge_scene("geometric", 300.0, *SIZE, 120.0)
+    true = scene.edge.events(*SIZE, (scene.frames - 1) / 120.0, scene.world.sensor.threshold_on)
+    true["t"] += late_us
+    monkeypatch.setattr("clsim.bench.edge.run_point", lambda *_: SimpleNamespace(events=true, cpu_s=1.0))
+    found = measure_edge(scene, "draft", 120.0, "fixed")
+    assert found["matched"] == found["events"] == found["true_events"] == len(true) and found["f1"] == 1.0
+    assert found["bias_px"] == pytest.approx(300.0 * late_us * 1e-6)
+    assert found["error_px"] == pytest.approx(300.0 * abs(late_us) * 1e-6)

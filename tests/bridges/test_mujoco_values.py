@@ -120,6 +120,17 @@ PLANE = """<mujoco><asset>
   <worldbody><geom type="{kind}" size="2 .5 .1" material="m"/></worldbody></mujoco>"""
 
 
+@pytest.mark.parametrize("role", ["rgb", "rgba"])
+def test_a_layer_of_colours_is_the_texture_of_its_material(role: str) -> None:
+    layer = f'<material name="m"><layer role="{role}" texture="t"/></material>'
+    told = PLANE.format(uniform="false", kind="plane")
+    told = told.replace('<material name="m" texture="t" texrepeat="3 5" texuniform="false"/>', layer)
+    assert layer in told
+    world = MujocoScene(*load(told), resolution=(8, 6)).world
+    (texture,) = world.textures
+    assert texture.pixels.shape == (8, 8, 4) and np.ptp(texture.pixels[..., 0]) > 100
+
+
 @pytest.mark.parametrize("kind", ["plane", "box"])
 @pytest.mark.parametrize("uniform", ["false", "true"])
 def test_textures_repeat_over_a_face_or_over_a_metre(kind: str, uniform: str) -> None:

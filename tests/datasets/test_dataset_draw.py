@@ -113,3 +113,17 @@ def test_a_sequence_sees_its_own_parts_values_alone():
 def test_what_is_no_distribution(tmp_path, value, sentence):
     with pytest.raises(InputError, match=rf"scene\.x: .*{sentence}"):
         check({"x": value}, "scene", tmp_path)
+
+
+def test_only_the_scenes_seed_shares_out_what_is_held_out():
+    template = check({"file": {"choice": list("abcdefghij"), "held_out": True}}, "scene", None)
+
+    def seen(**seeds):
+        parts = {name: set() for name, _ in _PARTS}
+        for index in range(200):
+            split = split_of(index, _PARTS)
+            parts[split].add(Drawer(Seeds(**seeds), index, 0, split, _PARTS).draw(template, "scene", "scene")["file"])
+        return parts
+
+    assert seen() == seen(motion=7) == seen(sensor=7) == seen(noise=7)
+    assert len({frozenset(seen(scene=seed)["train"]) for seed in range(4)}) > 1

@@ -130,23 +130,26 @@ LIGHT = np.random.default_rng(3).uniform(0, 2, (HEIGHT, WIDTH, 3)).astype(np.flo
 
 
 @pytest.mark.parametrize("kind", [np.float16, np.float32, np.float64])
-@pytest.mark.parametrize("channels", [1, 3, 4])
+@pytest.mark.parametrize("channels", [1, 2, 3, 4])
 @pytest.mark.parametrize("options", [{}, {"compression": "zlib"}, {"planarconfig": "separate"}], ids=str)
 def test_tiff_of_floating_point_is_light_as_it_stands(
     tmp_path: Path, kind: type, channels: int, options: dict[str, Any]
 ) -> None:
-    planes = np.concatenate([LIGHT, np.full((HEIGHT, WIDTH, 1), 0.3)], axis=2).astype(kind)
+    """Of two channels or four the last is opacity."""
+    grey, opacity = channels < 3, np.full((HEIGHT, WIDTH, 1), 0.3)
+    planes = np.concatenate([LIGHT[..., : 1 if grey else 3], opacity], axis=2).astype(kind)
     pixels = planes[..., 0] if channels == 1 else planes[..., :channels]
     if options.get("planarconfig"):
         if channels == 1:
             return
         pixels = np.moveaxis(pixels, 2, 0)
-    more = {"photometric": "rgb"} if channels > 1 else {}
+    more: dict[str, Any] = {} if channels == 1 else {"photometric": "minisblack" if grey else "rgb"}
+    more |= {"planarconfig": "contig"} if channels == 2 and not options.get("planarconfig") else {}
     tifffile.imwrite(tmp_path / "a0.tif", pixels, **options, **more)
     source = Pictures(tmp_path, Reading(fps=10.0))
     assert source.transfer == "linear" and source.steps is None
     (found,) = read(source)
-    expected = LIGHT[..., :1].repeat(3, axis=2) if channels == 1 else LIGHT
+    expected = LIGHT[..., :1].repeat(3, axis=2) if grey else LIGHT
     assert np.array_equal(found, np.moveaxis(expected, 2, 0).astype(np.float32))
 
 

@@ -18,6 +18,7 @@ import pytest
 import clsim
 from clsim.errors import InputError
 from clsim.live.options import LiveOptions
+from clsim.live.outputs.queue_sink import QueueSink
 from clsim.live.outputs.summary import Summary
 from clsim.live.session import open_live
 
@@ -179,3 +180,14 @@ def test_what_tells_of_a_run_names_no_file_for_a_world(tmp_path):
     with clsim.stream(world, frame_count=2, quality="draft", outputs=str(tmp_path / "a.npz")) as made:
         list(made)
     assert json.loads((tmp_path / "a.npz.json").read_text())["options"]["scene"] is None
+
+
+def test_batches_that_wait_are_not_those_that_are_written_next() -> None:
+    """A sink's caller may reuse its array."""
+    queue, events = QueueSink(4), np.zeros(3, clsim.EVENT_DTYPE)
+    for time_us in (10, 20):
+        events["t"] = time_us
+        queue.write(events, time_us)
+    for time_us in (10, 20):
+        found, end_us = queue.get(1.0)
+        assert found["t"].tolist() == [time_us] * 3 and end_us == time_us

@@ -90,3 +90,20 @@ def test_what_cannot_be_is_told(tmp_path: Path) -> None:
         simulators[0].step(0)
         with pytest.raises(InputError, match="floor stands still in stage and is built in"):
             simulators[1].set_pose("floor", np.eye(4))
+
+
+def test_light_that_was_set_once_stays_whoever_steps_meanwhile(tmp_path: Path) -> None:
+    def step(simulator: clsim.Simulator, number: int) -> bytes:
+        simulator.set_pose("box", compose((0.03 * number, 0.0, 0.0), np.eye(3)))
+        return simulator.step(STEP_US * number).tobytes()
+
+    found: list[list[tuple[bytes, bytes]]] = [[], []]
+    with clsim.batch(scene(tmp_path), 3, **OPTIONS) as simulators, clsim.Simulator(scene(tmp_path), **OPTIONS) as alone:
+        for lit, others, seen in ((simulators[0], simulators[1:], found[0]), (alone, [], found[1])):
+            lit.set_light("lamp", (60.0, 10.0, 10.0))
+            for number in range(3):
+                events = step(lit, number)
+                seen.append((events, lit.frame().planes.tobytes()))
+                for other in others:
+                    step(other, number)
+    assert found[0] == found[1] and found[0][-1][0]

@@ -16,6 +16,7 @@ from clsim.scene import Camera, Instance, Static, World
 from clsim.scene.motion import Orbit, compose
 from clsim.scene.world import SphereLight
 from clsim.truth.cut import cut
+from clsim.truth.formats.dsec import disparity_image
 from clsim.truth.formats.hdf5 import Hdf5Layout
 from clsim.truth.layouts import open_layout
 from clsim.truth.motions import Motions
@@ -118,3 +119,10 @@ def test_objects_start_where_and_how_they_stand() -> None:
     np.testing.assert_allclose(box[:3], (1, 2, 3))
     np.testing.assert_allclose(Rotation.from_quat(box[3:]).as_matrix(), turn.as_matrix(), atol=1e-9)
     np.testing.assert_allclose(light[:3], (2, 1, 0), atol=1e-12)
+
+
+def test_what_is_too_near_or_too_far_for_disparity_has_none():
+    """DSEC's 16 bits hold less than 256 pixels, and 0 is no disparity."""
+    depth = np.array([[0.0, 0.39, 0.3907, 1.0, 20_000.0, 60_000.0, np.inf]], np.float32)
+    found = disparity_image(depth, 100.0)
+    assert found.tolist() == [[0, 0, 65_523, 25_600, 1, 0, 0]]

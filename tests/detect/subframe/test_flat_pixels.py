@@ -147,3 +147,10 @@ def test_a_pixel_that_shows_something_else_too_is_traced():
 
 def test_where_no_bounds_are_told_nothing_is_known():
     assert not found_by(Wall(told=False))[0].known.any()
+
+
+def test_what_has_come_back_by_the_end_of_a_step_has_gone_there_and_back():
+    ways = np.zeros((3, 2, *SIZE), np.float32)
+    halves = ways.copy()
+    halves[1, :, 5, 7] = 3.0, 4.0
+    assert Motion(ways, halves).longest_px == 10.0 and Motion(halves, ways).longest_px == 5.0

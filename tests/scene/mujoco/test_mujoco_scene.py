@@ -147,3 +147,9 @@ def test_a_model_is_told_by_its_first_element(tmp_path: Path, data: bytes, model
     path = tmp_path / "a.xml"
     path.write_bytes(data)
     assert is_mjcf(path) is model
+
+
+def test_before_its_start_all_is_where_it_starts(tmp_path: Path) -> None:
+    """An exposure about the first frame begins before it."""
+    (ball,) = load(tmp_path, FALL).instances
+    np.testing.assert_array_equal(ball.motion.pose(-0.5), ball.motion.pose(0.0))
