@@ -275,3 +275,12 @@ def test_a_rule_that_the_sensor_can_have_stays_the_files(tmp_path: Path, rule: s
     run = LiveOptions("cornell", sensor=before, quality="draft", event_rule=rule)
     file = config(tmp_path, options=run.as_dict())
     assert live_options({"config": file, "sensor": sensor}).point.event_rule == rule
+
+
+def test_a_run_with_truth_is_repeated_without_it(tmp_path: Path) -> None:
+    """The rate of its frames goes with it; that of poses is of other files too, and is told."""
+    run = LiveOptions("cornell", truth=("depth", "flow"), frame_rate=10.0)
+    file = config(tmp_path, options=run.as_dict())
+    assert live_options({"config": file}).frame_rate == 10.0
+    again = live_options({"config": file, "truth": "none"})
+    assert again.truth == () and again.frame_rate is None

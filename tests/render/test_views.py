@@ -98,3 +98,10 @@ def test_an_exposure_longer_than_the_interval_is_refused():
     scene = strip(Glide(), view(shutter_s=0.5))
     with pytest.raises(InputError, match=r"0\.5 s, expected at most .* 0\.25 s"):
         View(SceneData(scene, interval_s=0.25), OPTIONS)
+
+
+@pytest.mark.parametrize(("duration_s", "fps", "frames"), [(0.29, 100.0, 30), (1.001, 30.0, 31), (0.2, 1.0, 2)])
+def test_a_view_has_frames_until_its_motion_ends(duration_s, fps, frames):
+    """0.29 s at 100 frames a second are 29 intervals, though 0.29 · 100 is a little less."""
+    world = replace(moving_world(), duration_s=duration_s, fps=fps)
+    assert View(SceneData(world), OPTIONS).frame_count == frames

@@ -5,6 +5,7 @@ import pytest
 
 from clsim.events import EVENT_DTYPE
 from clsim.events.files import open_sink
+from clsim.events.formats.filesink import FlushPolicy
 from clsim.frames import page_aligned
 from clsim.frames.exr import ExrWriter
 from tests.detect.reference_scenes import random_frames
@@ -168,3 +169,15 @@ def test_statistics_of_a_recording_and_against_another(clsim, tmp_path):
     ):
         refused = clsim("info", *arguments)
         assert refused.status == 2 and name in refused.stderr and "recording" in refused.stderr
+
+
+def test_a_long_recording_begins_with_its_first_event(clsim, tmp_path):
+    """It is read in portions."""
+    events = np.zeros(40_000, EVENT_DTYPE)
+    events["t"] = 5_000_000 + 100 * np.arange(len(events))
+    sink = open_sink(tmp_path / "a.aedat4", 20, 10, flush=FlushPolicy(events=1000))
+    sink.write(events, end_of(events))
+    sink.close()
+    facts = told(clsim, tmp_path / "a.aedat4")["events"]
+    assert (facts["first_us"], facts["last_us"]) == (5_000_000, 8_999_900)
+    assert facts["duration_s"] == pytest.approx(3.9999) and facts["events_per_s"] == pytest.approx(40_000 / 3.9999)

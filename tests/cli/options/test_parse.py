@@ -38,3 +38,7 @@ def test_windows_are_whole_microseconds_however_they_are_told(unit: str, per_us:
     for window_us in (1, 3, 29, 57, 290, 1_001, 4_350, 8_190, 1_150_000):
         told = f"{window_us / per_us:.6f}{unit}"
         assert parse.windows_us(told, "--within") == (window_us,)
+
+
+def test_several_windows_are_each_taken_once_and_the_smallest_first() -> None:
+    assert parse.windows_us("3ms,300us,0.3ms,1ms", "--within") == (300, 1_000, 3_000)

@@ -57,6 +57,14 @@ def test_a_gif_holds_every_picture_in_its_own_colours(tmp_path: Path) -> None:
     assert duration_ms == pytest.approx(1000 * count / 30, abs=10)
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.5, 2.0])
+def test_slow_motion_has_more_pictures_of_less_time_each(tmp_path: Path, speed: float) -> None:
+    """A film's second shows so many seconds of events."""
+    count = write_picture(str(tmp_path / "film.gif"), BATCHES, SIZE, Look(), Film(fps=30, speed=speed))
+    lasts_s = (int(EVENTS["t"][-1]) - int(EVENTS["t"][0])) * 1e-6
+    assert count == pytest.approx(30 * lasts_s / speed, abs=1)
+
+
 def test_a_png_shows_the_window_that_is_asked_for(tmp_path: Path) -> None:
     look = Look(accumulate_us=100_000, scale=1)
     write_picture(str(tmp_path / "at.png"), BATCHES, SIZE, look, Film(), at_us=900_000)

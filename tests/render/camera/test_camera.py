@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import warp as wp
+from hypothesis import given
+from hypothesis import strategies as st
 
 from clsim.errors import InputError
 from clsim.render import RenderOptions
@@ -260,3 +262,30 @@ def test_quaternions_turn_as_their_matrices():
 def test_wrong_lenses_are_named(view, text):
     with pytest.raises(InputError, match=re.escape(text)):
         validate(hw.world(hw.ball(1.0), view=view), "test")
+
+
+@given(st.tuples(*[st.integers(-50, 50).map(lambda hundredths: hundredths / 100)] * 5))
+def test_a_lens_is_inverted_as_far_as_its_radius_grows(distortion):
+    """r·(1 + k1·r² + k2·r⁴ + k3·r⁶) grows up to there, and no farther; p1 and p2 move what is seen aside."""
+    k1, k2, p1, p2, k3 = distortion
+    limit = invertible(distortion, False)
+    assert limit == invertible((k1, k2, -p2, p1, k3), False)
+
+    def growth(r2):
+        return 1 + 3 * k1 * r2 + 5 * k2 * r2**2 + 7 * k3 * r2**3
+
+    assert (growth(np.linspace(0.0, 0.999 * min(limit, 1e6), 1000)) > -1e-9).all()
+    if 1e-3 < limit < 1e6:
+        assert abs(growth(limit)) < 1e-6 * (1 + abs(k1) * limit + abs(k2) * limit**2 + abs(k3) * limit**3) * 10
+
+
+@pytest.mark.parametrize("name", ["pinhole", "fisheye"])
+def test_a_camera_that_is_placed_with_a_scale_sees_as_without(name):
+    view = VIEWS[name]
+    large = replace(view, motion=Static(POSE @ np.diag((2.5, 2.5, 2.5, 1.0))))
+    xy = positions(view, count=50)
+    origins, directions, exists = trace_rays(view, xy)
+    found, scaled, also = trace_rays(large, xy)
+    np.testing.assert_array_equal(also, exists)
+    np.testing.assert_allclose(found, origins, rtol=1e-6)
+    np.testing.assert_allclose(scaled / 2.5, directions, atol=1e-6)

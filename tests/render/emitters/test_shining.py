@@ -9,6 +9,7 @@ import pytest
 
 import clsim
 from clsim.render import SceneData, light_stands_still
+from clsim.render.emitters.environment_build import tabulate
 from clsim.render.emitters.light_list import small_lights
 from clsim.render.primary.effort import GRADES, Effort, PrimarySetup, Steerer
 from clsim.scene import EnvironmentMap, ImageTexture, Material, World
@@ -128,3 +129,10 @@ def test_films_are_written_where_their_first_picture_was(tmp_path: Path) -> None
     data.shine(0.1, 0.1)
     texels = data.scene.materials.textures.texels.numpy().view(np.uint8).reshape(-1, 4)
     assert texels[:8, 0].tolist() == [20] * 8 and texels[8:, 0].tolist() == [7] * 9
+
+
+@pytest.mark.parametrize("even", [(0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.0, 0.2, 0.5)])
+def test_an_even_sky_of_any_colour_is_added_to_a_picture_of_one(even):
+    picture = np.random.default_rng(0).uniform(0, 2, (4, 8, 3)).astype(np.float32)
+    found = tabulate(EnvironmentMap(picture, np.eye(3)), even).radiance
+    np.testing.assert_allclose(found, picture + np.array(even, np.float32))

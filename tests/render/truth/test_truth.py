@@ -294,3 +294,31 @@ def test_the_albedo_of_a_blend_is_the_mean_of_all():
     found = filled(world)
     for channel, expected in (("R", 0.65), ("G", 0.35), ("B", 0.5)):
         assert found[f"Truth.Albedo.{channel}"] == pytest.approx(expected, abs=1e-6)
+
+
+def test_flow_that_leads_nowhere_is_nowhere_valid_though_it_was_before() -> None:
+    """The first frame has none behind it, also where others were filled before, as in a loop."""
+    world = a_world()
+    out = np.zeros((len(PLANES.names), 24, 32), np.float32)
+    truth = TruthPass(SceneData(world), world.camera, PLANES)
+    first = PLANES.names.index("Flow.backward.X")
+    ends_us: dict[str, int | None] = {"Flow.forward": T1_US, "Flow.backward": 20_000, "Label.flow": T1_US}
+    truth.fill(out, T0_US, ends_us)
+    assert out[first : first + 4].any(axis=(1, 2)).all()
+    truth.fill(out, T0_US, ends_us | {"Flow.backward": None})
+    assert not out[first : first + 4].any()
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_backward_flow_leads_to_the_frame_of_truth_before(every: int) -> None:
+    """It is that of the brute force, over as many frames as lie between two of truth."""
+    world = replace(a_world(), fps=50.0)
+    names = ("depth", "backward-flow")
+    view = View(SceneData(world), RenderOptions(spp=1, truth=names, truth_every=every, frames=12))
+    frame = Frame(page_aligned((len(view.names), view.height, view.width)), view.names)
+    view.fill(6, frame)
+    expected = reference.truth(world, world.camera, 6 / 50, (6 - every) / 50)["flow"]
+    valid = (frame.plane("Flow.backward.valid") > 0) & np.isfinite(expected).all(axis=-1)
+    found = np.stack([frame.plane(f"Flow.backward.{axis}") for axis in "XY"], axis=-1)
+    apart = np.abs(found - expected)[valid].max(axis=1)
+    assert valid.mean() > 0.5 and (apart < 1e-3).mean() > 0.98 and np.abs(expected[valid]).max() > 0.5
