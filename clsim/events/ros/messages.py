@@ -186,7 +186,7 @@ class MessageDecoder:
         self.height: int | None = None
         self._ros, self._kind = ros, kind
         self._evt3: Evt3Decoder | None = None
-        self._column = self._outside = 0
+        self._column = self._base = self._top = self._outside = 0
 
     @property
     def dropped_events(self) -> int:
@@ -239,12 +239,15 @@ class MessageDecoder:
         first = np.where(kind == _CMP_COLUMN, at, -1)
         x = np.where(np.maximum.accumulate(first) >= 0, latest(_CMP_COLUMN), self._column) if len(at) else at
         self._column = int(x[-1]) if len(at) else self._column
-        base = latest(_CMP_BASE)
-        # Each vector goes on where the one before it ended.
+        # Each vector goes on where the one before it ended, be that in the packet before; so do base and column.
+        based = np.maximum.accumulate(np.where(kind == _CMP_BASE, at, -1)) >= 0 if len(at) else at
+        base = np.where(based, latest(_CMP_BASE), self._base)
         is_vector = kind == _CMP_VECTOR
         walked = np.cumsum(is_vector) - is_vector
         at_base = np.maximum.accumulate(np.where(kind == _CMP_BASE, walked, 0)) if len(at) else walked
-        top = (base & 0x7FF) + 8 * (walked - at_base)
+        top = np.where(based, base & 0x7FF, self._top) + 8 * (walked - at_base)
+        if len(at):
+            self._base, self._top = int(base[-1]), int(top[-1] + 8 * is_vector[-1])
         vectors = np.flatnonzero(is_vector)
         vector, step = np.nonzero(value[vectors, None] >> np.arange(8) & 1)
         vector = vectors[vector]
