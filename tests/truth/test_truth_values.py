@@ -24,6 +24,7 @@ from clsim.truth.record import Layout, Shot
 from clsim.truth.recorder import Plan, TruthRecorder
 from clsim.truth.recording import read_recording
 from clsim.truth.world_facts import object_names, poses_at_start
+from clsim.truth.writing.png import write_png
 from tests.truth import recordings
 
 
@@ -126,3 +127,15 @@ def test_what_is_too_near_or_too_far_for_disparity_has_none():
     depth = np.array([[0.0, 0.39, 0.3907, 1.0, 20_000.0, 60_000.0, np.inf]], np.float32)
     found = disparity_image(depth, 100.0)
     assert found.tolist() == [[0, 0, 65_523, 25_600, 1, 0, 0]]
+
+
+def test_a_picture_of_ecd_comes_before_the_event_at_its_own_time(tmp_path: Path) -> None:
+    """It is counted which events are before it, as where clsim has recorded it."""
+    home = tmp_path / "a.ecd"
+    (home / "images").mkdir(parents=True)
+    (home / "events.txt").write_text("".join(f"{t / 10:.6f} 1 2 1\n" for t in (1, 2, 2, 3)))
+    (home / "calib.txt").write_text("100 100 4 3 0 0 0 0 0\n")
+    write_png(home / "images" / "a.png", np.zeros((6, 8), np.uint8))
+    times_s = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
+    (home / "images.txt").write_text("".join(f"{t:.6f} images/a.png\n" for t in times_s))
+    assert [shot.event_index for shot in read_recording(str(home)).shots()] == [0, 0, 1, 1, 3, 4]
