@@ -63,6 +63,14 @@ def test_pictures_with_a_file_of_times(clsim, tmp_path):
     assert about["detector"]["floor"] > 1e-3
 
 
+def test_a_recording_that_begins_late_is_no_longer_for_that(clsim, tmp_path):
+    for k, t in enumerate(_TIMES_MS):
+        Image.fromarray(np.round(encode(grating(t / 1000), "srgb") * 255).astype(np.uint8)).save(tmp_path / f"{k}.png")
+    (tmp_path / "times.txt").write_text("".join(f"{60 + t / 1000:.6f}\n" for t in _TIMES_MS))
+    outcome = clsim("detect", tmp_path, "--times", tmp_path / "times.txt", "--out", tmp_path / "a.csv", "--json")
+    assert json.loads(outcome.stdout)["simulated_s"] == 0.21
+
+
 @pytest.mark.slow
 def test_a_sensor_looks_at_a_video(clsim, clip, tmp_path):
     """The same sensor as in front of a scene: thresholds that differ make other events; its own threshold holds."""
