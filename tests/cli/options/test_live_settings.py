@@ -13,7 +13,7 @@ from rich.console import Console
 from clsim.cli.output import status
 from clsim.cli.output.status import status_line
 from clsim.cli.output.summary import print_losses, print_summary
-from clsim.cli.output.words import count_text, dropped_text, events_text, percent_text
+from clsim.cli.output.words import count_text, dropped_text, events_text, percent_text, size_text
 from clsim.live.options import LiveOptions
 from clsim.live.quality import QUALITIES
 from clsim.live.session import Session, open_live
@@ -212,3 +212,18 @@ def test_help_tells_what_the_qualities_are(clsim: Callable[..., object], monkeyp
     monkeypatch.setenv("COLUMNS", "400")
     (said,) = (line for line in clsim("live", "--help").stdout.splitlines() if "How much is spent" in line)
     assert all(name in said.partition("How much")[2] for name in QUALITIES)
+
+
+@pytest.mark.parametrize(
+    ("size_bytes", "text"),
+    [
+        (0, "0 bytes"),
+        (999, "999 bytes"),
+        (1_000, "1.0 kB"),
+        (1_500, "1.5 kB"),
+        (1_300_000, "1.3 MB"),
+        (2 * 10**9, "2.0 GB"),
+    ],
+)
+def test_sizes_of_files_are_in_powers_of_a_thousand(size_bytes: int, text: str) -> None:
+    assert size_text(size_bytes) == text
