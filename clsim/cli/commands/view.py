@@ -86,6 +86,8 @@ def view(
         raise InputError("--at is the time of a picture, so it needs --to NAME.png")
     if show is not None and (is_address(events) or recording_kind(events) is None):
         raise InputError(f"--show is for recordings with truth, but {events} is none")
+    if show is not None and (to is not None or where != "web"):
+        raise InputError("--show says what the page shows, so it goes with neither --to nor another --view")
     if to is None:
         check(where)
         if colours in ("cause", "filter") and where != "web":
@@ -192,10 +194,11 @@ def _in_page(
 
     source.close()
     frames: Callable[[], TimedImages] | None = None
+    frames_are = "recorded frame"
     if recording_kind(name) is not None:
-        from clsim.live.view.truth_pictures import recorded_pictures
+        from clsim.live.view.truth_pictures import CAPTIONS, recorded_pictures
 
-        frames = partial(recorded_pictures, name, show or "image")
+        frames, frames_are = partial(recorded_pictures, name, show or "image"), CAPTIONS[show or "image"]
     elif read_format_of(split_topic(name)[0]).name == "aedat4":
         from clsim.events.formats.aedat4 import read_frames
 
@@ -211,6 +214,7 @@ def _in_page(
         read_frames=frames,
         kinds=kinds,
         colours=colours or ("filter" if pattern else None),
+        frames_are=frames_are,
     )
     _warn(player.warning)
     announce(player.url)

@@ -38,9 +38,11 @@ class Player:
         read_frames: Callable[[], TimedImages] | None = None,
         kinds: Mapping[str, Sequence[str]] | None = None,
         colours: str | None = None,
+        frames_are: str = "",
     ) -> None:
         """Start the server; ``read_frames`` begins to read the frames that were recorded along, if there are any.
 
+        What these are, the page says below them.
         ``kinds`` are the names of what the field ``cause`` of events tells, "causes" or "filters"; ``colours`` is the
         map with which the page begins, None that of last time.
 
@@ -52,7 +54,7 @@ class Player:
         self._closing = False
         self._error: BaseException | None = None
         self._playbacks: list[Playback] = []
-        hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": False}
+        hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": False, "frames": frames_are}
         hello |= kinds or {}
         hello |= {} if colours is None else {"colours": colours}
         self._server = PageServer(hello, self._status, host, port, play=self._play)

@@ -51,7 +51,7 @@ class ViewSink:
         """
         self.status: Callable[[], dict[str, Any]] = dict
         self.labelled: Labels = ("cause",) if causes else ()
-        hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": True}
+        hello: dict[str, Any] = {"title": title, "width": width, "height": height, "live": True, "frames": "rendered"}
         hello |= {"causes": CAUSES} if causes else {}
         self._server = PageServer(hello, lambda: self.status(), host, port, listener)
         self.url, self.warning = self._server.url, self._server.warning

@@ -10,6 +10,13 @@ import numpy.typing as npt
 
 RGB = npt.NDArray[np.uint8]
 Shown = Literal["image", "depth", "flow", "ids"]
+CAPTIONS: dict[Shown, str] = {
+    "image": "recorded frame",
+    "depth": "recorded depth: near is light",
+    "flow": "recorded flow: red to the right, green down, white at rest",
+    "ids": "recorded objects",
+}
+"""What pictures of each sort are, and how to read their colours."""
 _NEAR_TO_FAR = ("fff3b8", "fdae61", "e34a6f", "7b2d8e", "1d1147", "05030f")
 _PERCENTILES = (2.0, 98.0)
 _GOLDEN = 0.6180339887498949

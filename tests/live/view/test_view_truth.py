@@ -50,6 +50,14 @@ def test_pictures_of_a_recording_come_at_their_times(tmp_path: Path) -> None:
     assert np.array_equal(picture, ids_picture(given.shots[1].planes["object"]))
 
 
+@pytest.mark.parametrize("other", [["--to", "film.mp4"], ["--view", "terminal"]])
+def test_what_the_page_shows_is_no_choice_for_anything_else(tmp_path: Path, other: list[str]) -> None:
+    path = tmp_path / "run.h5"
+    recordings.feed(Hdf5Layout(path, recordings.about()))
+    run = CliRunner().invoke(app, ["view", str(path), "--show", "flow", *other])
+    assert isinstance(run.exception, InputError) and "--show says what the page shows" in str(run.exception)
+
+
 def test_only_recordings_with_truth_have_it(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("t,x,y,p\n1,2,3,1\n")

@@ -70,7 +70,7 @@ function takeText(message) {
     $("title").textContent = `${message.title} · ${message.width} × ${message.height}`;
     document.title = `${message.title} · clsim`;
     document.body.classList.toggle("live", message.live);
-    $("noisy-caption").textContent = message.live ? "rendered, noisy" : "recorded frame";
+    $("noisy-caption").textContent = message.frames;
     setState(message.live ? "live" : "recording", "on");
     fit();
   } else if (message.type === "status") {
@@ -316,6 +316,8 @@ const keys = {
   f: () => document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen(),
   "?": () => $("help").showModal(),
 };
+// A button that was clicked would take the keys from then on; one that was reached by keys keeps them.
+document.addEventListener("click", (event) => { if (event.detail > 0) event.target.closest("button")?.blur(); });
 document.addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
   const inControl = event.target.closest("input, select, button");
