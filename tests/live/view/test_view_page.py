@@ -160,7 +160,6 @@ def test_a_browser_gets_every_event_in_order(sink: ViewSink) -> None:
     messages = watch(sink.url, lambda m: got(m) >= len(events), act)
     hello = {"type": "hello", "title": "a test", "width": WIDTH, "height": HEIGHT, "live": True, "frames": "rendered"}
     assert messages[0] == hello
-    }
     assert np.array_equal(np.concatenate([decode(m)[3] for m in messages if isinstance(m, bytes)]), events)
     assert sink.dropped_events == 0
 
