@@ -115,12 +115,17 @@ class Tiles:
         self._launches.clear()
 
     def _drain(self, launch: Any, tiles: Any, pixels: int) -> None:
+        labels = [argument.label for argument in launch.kernel.adj.args]
+        offset, set_to = labels.index(self._offset), 0
         for first in tiles:
             if self.cancelled:
                 return
             size = min(self.size, pixels - first)
-            if self._count is not None:
-                launch.set_param_by_name(self._count, size)
-            launch.set_dim(size if self._count is None else 1)
-            launch.set_param_by_name(self._offset, first)
+            if size != set_to:
+                # That of the last tile alone is another one.
+                set_to = size
+                if self._count is not None:
+                    launch.set_param_by_name(self._count, size)
+                launch.set_dim(size if self._count is None else 1)
+            launch.set_param_at_index(offset, first)
             launch.launch()
