@@ -13,6 +13,7 @@ from clsim.render.accel.upload_geometry import Places, into_boxes
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
 from clsim.render.cache.trails import PLACES
+from clsim.render.device.arrays import write
 from clsim.render.device.launch import Tiles, record
 
 _TILE = 2048
@@ -67,7 +68,8 @@ class PathStore:
         self.frame = 0
         self.followed = False
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
-        self._boxes: Any = wp.zeros(1 + 2 * _MOST_BOXES, dtype=mat34, device=self._device)
+        self._boxes: Any = wp.zeros(2 * _MOST_BOXES, dtype=mat34, device=self._device)
+        self._corners: Any = wp.zeros(2 + 4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
         self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
         self._all_again = False
         self._last, self._lamps, self._lamps_moved = data.places(), data.lamp_poses(), False
@@ -135,7 +137,7 @@ class PathStore:
         """Trace again what may have changed since the last frame."""
         self.frame += 1
         places = self._data.places()
-        boxes, moved = _moved_boxes(self._last, places)
+        boxes, corners, moved = _moved_boxes(self._last, places)
         lamps = self._data.lamp_poses()
         lights = not np.array_equal(lamps, self._lamps)
         # Where lamps come to rest, what paths found while these moved is not extrapolated any longer.
@@ -148,10 +150,11 @@ class PathStore:
         every = 1 if self._all_again else self._every if lights else 0
         self._all_again = False
         if len(boxes):
-            wp.copy(self._boxes, wp.array(boxes, dtype=mat34, device=self._device), count=len(boxes))
+            write(self._boxes, boxes)
+            write(self._corners, corners.reshape(-1, 3))
         self._moved.assign(moved.astype(np.int32))
         self.followed = True
-        self._trace(0, every, max(0, len(boxes) - 1))
+        self._trace(0, every, len(boxes))
         self._add(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
@@ -171,7 +174,8 @@ class PathStore:
         self._data.scene.geometry = geometry
         changed = {
             "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every,
-            "turn": self.frame, "box_count": boxes, "boxes": self._boxes, "moved": self._moved, "paths": self._paths,
+            "turn": self.frame, "box_count": boxes, "boxes": self._boxes, "corners": self._corners,
+            "moved": self._moved, "paths": self._paths,
             "out_found": self._found, "out_traced": self._traced,
         }  # fmt: skip
         self._tiles.run(count, changed)
@@ -205,30 +209,34 @@ class PathStore:
     def _record(self, tile: int) -> Any:
         return record(
             self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first_pixel=0, pixels=1,
-            first_path=0, every=0, turn=0, boxes=self._boxes, box_count=0, moved=self._moved, paths=self._paths,
+            first_path=0, every=0, turn=0, boxes=self._boxes, corners=self._corners, box_count=0, moved=self._moved,
+            paths=self._paths,
             out_found=self._found, out_traced=self._traced,
         )  # fmt: skip
 
 
-def _moved_boxes(before: Places, now: Places) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+def _moved_boxes(
+    before: Places, now: Places
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
     """Return boxes around where instances are and were that have moved, and which have.
 
-    Each is the matrix that makes it the cube from −1 to 1, ``[1 + n, 3, 4]``; the first is around all others. There is
-    none where nothing has moved.
+    The first are the matrices that make each the cube from −1 to 1, ``[n, 3, 4]``. The second are corners along the
+    axes: those around all boxes, and then around each, ``[1 + n, 2, 3]``; none where nothing has moved.
     """
     moved = np.zeros(now.count, bool)
     moved[now.moving] = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
     mine = moved[now.moving]
     if not mine.any():
-        return np.zeros((0, 3, 4), np.float32), moved
-    corners = np.concatenate([before.boxes[mine], now.boxes[mine]])
-    around = into_boxes(np.eye(4)[None], corners[:, 0].min(axis=0)[None], corners[:, 1].max(axis=0)[None])
+        return np.zeros((0, 3, 4), np.float32), np.zeros((0, 2, 3), np.float32), moved
     if mine.sum() <= _MOST_BOXES:
         boxes = np.concatenate([before.into_boxes[mine], now.into_boxes[mine]])
+        corners = np.concatenate([before.boxes[mine], now.boxes[mine]])
     else:
         first = np.arange(_MOST_BOXES) * mine.sum() // _MOST_BOXES
         pairs = np.concatenate([before.boxes[mine], now.boxes[mine]], axis=1)  # [n, 4, 3]
         lower = np.minimum.reduceat(pairs.min(axis=1), first)
         upper = np.maximum.reduceat(pairs.max(axis=1), first)
         boxes = into_boxes(np.broadcast_to(np.eye(4), (_MOST_BOXES, 4, 4)), lower, upper)
-    return np.concatenate([around, boxes]).astype(np.float32), moved
+        corners = np.stack([lower, upper], axis=1)
+    around = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
+    return boxes.astype(np.float32), np.concatenate([around[None], corners]).astype(np.float32), moved

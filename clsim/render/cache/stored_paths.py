@@ -324,9 +324,10 @@ def build_storing() -> Storing:
 def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
     """Return the kernel that traces paths again; a thread is ``pixels`` paths.
 
-    ``boxes`` are ``box_count`` boxes around where something was or is that has moved (``trails.py``), and ``moved``
-    tells which instances have. Of all paths one in ``every`` is traced whatever it meets, none where that is 0, and
-    which ones that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    ``boxes``, of which there are ``box_count``, and ``corners`` tell where something was or is that has moved
+    (``trails.py``), and ``moved`` tells which instances have. Of all paths one in ``every`` is traced whatever it meets,
+    none where that is 0, and which ones that are goes by ``turn``. ``out_found`` is what each finds, where
+    ``out_traced`` is 1.
     """
     uniform2 = make_sampler(features.sobol)
     to_world_at, _, _ = make_placement(features)
@@ -341,6 +342,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         every: int,
         turn: int,
         boxes: wp.array[mat34],
+        corners: wp.array[wp.vec3],
         box_count: int,
         moved: wp.array[int],
         paths: wp.array[StoredPath],
@@ -355,7 +357,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
                 # Not by its row: on a GPU, rows are taken in no order.
                 again = again or (path.pixel + path.number + turn) % every == 0
             if not again:
-                again = trail_crosses(scene.geometry.trails, i, path.places, boxes, box_count)
+                again = trail_crosses(scene.geometry.trails, i, path.places, boxes, corners, box_count)
             out_traced[i] = wp.where(again, 1, 0)
             if again:
                 state = sampling.absorb(settings.stream, path.pixel)

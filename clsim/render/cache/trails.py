@@ -1,4 +1,4 @@
-# ruff: noqa: UP018, SIM102
+# ruff: noqa: UP018, SIM102, SIM110
 """The trail of a stored path: its vertices, and the points on lights that these sampled, as Warp functions.
 
 While nothing moves in or out of the way between two of these, the path finds what it found.
@@ -58,36 +58,50 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
 
 
 @wp.func
-def _crosses_any(boxes: wp.array[mat34], count: int, from_m: wp.vec3, to_m: wp.vec3) -> bool:
-    for k in range(1, count + 1):
-        if _crosses(transform_point(boxes[k], from_m), transform_point(boxes[k], to_m)):
+def _passes_by(from_m: wp.vec3, to_m: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
+    """Whether the way between two places lies beyond one side of a box along the axes: most do."""
+    for c in range(3):
+        if wp.min(from_m[c], to_m[c]) > upper[c] or wp.max(from_m[c], to_m[c]) < lower[c]:
             return True
     return False
 
 
 @wp.func
+def _crosses_any(
+    boxes: wp.array[mat34], corners: wp.array[wp.vec3], count: int, from_m: wp.vec3, to_m: wp.vec3
+) -> bool:
+    if _passes_by(from_m, to_m, corners[0], corners[1]):
+        return False
+    for k in range(count):
+        if not _passes_by(from_m, to_m, corners[2 * k + 2], corners[2 * k + 3]):
+            if _crosses(transform_point(boxes[k], from_m), transform_point(boxes[k], to_m)):
+                return True
+    return False
+
+
+@wp.func
 def trail_crosses(
-    trails: wp.array[wp.vec3, Literal[2]], row: int, places: int, boxes: wp.array[mat34], count: int
+    trails: wp.array[wp.vec3, Literal[2]],
+    row: int,
+    places: int,
+    boxes: wp.array[mat34],
+    corners: wp.array[wp.vec3],
+    count: int,
 ) -> bool:
     """Whether a path with so many places leads through one of ``count`` boxes.
 
-    Each is told by the matrix that makes it the cube from −1 to 1. They follow after the one around them all.
+    Each is told by the matrix that makes it the cube from −1 to 1. ``corners`` are the lower and upper ones of the box
+    along the axes that is around them all, and then of that around each.
     """
     if count == 0:
         return False
-    place = trails[row, 0]
-    at = transform_point(boxes[0], place)
+    at = trails[row, 0]
     for i in range(places):
-        light = trails[row, 2 * i + 1]
-        if _crosses(at, transform_point(boxes[0], light)):
-            if _crosses_any(boxes, count, place, light):
-                return True
+        if _crosses_any(boxes, corners, count, at, trails[row, 2 * i + 1]):
+            return True
         if i + 1 < places:
-            following = trails[row, 2 * i + 2]
-            after = transform_point(boxes[0], following)
-            if _crosses(at, after):
-                if _crosses_any(boxes, count, place, following):
-                    return True
-            place = following
+            after = trails[row, 2 * i + 2]
+            if _crosses_any(boxes, corners, count, at, after):
+                return True
             at = after
     return False

@@ -194,9 +194,14 @@ def test_threads_change_nothing(threads):
 
 @wp.kernel(enable_backward=False)
 def ask(
-    trails: wp.array2d(dtype=wp.vec3), places: int, boxes: wp.array(dtype=mat34), count: int, out: wp.array(dtype=int)
+    trails: wp.array2d(dtype=wp.vec3),
+    places: int,
+    boxes: wp.array(dtype=mat34),
+    corners: wp.array(dtype=wp.vec3),
+    count: int,
+    out: wp.array(dtype=int),
 ):
-    out[0] = wp.where(trail_crosses(trails, 0, places, boxes, count), 1, 0)
+    out[0] = wp.where(trail_crosses(trails, 0, places, boxes, corners, count), 1, 0)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -229,10 +234,10 @@ def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
     out = wp.zeros(1, dtype=wp.int32, device="cpu")
     corners = np.array([[x, y, z] for x, y, z in np.ndindex(2, 2, 2)]) * (upper - lower) + lower
     corners = corners @ pose[:3, :3].T + pose[:3, 3]
-    around = into_boxes(np.eye(4)[None], corners.min(axis=0)[None], corners.max(axis=0)[None])
-    into = np.concatenate([around, into_boxes(pose[None], lower[None], upper[None])]).astype(np.float32)
-    boxes = wp.array(into, dtype=mat34, device="cpu")
-    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, boxes, 1, out], device="cpu")
+    around = np.tile([corners.min(axis=0) - 1e-5, corners.max(axis=0) + 1e-5], (2, 1)).astype(np.float32)
+    into = into_boxes(pose[None], lower[None], upper[None]).astype(np.float32)
+    boxes, sides = wp.array(into, dtype=mat34, device="cpu"), wp.array(around, dtype=wp.vec3, device="cpu")
+    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, boxes, sides, 1, out], device="cpu")
     found = bool(out.numpy()[0])
     assert found or not crosses(-1e-3)
     assert not found or crosses(1e-3)
