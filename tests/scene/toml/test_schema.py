@@ -90,6 +90,12 @@ def complaint(tmp_path, text):
             + "keyframes = [{time_s = 0, position = [0,0,0], look_at = [0,0,1], rotation_deg = [0,0,0]}]\n",
             ["objects[0].keyframes[0]: has rotation_deg and look_at"],
         ),
+        (
+            CAMERA
+            + BOX
+            + "keyframes = [{time_s = 0, position = [0,0,0], look_at = [0,0,1]}, {time_s = 1, position = [0,0,0]}]\n",
+            ["objects[0].keyframes: some have look_at and some do not"],
+        ),
         (CAMERA + "[materials.a]\ncolor = [2, 0, 0]\n", ["materials.a.color[0]", "less than or equal to 1"]),
         (
             CAMERA + "[materials.a]\ncolor = [1, 0, 0]\nchecker = {color_a = [1, 1, 1], color_b = [0, 0, 0]}\n",

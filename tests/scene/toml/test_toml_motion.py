@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from clsim.scene import World, load_world
@@ -106,3 +107,20 @@ def test_what_a_camera_of_a_rig_does_not_say_is_the_rigs(tmp_path):
     assert (own.width, own.height, own.fov_deg, own.shutter_s) == (8, 6, 70.0, 0.01)
     assert (other.width, other.height, other.fov_deg, other.shutter_s) == (4, 2, 33.0, 0.02)
     assert other.motion.pose(0.0)[:3, 3] == pytest.approx((1.5, 2, 3))
+
+
+@pytest.mark.parametrize("looking", [True, False])
+def test_cubic_keyframes_are_joined_by_natural_splines_and_others_by_lines(tmp_path, looking):
+    times, places = (0.0, 1.0, 3.0), ((0.0, 0.0, 5.0), (2.0, 1.0, 5.0), (0.0, 4.0, 6.0))
+    keys = ", ".join(f"{{ time_s = {at}, position = {list(place)} }}" for at, place in zip(times, places, strict=True))
+    more = "look_at = [0.0, 0.0, 0.0]\n" if looking else ""
+    curves = {
+        "cubic": CubicSpline(times, places, bc_type="natural"),
+        "linear": lambda time_s: [np.interp(time_s, times, along) for along in zip(*places, strict=True)],
+    }
+    for interpolation, curve in curves.items():
+        words = f'keyframes = [{keys}]\ninterpolation = "{interpolation}"\n{more}'
+        found = world(tmp_path, words, words.removesuffix(more))
+        for motion in (found.camera.motion, found.instances[0].motion):
+            for time_s in np.linspace(0.0, 3.0, 7):
+                np.testing.assert_allclose(motion.pose(time_s)[:3, 3], curve(time_s), atol=1e-9)
