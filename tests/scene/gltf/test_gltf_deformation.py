@@ -43,6 +43,18 @@ def test_morph_targets_move_by_their_weights(tmp_path):
     assert moving.deformation.duration_s == 2
 
 
+def test_what_changes_its_shape_alone_stands_where_its_node_puts_it(tmp_path):
+    nodes = [{"translation": [5, 0, 0]}, {"mesh": 0, "translation": [1, 2, 3], "rotation": [0, 1, 0, 0]}]
+    tree = with_camera(gltf(nodes=nodes, scenes=[{"nodes": [0, 1]}]))
+    tree["meshes"][0]["primitives"][0]["targets"] = [{"POSITION": add(tree, [(0, 0, 1)] * 3)}]
+    animate(tree, (1, "weights", [0, 2], [0, 1], "LINEAR"))
+    world = load_gltf(write_gltf(tmp_path, tree))
+    pose = world.instances[0].motion.pose(1.0)
+    assert world.meshes[0].deformation is not None
+    np.testing.assert_allclose(pose[:3, 3], (1, 2, 3))
+    np.testing.assert_allclose(pose[:3, :3], np.diag((-1, 1, -1)), atol=1e-12)
+
+
 def test_a_skin_in_its_bind_pose_changes_nothing_and_ignores_its_own_node(tmp_path):
     tree = with_camera(gltf(nodes=[{"mesh": 0, "skin": 0, "translation": [50, 0, 0]}, {"translation": [1, 2, 3]}]))
     tree["scenes"][0]["nodes"] = [0, 1, 2]

@@ -86,12 +86,13 @@ def one_material(tmp_path, **source):
     return load_gltf(write_gltf(tmp_path, tree)).materials[0]
 
 
-@pytest.mark.parametrize("glossiness", [0.0, 0.2, 0.7, 1.0])
-def test_glossiness_is_one_less_roughness(tmp_path, glossiness):
+@pytest.mark.parametrize("told", [0.0, 0.2, 0.7, 1.0, None])
+def test_glossiness_is_one_less_roughness_and_full_where_nothing_is_told(tmp_path, told):
     """KHR_materials_pbrSpecularGlossiness; both are the root of α."""
-    glossy = {"glossinessFactor": glossiness, "diffuseFactor": [0.1, 0.2, 0.3, 1.0]}
+    glossy = {"diffuseFactor": [0.1, 0.2, 0.3, 1.0]} | ({} if told is None else {"glossinessFactor": told})
     ours = one_material(tmp_path, extensions={"KHR_materials_pbrSpecularGlossiness": glossy})
-    rough = {"roughnessFactor": 1 - glossiness, "metallicFactor": 0.0, "baseColorFactor": [0.1, 0.2, 0.3, 1.0]}
+    roughness = 0.0 if told is None else 1 - told
+    rough = {"roughnessFactor": roughness, "metallicFactor": 0.0, "baseColorFactor": [0.1, 0.2, 0.3, 1.0]}
     theirs = one_material(tmp_path, pbrMetallicRoughness=rough)
     assert (ours.alpha, *ours.color) == pytest.approx((theirs.alpha, *theirs.color)) and ours.metallic == 0
 
