@@ -72,6 +72,38 @@ def test_copies_within_copies(tmp_path):
         assert not world.warnings
 
 
+@pytest.mark.parametrize(
+    "hidden", ["int64[] invisibleIds = [1]", "int64[] ids = [7, 8, 9]\n int64[] invisibleIds = [8]"]
+)
+def test_copies_that_are_hidden_are_left_out_and_no_others(tmp_path, hidden):
+    """`invisibleIds` names copies by their ``ids``, or by their places in the list where they have none."""
+    text = f"""def PointInstancer "many" {{
+        point3f[] positions = [(0, 0, 0), (0, 3, 0), (0, 6, 0)]
+        int[] protoIndices = [0, 0, 0]
+        {hidden}
+        rel prototypes = </many/box>
+        def Cube "box" {{ double size = 1 }} }}"""
+    world = load_world(usda(tmp_path, text))
+    assert sorted(each.motion.pose(0.0)[1, 3] for each in world.instances) == [0, 6]
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_copies_in_copies_that_something_between_them_moves_are_told(tmp_path, moving):
+    """What moves is neither the inner copies' own places nor the outer ones'."""
+    turn = placed("float xformOp:rotateY.timeSamples = { 10: 0, 34: 90 }") if moving else ""
+    text = f"""def PointInstancer "outer" {{
+        point3f[] positions = [(0, 0, 0), (0, 10, 0)]
+        int[] protoIndices = [0, 0]
+        rel prototypes = </outer/row>
+        def Xform "row" {{ def Xform "turned" {{ {turn} def PointInstancer "inner" {{
+            point3f[] positions = [(1, 0, 0)]
+            int[] protoIndices = [0]
+            rel prototypes = </outer/row/turned/inner/box>
+            def Cube "box" {{}} }} }} }} }}"""
+    world = load_world(usda(tmp_path, text, TIMED))
+    assert any("copies that move within copies" in warning for warning in world.warnings) == moving
+
+
 def test_copies_that_hold_themselves_end(tmp_path):
     text = """def PointInstancer "outer" {
         point3f[] positions = [(0, 0, 0), (0, 10, 0)]

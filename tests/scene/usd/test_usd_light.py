@@ -145,6 +145,26 @@ def test_subsets_have_materials_of_their_own_and_others_their_colour(tmp_path):
     assert (second.kind, second.name) == ("principled", "paint")
 
 
+def test_a_mesh_has_the_coordinates_that_the_material_of_its_first_part_asks_for(tmp_path):
+    """``map1``, which the picture's node names, though the mesh itself has no material."""
+    subset = f"""
+    {UV}
+    def GeomSubset "part" {API}
+    {{
+        uniform token elementType = "face"
+        uniform token familyName = "materialBind"
+        int[] indices = [0]
+        {BOUND}
+    }}
+    """
+    inputs = "color3f inputs:diffuseColor.connect = </paint/picture.outputs:rgb>"
+    PIL.Image.fromarray(np.full((2, 2, 4), 255, np.uint8)).save(tmp_path / "picture.png")
+    world = load_world(usda(tmp_path, SURFACE % (inputs, "raw") + mesh(subset)))
+    _, whole = surface(tmp_path, inputs)
+    assert world.materials[world.meshes[0].material_ids[0]].texture == whole.texture >= 0
+    assert world.meshes[0].uvs is not None and np.ptp(world.meshes[0].uvs, axis=0) == pytest.approx((1, 1))
+
+
 def test_lamps_have_their_sizes_and_their_radiance(tmp_path):
     text = """
     def SphereLight "bulb" { float inputs:radius = 50
