@@ -323,3 +323,10 @@ def test_raw_pictures_and_those_of_gamma_1_are_linear(tmp_path, told, srgb):
     texture = f'<texture type="bitmap" name="reflectance"><string name="filename" value="a.png"/>{told}</texture>'
     _, world = material(tmp_path, f'<bsdf type="diffuse">{texture}</bsdf>')
     assert world.textures[0].srgb is srgb
+
+
+@pytest.mark.parametrize(("told", "roughness"), [(None, 0.5), (0.3, 0.3), (1.0, 1.0), (7.0, 1.0)])
+def test_principled_roughness_is_the_root_of_alpha(tmp_path, told, roughness):
+    value = "" if told is None else f'<float name="roughness" value="{told}"/>'
+    found, _ = material(tmp_path, f'<bsdf type="principled">{value}</bsdf>')
+    assert found.alpha == pytest.approx(roughness**2)

@@ -6,7 +6,9 @@ import numpy as np
 import PIL.Image
 import pytest
 
+from clsim.errors import InputError
 from clsim.scene import load_world
+from clsim.scene.pictures.images import decode_srgb
 from tests.scene.pbrt.test_pbrt import TRIANGLE, corners, load, scene
 
 
@@ -117,3 +119,29 @@ def test_what_is_placed_by_the_camera_s_coordinates_is_before_it(tmp_path):
     points = corners(world) @ seen[:3, :3].T + seen[:3, 3]
     expected = [(0, 0, -7), (0, 1, -7), (1, 0, -7)]
     np.testing.assert_allclose(points[np.lexsort(points.round(3).T[::-1])], expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("told", "opacity"), [(0.25, 0.25), (0.75, 0.75), (3, 1.0), (-1, 0.0)])
+def test_a_shapes_alpha_lets_that_share_of_light_pass(tmp_path, told, opacity):
+    world = load(tmp_path, f'Shape "disk" "float alpha" {told}')
+    found = world.materials[world.meshes[0].material_ids[0]]
+    assert (found.alpha_mode, found.opacity) == ("blend", opacity)
+
+
+@pytest.mark.parametrize("encoding", ["sRGB", "linear"])
+def test_a_picture_of_alpha_counts_by_the_mean_of_its_colours_as_light(tmp_path, encoding):
+    pixels = np.array([[(255, 255, 255), (128, 128, 128), (200, 100, 0)]], np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "a.png")
+    picture = f'Texture "t" "float" "imagemap" "string filename" "a.png" "string encoding" "{encoding}"\n'
+    world = load(tmp_path, picture + 'Shape "disk" "texture alpha" "t"')
+    found = world.materials[world.meshes[0].material_ids[0]]
+    light = decode_srgb(pixels / 255) if encoding == "sRGB" else pixels / 255
+    opacity = world.textures[found.opacity_texture].pixels[..., 3] / 255
+    np.testing.assert_allclose(opacity, light.mean(axis=2), atol=0.5 / 255)
+
+
+@pytest.mark.parametrize("table", ["400 1 2\n700 1 2\n", "400\n700\n", "400 nan\n700 1\n", "400 one\n"])
+def test_a_file_that_is_no_table_of_a_spectrum_is_refused(tmp_path, table):
+    (tmp_path / "a.spd").write_text(table)
+    with pytest.raises(InputError, match=r"a\.spd: is no table of wavelengths and values"):
+        load(tmp_path, 'Material "diffuse" "spectrum reflectance" "a.spd" ' + TRIANGLE)
