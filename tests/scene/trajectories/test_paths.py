@@ -38,7 +38,8 @@ def write(path: Path) -> Path:
     if kind == "path.txt":
         path.write_text("# a comment\n" + lines(ROWS, " "))
     elif kind == "esim.csv":
-        path.write_text("# timestamp, x, y, z, qx, qy, qz, qw\n" + lines(ROWS * [1e9, *[1] * 7], ","))
+        comments = "# timestamp, x, y, z, qx, qy, qz, qw\n  # of a simulator\n"
+        path.write_text(comments + lines(ROWS * [1e9, *[1] * 7], ","))
     elif kind == "header.csv":
         swapped = np.roll(ROWS * [1e6, *[1] * 7], 1, axis=1)
         path.write_text("q_w,timestamp [us],p_x,p_y,p_z,q_x,q_y,q_z\n" + lines(swapped, ","))
