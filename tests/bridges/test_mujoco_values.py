@@ -179,6 +179,20 @@ def test_ambient_light_is_that_of_all_lamps_that_shine() -> None:
     assert off.environment == pytest.approx((0.21, 0.02, 0.03))
 
 
+def test_the_headlight_shines_from_the_camera_where_no_lamp_does() -> None:
+    """A white wall that faces it is as bright as MuJoCo's diffuse light: π of that falls in, and 1/π of it goes out."""
+    text = """<mujoco><visual><headlight diffuse=".4 .5 .6" active="{on}"/></visual><worldbody>
+      <camera pos="1 2 3" euler="30 0 0"/><geom size=".1"/>{lamp}</worldbody></mujoco>"""
+    cases = ((1, ""), (0, ""), (1, '<light name="lamp"/>'))
+    shining, off, other = (
+        MujocoScene(*load(text.format(on=on, lamp=lamp)), resolution=(8, 6)).world for on, lamp in cases
+    )
+    (light,) = shining.punctual_lights
+    assert light.kind == "directional" and light.intensity == pytest.approx(np.multiply(math.pi, (0.4, 0.5, 0.6)))
+    np.testing.assert_allclose(light.motion.pose(0.0)[:3, 2], shining.camera.motion.pose(0.0)[:3, 2], atol=1e-9)
+    assert not off.punctual_lights and [each.name for each in other.punctual_lights] == ["light:lamp"]
+
+
 def test_height_fields_are_as_high_as_mujocos_rays_find_them() -> None:
     """No two corners are alike, and no row is the mirror of another."""
     text = """<mujoco><asset>
@@ -239,3 +253,24 @@ def test_where_time_goes_back_it_begins_at_0_again() -> None:
         assert scene.follow(run) == 0
         mujoco.mj_step(model, data)
         assert scene.follow(run) == 1000
+
+
+def test_a_meshs_own_normals_are_those_that_its_file_numbers_for_each_corner() -> None:
+    """One for each face, as of a body with edges, where points have none of their own."""
+    points = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], float)
+    faces = np.array([(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
+    out = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
+    text = "".join("v {} {} {}\n".format(*point) for point in points)
+    text += "".join("vn {} {} {}\n".format(*normal / np.linalg.norm(normal)) for normal in out)
+    text += "".join("f " + " ".join(f"{i + 1}//{k + 1}" for i in face) + "\n" for k, face in enumerate(faces))
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><asset><mesh name="a" file="a.obj"/></asset><worldbody><body><geom type="mesh" mesh="a"/></body>'
+        "</worldbody></mujoco>",
+        {"a.obj": text.encode()},
+    )
+    (mesh,) = MujocoScene(model, mujoco.MjData(model), resolution=(8, 6)).world.meshes
+    a, b, c = (mesh.vertices[mesh.triangles[:, k]] for k in range(3))
+    flat = np.cross(b - a, c - a)
+    flat /= np.linalg.norm(flat, axis=1, keepdims=True)
+    for k in range(3):
+        np.testing.assert_allclose(mesh.normals[mesh.triangles[:, k]], flat, atol=1e-5)

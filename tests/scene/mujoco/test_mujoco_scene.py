@@ -67,6 +67,17 @@ def test_all_is_where_mujocos_steps_lead(tmp_path: Path, monkeypatch: pytest.Mon
     assert np.array_equal(poses, backwards[::-1]), "what was let go of is found again, bit for bit"
 
 
+def test_a_camera_that_stands_turns_after_the_body_that_it_watches(tmp_path: Path) -> None:
+    eye = '<camera pos="0 -3 9" mode="targetbody" target="ball"/>'
+    world = load(tmp_path, FALL.replace("<worldbody>", f"<worldbody>{eye}"))
+    (ball,) = world.instances
+    for time_s in (0.0, 0.4, 1.0):
+        eye_pose, place = world.camera.motion.pose(time_s), ball.motion.pose(time_s)[:3, 3]
+        assert eye_pose[:3, 3] == pytest.approx((0, 9, 3))
+        way = place - eye_pose[:3, 3]
+        assert -eye_pose[:3, 2] == pytest.approx(way / np.linalg.norm(way), abs=1e-4)
+
+
 def test_between_steps_things_go_straight(tmp_path: Path) -> None:
     rod = load(tmp_path, PENDULUM).instances[1].motion
     before, middle, after = (rod.pose(0.002 * step)[:3, 3] for step in (200, 200.5, 201))
