@@ -90,10 +90,11 @@ def test_a_flush_follows_the_events_time_and_not_the_clock(tmp_path: Path) -> No
     assert sizes == [0, 1, 1, 3, 3] and len(path.read_text().splitlines()) == 4
 
 
+@pytest.mark.parametrize("end_us", [3 * (1 << 24) + 12_345_678, 1_024, 4_096])
 @pytest.mark.parametrize(("ending", "words"), [(".raw", "<u4"), (".evt3.raw", "<u2")])
-def test_prophesee_files_last_as_long_as_their_recording(tmp_path: Path, ending: str, words: str) -> None:
+def test_prophesee_files_last_as_long_as_their_recording(tmp_path: Path, ending: str, words: str, end_us: int) -> None:
     """Time words, read by hand: upper 28 bits of t in EVT2; bits 12 to 23 of t and the laps in EVT3."""
-    path, end_us = tmp_path / f"a{ending}", 3 * (1 << 24) + 12_345_678
+    path = tmp_path / f"a{ending}"
     sink = open_sink(path, WIDTH, HEIGHT)
     sink.write(at(1_000), 1_000)
     sink.write(NOTHING, end_us)

@@ -40,6 +40,15 @@ def test_every_pair_of_formats_converts_without_change(tmp_path, first, second):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
+def test_a_file_written_over_a_longer_one_holds_nothing_of_that(tmp_path, ending):
+    short = events(30)
+    fresh = write(tmp_path / f"fresh{ending}", [short]).read_bytes()
+    write(tmp_path / f"a{ending}", split(events(5000, seed=2)))
+    assert write(tmp_path / f"a{ending}", [short]).read_bytes() == fresh
+    assert np.array_equal(read(tmp_path / f"a{ending}"), short)
+
+
+@pytest.mark.parametrize("ending", ENDINGS)
 def test_no_events_make_a_valid_file(tmp_path, ending):
     assert len(read(write(tmp_path / f"a{ending}", []))) == 0
 
@@ -343,4 +352,12 @@ def test_an_archive_with_objects_is_not_unpickled(tmp_path):
     np.savez(buffer, t=np.array([object()]), x=np.zeros(1, int), y=np.zeros(1, int), p=np.zeros(1, int))
     (tmp_path / "a.npz").write_bytes(buffer.getvalue())
     with pytest.raises(InputError, match="object"):
+        read(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("width", [np.float64(346.5), np.array([346]), np.bool_(True)])
+def test_an_archive_whose_width_is_no_whole_number_is_refused(tmp_path, width):
+    columns = {name: np.zeros(1, int) for name in "txyp"}
+    np.savez(tmp_path / "a.npz", **columns, width=width, height=np.int64(260))
+    with pytest.raises(InputError, match="its width is no whole number"):
         read(tmp_path / "a.npz")
