@@ -124,6 +124,14 @@ def test_thresholds_and_rest_are_found_under_a_lamp(flicker):
     assert found.silent_share[0] == pytest.approx(0.01, abs=4 * math.sqrt(0.01 / (WIDTH * HEIGHT)))
 
 
+def test_a_fit_does_not_hang_on_how_a_recording_is_cut(recorded, flicker, still):
+    whole = np.concatenate(recorded[1])
+    for pieces in ([whole], np.array_split(whole, 7)):
+        found = fit_flicker(pieces, WIDTH, HEIGHT, CONTRAST, ~still.hot)
+        for name in ("on", "off", "rest_us", "mismatch"):
+            assert getattr(found, name) == pytest.approx(getattr(flicker, name), rel=1e-6)
+
+
 def test_what_is_fitted_makes_the_file_of_a_sensor(still, flicker, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(sensor_file("mine", (WIDTH, HEIGHT), list(fitted_rows(still, flicker)), 'a "b".raw', "davis346"))
