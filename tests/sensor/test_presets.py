@@ -12,6 +12,7 @@ from clsim.live.options import LiveOptions
 from clsim.live.stages import plan_stages
 from clsim.sensor import SensorSettings, load_sensor, preset_names
 from clsim.sensor.lab import Lab
+from clsim.sensor.pixel_stages import Noise
 from clsim.sensor.stage import Context
 
 CAMERAS = {
@@ -182,3 +183,18 @@ def test_a_name_that_is_nearly_one_is_recognised():
         load_sensor("davis364")
     with pytest.raises(InputError, match=r"expected one of atis, .*, or a \.toml file"):
         load_sensor("retina")
+
+
+@pytest.mark.parametrize(
+    ("lux", "on_hz", "message"),
+    [
+        ((10.0, 10.0), (2.0, 1.0), "`lux` must rise, got 10, 10"),
+        ((20.0, 10.0), (2.0, 1.0), "`lux` must rise, got 20, 10"),
+        ((10.0, 20.0), (2.0, 1.0, 0.5), "`on_hz` has 3 numbers, expected 2, as many as `lux`"),
+        ((), (2.0, 1.0), "`on_hz` has 2 numbers, expected 1"),
+    ],
+)
+def test_rates_of_noise_belong_to_lights_that_rise(lux, on_hz, message):
+    with pytest.raises(InputError, match=message):
+        Noise(on_hz, lux=lux)
+    assert Noise((3.0,), lux=lux[:1]).on_hz == (3.0,)
