@@ -58,3 +58,9 @@ def test_a_small_part_of_the_picture_that_goes_fast_counts():
     still[:, 32:96] = after[:, 32:96]
     measure.add(before)
     assert 2.7 < measure.add(still) < 3.4 and measure.fast_pairs == 1
+
+
+def test_a_picture_no_larger_than_a_block_is_measured():
+    measure = Displacement(24, 16)
+    before, after = (measure.add(picture[40:56, 60:84]) for picture in shifted(0.4))
+    assert before is None and 0.3 < after < 0.5 and measure.lost_pairs == 0

@@ -260,3 +260,13 @@ def test_the_shared_pictures_with_little_texture_are_read_without_a_warning() ->
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert len(read(Pictures(CASES / "flat", Reading(fps=30.0)))) == 4
+
+
+@pytest.mark.parametrize("name", [".hidden.png", "._00001.png"])
+def test_hidden_files_and_others_in_a_folder_are_no_pictures_of_its_film(tmp_path: Path, name: str) -> None:
+    """Such as those that macOS leaves beside each file, of the same ending and no picture."""
+    for k in range(3):
+        Image.fromarray(picture(k)).save(tmp_path / f"{k:05d}.PNG")
+    (tmp_path / name).write_bytes(b"\0\5\x16\7")
+    (tmp_path / "notes.txt").write_text("of these pictures")
+    assert len(read(Pictures(tmp_path, Reading(fps=25.0)))) == 3

@@ -29,6 +29,17 @@ def test_text_is_read_exactly(tmp_path_factory, times_us, unit):
     assert read_times_us(path, unit) == sorted(times_us)
 
 
+@given(st.integers(0, 10**9), st.integers(0, 6), st.integers(-3, 6))
+def test_powers_of_ten_are_read_exactly_with_and_without_a_point(tmp_path_factory, number, digits, power):
+    """As programs write times: 1.6e+09 is as 1600000000."""
+    path = tmp_path_factory.mktemp("times") / "a.txt"
+    whole, rest = divmod(number, 10**digits)
+    path.write_text(f"{whole}" + (f".{rest:0{digits}d}" if digits else "") + f"e{power:+03d} frame.png\n")
+    exact = Fraction(number) * Fraction(10) ** (power - digits) * 1000
+    (found,) = read_times_us(path, "ms")
+    assert abs(found - exact) <= Fraction(1, 2)
+
+
 @given(st.binary(max_size=200))
 def test_any_bytes_are_times_or_one_sentence(tmp_path_factory, data):
     for name in ("a.txt", "a.npy"):
