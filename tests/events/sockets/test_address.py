@@ -8,7 +8,7 @@ import pytest
 
 from clsim.errors import InputError
 from clsim.events.socket_sinks import open_socket_sink
-from clsim.events.sockets.address import Address, parse_address, resolve
+from clsim.events.sockets.address import Address, exposure_warning, parse_address, resolve
 from clsim.events.sockets.sources import open_socket_source
 
 
@@ -36,6 +36,23 @@ def test_ipv4_first(monkeypatch: pytest.MonkeyPatch) -> None:
     found = [(socket.AF_INET6, 1, 6, "", ("::1", 7, 0, 0)), (socket.AF_INET, 1, 6, "", ("127.0.0.1", 7))]
     monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: found)
     assert resolve(parse_address("tcp://localhost:7")) == (socket.AF_INET, ("127.0.0.1", 7))
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "warning"),
+    [
+        ("tcp://0.0.0.0:7", "0.0.0.0", "every machine that reaches this address can read the events; nothing is enc"),
+        ("udp://192.0.2.1:7", "192.0.2.1", "the events leave this machine; nothing is encrypted"),
+        ("udp://[fe80::1%lo]:7", "fe80::1%lo", "the events leave this machine"),
+        ("tcp://localhost:7", "127.0.0.1", None),
+        ("udp://[::1]:7", "::1", None),
+    ],
+)
+def test_who_can_read_events_is_told_where_they_leave_the_machine(
+    text: str, host: str, warning: str | None
+) -> None:
+    found = exposure_warning(parse_address(text), (host, 7))
+    assert found is warning is None or (found or "").startswith(f"{text}: {warning}")
 
 
 @pytest.mark.parametrize(
