@@ -83,6 +83,24 @@ def test_libcaer_s_records_are_decoded_and_their_clock_begins_anew_within_a_pack
     assert decoded("libcaer", data) == [expected]
 
 
+@given(st.integers(0, 2**15 - 1), st.integers(0, 2**15 - 1), st.booleans())
+def test_libcaer_s_addresses_have_15_bits_of_each_axis(x: int, y: int, on: bool) -> None:
+    large = messages.Sensor(2**15, 2**15)
+    data = np.array([[1 | on << 1 | y << 2 | x << 17, 7]], "<u4").tobytes()
+    packet = messages.packet_bytes(2, large, 0, BASE_US, "libcaer", data)
+    found = messages.MessageDecoder(2, messages.PACKET).decode(packet)
+    assert found.tolist() == [(BASE_US + 7, x, y, on)]
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@given(frame=st.text(max_size=20))
+def test_events_are_read_whatever_their_camera_is_called(ros: int, frame: str) -> None:
+    batch = events(10)
+    named = messages.Sensor(WIDTH, HEIGHT, frame)
+    found = messages.MessageDecoder(ros, messages.ARRAY).decode(messages.array_bytes(ros, named, 0, 5, batch))
+    assert np.array_equal(found, batch)
+
+
 def test_bags_of_the_older_message_and_overlapping_packets_are_read(tmp_path: Path) -> None:
     """event_array_msgs/EventArray is what EventPacket was at first; packets in the wrong order are put right."""
     from rosbags.rosbag1 import Writer

@@ -48,9 +48,7 @@ def test_ipv4_first(monkeypatch: pytest.MonkeyPatch) -> None:
         ("udp://[::1]:7", "::1", None),
     ],
 )
-def test_who_can_read_events_is_told_where_they_leave_the_machine(
-    text: str, host: str, warning: str | None
-) -> None:
+def test_who_can_read_events_is_told_where_they_leave_the_machine(text: str, host: str, warning: str | None) -> None:
     found = exposure_warning(parse_address(text), (host, 7))
     assert found is warning is None or (found or "").startswith(f"{text}: {warning}")
 
