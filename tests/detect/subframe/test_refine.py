@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -64,9 +64,9 @@ class Bars:
         pass
 
 
-def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None):
+def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None, config=CONFIG):
     options = {"tracer": None if tolerance_us is None else scene, "tolerance_us": tolerance_us or 0.0}
-    detector = Detector(CONFIG, WIDTH, HEIGHT, NAMES, specimen=specimen, **options)
+    detector = Detector(config, WIDTH, HEIGHT, NAMES, specimen=specimen, **options)
     frame = Frame(page_aligned((3, HEIGHT, WIDTH)), NAMES)
     events = []
     for index in range(round(duration_s * fps) + 1):
@@ -95,6 +95,38 @@ def test_a_thin_bar_that_comes_and_goes_between_frames_fires_where_it_goes():
     found = errors(events, reference)
     assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40
     assert scene.asked < 4 * len(events) and stats.many_crossings == 0
+
+
+@pytest.mark.parametrize(("on", "off"), [(0.2, 0.6), (0.6, 0.2)])
+@pytest.mark.parametrize("rises", [True, False])
+def test_each_polarity_has_its_own_threshold_between_frames_too(on, off, rises):
+    """An edge after which it is brighter, or darker, by 0.3 or 0.9: past one threshold, or both."""
+    config = replace(CONFIG, threshold_on=on, threshold_off=off)
+    for contrast in (0.3, 0.9):
+        wall, bar = (0.1, 0.1 * np.exp(contrast)) if rises else (0.1 * np.exp(contrast), 0.1)
+        scene = Bars(700.0, bar_px=1e9, wall=wall, bar=bar, day=0.0)
+        reference, _ = run(scene, 15_000, config=config)
+        events, _ = run(scene, 30, 10.0, config=config)
+        assert (len(reference) > 0) == (contrast >= (on if rises else off))
+        assert len(events) == pytest.approx(len(reference), rel=0.02)
+        if len(reference):
+            found = errors(events, reference)
+            assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40 and np.quantile(found, 0.9) <= 80
+
+
+@pytest.mark.parametrize(("on", "off"), [(0.2, 0.6), (0.6, 0.2)])
+@pytest.mark.parametrize("contrast", [0.85, -0.85])
+def test_light_that_changes_unevenly_between_frames_has_each_threshold_too(on, off, contrast):
+    class Dawn(Bars):
+        def luminance(self, pixels, times_s):
+            return super().luminance(pixels, times_s) * np.exp(contrast * (10 * times_s) ** 3)
+
+    scene, config = Dawn(300.0, bar_px=2.0, day=0.0), replace(CONFIG, threshold_on=on, threshold_off=off)
+    reference, _ = run(scene, 15_000, config=config)
+    events, _ = run(scene, 30, 10.0, config=config)
+    found = errors(events, reference)
+    assert len(reference) > WIDTH * HEIGHT and len(events) == pytest.approx(len(reference), rel=0.02)
+    assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40
 
 
 def test_what_rests_until_the_middle_of_a_step_is_traced():
