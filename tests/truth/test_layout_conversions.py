@@ -10,7 +10,9 @@ from typer.testing import CliRunner
 
 import clsim as library
 from clsim.cli.app import app
+from clsim.cli.output.status import OUTPUT_FAILED
 from clsim.errors import InputError
+from clsim.events import SinkError
 from clsim.truth.layouts import LAYOUTS, layout_of, open_layout
 from clsim.truth.record import Shot
 from clsim.truth.recording import convert_recording, read_recording
@@ -92,3 +94,16 @@ def test_events_of_a_folder_are_read_as_those_of_files(tmp_path: Path, ending: s
     for words in ("view", str(folder), "--to", str(tmp_path / "a.png")), ("convert", str(folder), f"{folder}.npz"):
         assert CliRunner().invoke(app, [*words]).exit_code == 0
     np.testing.assert_array_equal(library.open(f"{folder}.npz").read(), given.events)
+
+
+def test_a_recording_that_cannot_be_written_to_its_end_is_told_and_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: str) -> None:
+        raise SinkError("b.dsec: cannot be written (No space left on device)")
+
+    recorded(tmp_path / "a.h5")
+    monkeypatch.setattr("clsim.truth.recording.convert_recording", full)
+    run = CliRunner().invoke(app, ["convert", str(tmp_path / "a.h5"), str(tmp_path / "b.dsec")], standalone_mode=False)
+    assert run.return_value == OUTPUT_FAILED != 0
+    assert run.stderr == "clsim: b.dsec: cannot be written (No space left on device)\n"

@@ -10,6 +10,7 @@ import threading
 import urllib.request
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -271,6 +272,27 @@ def test_what_is_shown_unless_told(
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setattr("sys.stdout.isatty", lambda: tty)
     assert watch.default_view(outputs, as_json=as_json) == view
+
+
+@pytest.mark.parametrize(("truth_every", "labelled"), [(0, False), (1, True), (5, False)])
+def test_the_page_is_told_which_frames_have_truth_and_whether_events_have_causes(
+    monkeypatch: pytest.MonkeyPatch, truth_every: int, labelled: bool
+) -> None:
+    told: dict[str, Any] = {}
+
+    def page(*given: Any, **named: Any) -> Any:
+        told.update(named, given=given)
+        return SimpleNamespace(url="http://127.0.0.1:7/")
+
+    monkeypatch.setattr("clsim.live.view.sink.ViewSink", page)
+    pipeline = SimpleNamespace(outputs=[], watchers=[])
+    session: Any = SimpleNamespace(
+        name="still", width=20, height=10, truth_every=truth_every, labelled=labelled, pipeline=pipeline
+    )
+    watch.attach(session, "web", "7", None, as_json=True)
+    assert told["given"] == ("still", 20, 10) and told["port"] == 7
+    assert (told["truth_every"], told["causes"]) == (truth_every, labelled)
+    assert len(pipeline.outputs) == len(pipeline.watchers) == 1
 
 
 def test_the_terminal_and_events_on_standard_output_exclude_each_other(clsim: Callable[..., object]) -> None:
