@@ -72,3 +72,17 @@ def test_events_that_are_late_have_a_bias_along_the_edge_s_way(monkeypatch, late
     assert found["matched"] == found["events"] == found["true_events"] == len(true) and found["f1"] == 1.0
     assert found["bias_px"] == pytest.approx(300.0 * late_us * 1e-6)
     assert found["error_px"] == pytest.approx(300.0 * abs(late_us) * 1e-6)
+
+
+@pytest.mark.parametrize(("speed_px_s", "fps"), [(300.0, 120.0), (30.0, 240.0)])
+@pytest.mark.parametrize(("share", "paired"), [(0.95, True), (1.05, False)])
+def test_events_are_paired_up_to_a_frame_or_a_pixel_of_travel_whichever_is_longer(
+    monkeypatch, speed_px_s, fps, share, paired
+):
+    scene = edge_scene("geometric", speed_px_s, *SIZE, fps)
+    first = scene.edge.events(*SIZE, (scene.frames - 1) / fps, scene.world.sensor.threshold_on)[:1]
+    late = first.copy()
+    late["t"] += round(1e6 * share * max(1 / fps, 1 / speed_px_s))
+    monkeypatch.setattr("clsim.bench.edge.run_point", lambda *_: SimpleNamespace(events=late, cpu_s=1.0))
+    monkeypatch.setattr("clsim.score.straight_edge.Edge.events", lambda *_: first)
+    assert measure_edge(scene, "draft", fps, "fixed")["matched"] == paired
