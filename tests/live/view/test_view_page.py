@@ -143,6 +143,9 @@ def test_packets_hold_every_event() -> None:
     assert sum(count for _, count in packets) == len(events)
     assert np.array_equal(np.concatenate([decode(packet)[3] for packet, _ in packets]), events)
     assert decode(packets[-1][0])[1] == 20_000_000_001
+    events["t"][-17:] = events["t"][-17] + (1 << 32) * np.arange(17)  # a packet's own times have 32 bits
+    packets = list(event_packets(events[-20:], 1 << 40))
+    assert np.array_equal(np.concatenate([decode(packet)[3] for packet, _ in packets]), events[-20:])
     ((packet, count),) = event_packets(empty_batch(0), 5)
     assert count == 0 and decode(packet)[:2] == (1, 5)
 
