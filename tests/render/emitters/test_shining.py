@@ -1,5 +1,6 @@
 """Light that changes, in the arrays that kernels read; no kernel runs here but that of a picture."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,12 +10,13 @@ import pytest
 
 import clsim
 from clsim.render import SceneData, light_stands_still
-from clsim.render.emitters.environment_build import tabulate
-from clsim.render.emitters.light_list import small_lights
+from clsim.render.accel.placement import place
+from clsim.render.emitters.environment_build import LUMINANCE, tabulate
+from clsim.render.emitters.light_list import small_lights, triangle_lights
 from clsim.render.primary.effort import GRADES, Effort, PrimarySetup, Steerer
-from clsim.scene import EnvironmentMap, ImageTexture, Material, World
+from clsim.scene import Camera, EnvironmentMap, ImageTexture, Instance, Material, Mesh, Static, World
 from clsim.scene.modulation import Keyframed, Pwm, Sine
-from clsim.scene.motion import euler_quaternion, rotation_matrix
+from clsim.scene.motion import compose, euler_quaternion, rotation_matrix
 from tests.scene.pictures.test_film import film_of, write_pictures
 from tests.scene.test_modulation import SCENE
 
@@ -136,3 +138,18 @@ def test_an_even_sky_of_any_colour_is_added_to_a_picture_of_one(even):
     picture = np.random.default_rng(0).uniform(0, 2, (4, 8, 3)).astype(np.float32)
     found = tabulate(EnvironmentMap(picture, np.eye(3)), even).radiance
     np.testing.assert_allclose(found, picture + np.array(even, np.float32))
+
+
+def test_an_emitting_triangle_has_the_power_of_its_area_and_of_each_side_that_shines() -> None:
+    """A Lambertian emitter sends π · radiance · area into the half space before it."""
+    corners = np.array([(0, 0, 0), (2, 0, 0), (0, 1, 0), (0, 0, 5), (6, 0, 5), (0, 3, 5)], np.float32)
+    radiance = (3.0, 2.0, 1.0)
+    ids = np.array([0, 1], np.int32)
+    mesh = Mesh(corners, np.array([(0, 1, 2), (3, 4, 5)], np.int32), ids)
+    materials = tuple(Material(emission=radiance, emits_behind=behind) for behind in (False, True))
+    turned = Static(compose((1.0, 2.0, 3.0), rotation_matrix(euler_quaternion((30.0, 40.0, 50.0)))))
+    camera = Camera(4, 4, 50.0, Static(np.eye(4)))
+    world = World("lamps", camera, (mesh,), (Instance(0, turned, "lamp"),), materials)
+    lights = triangle_lights(world, place(world))
+    expected = math.pi * float(np.dot(radiance, LUMINANCE)) * np.array([1.0, 2 * 9.0])
+    np.testing.assert_allclose(lights.power, expected, rtol=1e-5)

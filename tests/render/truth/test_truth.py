@@ -322,3 +322,18 @@ def test_backward_flow_leads_to_the_frame_of_truth_before(every: int) -> None:
     found = np.stack([frame.plane(f"Flow.backward.{axis}") for axis in "XY"], axis=-1)
     apart = np.abs(found - expected)[valid].max(axis=1)
     assert valid.mean() > 0.5 and (apart < 1e-3).mean() > 0.98 and np.abs(expected[valid]).max() > 0.5
+
+
+def test_labels_are_known_in_frames_without_other_truth_too() -> None:
+    """Each event has the label of the nearest frame, however seldom depth is asked for."""
+    world = replace(a_world(), fps=50.0)
+    found = {}
+    for every in (1, 3):
+        options = RenderOptions(spp=1, truth=("depth", "labels"), truth_every=every, frames=12)
+        view = View(SceneData(world), options)
+        frame = Frame(page_aligned((len(view.names), view.height, view.width)), view.names)
+        frame.planes.fill(0.0)
+        view.fill(4, frame)
+        found[every] = np.stack([frame.plane(name) for name in view.names if name.startswith("Label")])
+    assert np.abs(found[1]).max() > 0.1
+    np.testing.assert_array_equal(found[3], found[1])
