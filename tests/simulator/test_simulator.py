@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 import clsim
+from clsim.detector import Detector
 from clsim.errors import Error, InputError
 from clsim.live.stages import Stages
 from clsim.render import RenderCancelled
+from clsim.render.view import View
 
 SIZE, FPS, FRAMES = (48, 36), 60.0, 8
 
@@ -139,3 +141,16 @@ def test_what_could_not_be_built_is_told_and_built_by_the_next_step(monkeypatch:
     monkeypatch.setattr(Stages, "build_detector", refuse)
     with pytest.raises(InputError, match="no such device"), run:
         run.step(0)
+
+
+def test_what_a_simulator_holds_is_given_back_once_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its renderer's and its detector's memory, and each once though it is closed twice."""
+    closed = []
+    for kind in (View, Detector):
+        close = kind.close
+        monkeypatch.setattr(kind, "close", lambda self, close=close: (closed.append(type(self)), close(self))[1])
+    run = simulator("still", method="esim", quality="draft")
+    run.step(0)
+    run.close()
+    run.close()
+    assert set(closed) == {View, Detector} and len(closed) == 2
