@@ -239,6 +239,24 @@ def test_a_meshs_own_coordinates_show_its_picture_from_the_top(tmp_path: Path) -
             assert np.linalg.norm(length[a] - length[b]) == pytest.approx(np.linalg.norm(place[a] - place[b]), abs=1e-5)
 
 
+def test_frames_come_as_often_as_the_scene_was_told() -> None:
+    assert MujocoScene(*load(MOVING), resolution=(8, 6), fps=250.0).world.fps == 250.0
+
+
+def test_where_time_stands_still_it_does_not_begin_again() -> None:
+    """A place that a program changes by hand is followed at the same time; and later steps go on from there."""
+    model, data = load(MOVING)
+    scene = MujocoScene(model, data, resolution=(8, 6))
+    with clsim.Simulator(scene.world, clock="caller", quality="draft") as run:
+        times = []
+        for steps in (0, 1, 0, 1):
+            for _ in range(steps):
+                mujoco.mj_step(model, data)
+            times.append(scene.follow(run))
+            run.step(times[-1])
+    assert times == [0, 1000, 1000, 2000]
+
+
 def test_where_time_goes_back_it_begins_at_0_again() -> None:
     """As in mj_resetDataKeyframe, which may leave another time than 0."""
     model, data = load(MOVING)
