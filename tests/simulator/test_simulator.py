@@ -2,6 +2,7 @@
 
 import threading
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -154,3 +155,23 @@ def test_what_a_simulator_holds_is_given_back_once_it_is_closed(monkeypatch: pyt
     run.close()
     run.close()
     assert set(closed) == {View, Detector} and len(closed) == 2
+
+
+def test_steps_by_the_wall_clock_end_when_their_time_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Told by a clock that goes on by nothing but waiting, and by 70 ms of work once."""
+    now_s, waits = [100.0], []
+
+    def sleep(seconds: float) -> None:
+        waits.append(seconds)
+        now_s[0] += seconds
+
+    monkeypatch.setattr("clsim.simulator.stepping.time", SimpleNamespace(perf_counter=lambda: now_s[0], sleep=sleep))
+    with simulator("still", method="esim", quality="draft", clock="wall") as run:
+        run.step(10_000)
+        run.step(30_000)
+        assert waits == pytest.approx([0.0, 0.02]) and run.lag_s == 0
+        now_s[0] += 0.07
+        run.step(50_000)
+        assert waits[-1] == 0 and run.lag_s == pytest.approx(0.05)
+        run.step(130_000)
+        assert waits[-1] == pytest.approx(0.03) and run.lag_s == 0
