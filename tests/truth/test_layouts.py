@@ -137,8 +137,14 @@ def test_tonic_reads_tum_vie(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "lens",
-    [Lens(), Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.05)), Lens(model="fisheye", distortion=(0.02, -0.01, 0, 0))],
-    ids=["plain", "distorted", "fisheye"],
+    [
+        Lens(),
+        Lens(distortion=(0.1, -0.02, 1e-3, 2e-3, 0.05)),
+        Lens(distortion=(0.0, 0.0, 0.0, 2e-3, 0.0)),
+        Lens(distortion=(0.0, 0.0, 0.0, 0.0, 0.05)),
+        Lens(model="fisheye", distortion=(0.02, -0.01, 0, 0)),
+    ],
+    ids=["plain", "distorted", "tangential alone", "k3 alone", "fisheye"],
 )
 def test_basalts_calibration_comes_back(tmp_path: Path, lens: Lens) -> None:
     recorded(tmp_path / "run.tumvie", lens)
