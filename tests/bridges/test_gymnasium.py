@@ -50,6 +50,22 @@ class Noise:
         return events
 
 
+def test_an_episode_begins_as_the_environment_is_asked_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The seed and the options reach the environment that is wrapped, as do those that are not given."""
+    heard: list[dict[str, Any]] = []
+    begin = Slide.reset
+
+    def listen(self: Slide, **told: Any) -> Any:
+        heard.append(told)
+        return begin(self, **told)
+
+    monkeypatch.setattr(Slide, "reset", listen)
+    env = wrapped(Noise())  # type: ignore[arg-type]
+    env.reset(seed=3, options={"x": 0.25})
+    env.reset()
+    assert heard == [{"seed": 3, "options": {"x": 0.25}}, {"seed": None, "options": None}]
+
+
 @pytest.mark.parametrize("form", ["voxels", "histogram"])
 def test_noise_is_that_of_the_seed_and_arrays_hold_what_fired(form: str) -> None:
     env = wrapped(Noise(), form=form, bins=4, limit=3.0)  # type: ignore[arg-type]
