@@ -210,8 +210,7 @@ class PathStore:
         return record(
             self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first_pixel=0, pixels=1,
             first_path=0, every=0, turn=0, boxes=self._boxes, corners=self._corners, box_count=0, moved=self._moved,
-            paths=self._paths,
-            out_found=self._found, out_traced=self._traced,
+            paths=self._paths, out_found=self._found, out_traced=self._traced,
         )  # fmt: skip
 
 
