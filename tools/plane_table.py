@@ -15,48 +15,53 @@ INTRODUCTION = """# The planes of a frame
 A frame is a stack of planes, one number for each pixel and plane. `clsim render SCENE --out DIR` writes each frame as
 an EXR file with a channel for every plane; `clsim detect` reads them back. Row 0 is the top of the image.
 
-Named qualities spend rays and paths where an event is near, by the thresholds of the run. Elsewhere frames are less
-exact. To detect events of several thresholds in one set of frames, render with the smallest of them (`--threshold`), or
-with `--quality exact`, which spends the same everywhere.
+Named qualities spend more rays and paths on pixels that are near an event. Which pixels are near depends on the
+contrast threshold of the run. Other pixels are less exact. To detect events of several thresholds in one set of
+frames, render with the smallest threshold (`--threshold`), or with `--quality exact`, which spends the same on every
+pixel.
 
 """
 
 CONVENTIONS = """
-**How samples become a value.** A pixel's samples lie all over the pixel's square and count alike.
+**How samples become a value.** A pixel's samples lie all over the pixel's square and have equal weight.
 
 - *mean*: over all samples.
-- *mean over hits*: over the samples that hit something; 0 where none did. At a silhouette it is a mixture of the
-  surfaces on both sides, but never of a surface and the background.
+- *mean over hits*: over the samples that hit something; 0 where no sample did. At a silhouette, this mean mixes the
+  surfaces on both sides, but never a surface and the background.
 - *sum*: over all samples.
 
-**The seen surface** is the first that a ray hits, lamps included. Perfect mirrors and clear glass are followed to what
-is seen in them (`follow_specular = false` in a `--config` file does without), and albedo, normal and depth are of that.
-Where a mirror shows nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
+**The seen surface** is the first surface that a ray hits, lamps included. If this surface is a perfect mirror or
+clear glass, the ray continues, and the seen surface is the one seen in the mirror or through the glass; albedo,
+normal and depth are those of that surface. (`follow_specular = false` in a `--config` file switches this off.) Where
+a mirror shows nothing but the sky, the mirror itself is the seen surface. A spherical lamp has albedo 0.
 
-**Frames with first-hit rays** take albedo, normal, depth, coverage and emission from rays that end at the seen surface.
-`Samples` counts these rays and the light paths together; albedo is at least 0.001 on a hit.
+**Frames with first-hit rays** take albedo, normal, depth, coverage and emission from first-hit rays: primary rays
+that end at the seen surface. `Samples` counts these rays and the light paths together. Albedo is at least 0.001 on a
+hit.
 
-**Depth** is the length of the ray's way from the camera to the seen surface, all segments added up: not the distance
-along the camera's axis. It is a mean over the samples that hit, and 0 where none did: `Coverage` tells a miss.
+**Depth** is the length of the ray from the camera to the seen surface, with all segments added up. It is not the
+distance along the camera's axis. Depth is a mean over the samples that hit something, and 0 where no sample did;
+`Coverage` shows how many did.
 
-**Variances** are those of the pixel's value, not of a single sample: they fall as samples are added. They are NaN where
-fewer than two samples (or hits) tell of them. With the Sobol sampler, samples within a batch depend on each other, and
-the batches count instead. `Variance.Luminance` stands by itself: red, green and blue vary together, so it does not
-follow from theirs.
+**Variances** are those of the pixel's value, not of a single sample: a variance falls as samples are added. It is NaN
+if fewer than two samples (or hits) contribute. With the Sobol sampler, samples within a batch depend on each other,
+so the variance is taken over batches. `Variance.Luminance` is a plane of its own: red, green and blue vary together,
+so it cannot be computed from their variances.
 
-**Truth** (`--truth`) is of a ray through the pixel's centre, at the frame's very time: no mean over the pixel, the
-exposure or the aperture. It shows the first surface whose opacity is at least one half; mirrors and glass count as
-themselves. Flow is the way of the point at the pixel's centre, so a fraction of a pixel means just that: a pixel that
-shows two surfaces has the flow of the one in its middle. Flow of the sky is that of a thing infinitely far.
-[ground-truth.md](ground-truth.md) has the rest.
+**Truth** (`--truth`) is the value for one ray through the pixel's centre, at the frame's very time. It is not
+averaged over the pixel, the exposure or the aperture. The ray ends at the first surface whose opacity is at least one
+half. At mirrors and glass, truth is that of the mirror or glass surface itself. Flow is the motion of the point at
+the pixel's centre, exact to fractions of a pixel. A pixel that shows two surfaces has the flow of the surface at its
+centre. Flow of the sky is that of a point infinitely far away. [ground-truth.md](ground-truth.md) has the rest.
 
 **World axes.** The world is right-handed with +y up; lengths are metres. Normals are along these axes, not the
 camera's.
 
 **Pose axes.** A pose is a 4×4 matrix that takes points of the object or camera to the world; its columns are the
 object's x, y and z axes and its position. A camera looks along its −z axis, +x is to the right of the image and +y to
-its top. OpenCV's and ROS's cameras look along +z with +y down: negate the second and third column for theirs. So do
-the poses beside a recording, in `NAME.poses.txt`, as its first lines say.
+its top. OpenCV's and ROS's cameras look along +z with +y down: negate the second and third column to get a pose in
+these axes. The poses beside a recording, such as `events.aedat4.poses.txt`, are already in OpenCV's axes, as the
+file's first lines say.
 
 **Radiance** is linear and in the Rec. 709 primaries, in the units of the scene's lights. Luminance is
 0.2126 R + 0.7152 G + 0.0722 B.
@@ -65,7 +70,7 @@ the poses beside a recording, in `NAME.poses.txt`, as its first lines say.
 _GIVEN = {
     "always": "always",
     "first-hit rays": "with first-hit rays",
-    "variance only": "its variance only",
+    "variance only": "only the variance",
     "truth": "with `--truth`",
 }
 

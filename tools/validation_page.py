@@ -156,16 +156,16 @@ def page(found: dict[str, Any], picture: Path) -> str:
 
 ![Each scene as clsim and as Mitsuba shows it, and the difference](images/{picture.name})
 
-Left clsim, in the middle Mitsuba, right the difference: grey is none, red is where clsim is brighter, blue where it is
-darker; full colour is half of the picture's mean.
+The left picture is clsim's, the middle one Mitsuba's, and the right one shows the difference. Grey is no difference,
+red is where clsim is brighter, and blue where clsim is darker. Full colour is half of the picture's mean.
 
-- **paths**: of each pixel and seed; more where noise would hide a difference of one percent.
+- **paths**: number of paths for each pixel and seed; more where noise would hide a difference of one percent.
 - **ratio**: mean radiance of clsim over Mitsuba's, in R, G and B.
 - **difference**: relative RMSE between both, after averaging over 4×4 pixels.
-- **floor**: what that would be from noise alone, by the two seeds of both. Where lamps or their mirror images are
-  small, few paths find them, and two seeds tell little of the noise.
-- **CPU seconds**: clsim / Mitsuba, of one picture, and of all that comes before the first one: reading files, building
-  trees, compiling. Others used the machine meanwhile, so that these are rough.
+- **floor**: the difference that noise alone would give, estimated from the two seeds of both programs. Where lamps or
+  their mirror images are small, few paths find them, and the estimate from two seeds is poor.
+- **CPU seconds**: clsim / Mitsuba. *Rendering* is the time of one picture. *Start* is the time before the first
+  picture: reading files, building trees, compiling. The machine had other work, so these times are rough.
 
 | scene | paths | ratio | difference | floor | CPU s, rendering | CPU s, start |
 |---|---|---|---|---|---|---|
@@ -173,11 +173,12 @@ darker; full colour is half of the picture's mean.
 
 Not rendered for this page, though in the tool's list: {lacking}.
 
-Those of dppm-scenes are of version 0.6. Where Mitsuba 3 would read such a file otherwise than its authors meant it, or
-not at all, both rendered what `tools/validation_upgrade.py` makes of it: `bathroom2`, `classroom`, `dining-room`,
-`living-room-2`, `sponza (dppm)`, `torus`, `veach-lamp` and `water`. Meshes that were too large to get are missing for
-both: three in `bathroom`, two in `bathroom2` and `spaceship (dppm)`, one in `living-room-2` and in `water`.
-A drawn picture stands in for the rug of `bathroom` and for what is behind the windows of `bathroom2`.
+The files of dppm-scenes are of Mitsuba 0.6. Mitsuba 3 does not read some of them, and reads others differently from
+what their authors meant. For these, both programs rendered the output of `tools/validation_upgrade.py`: `bathroom2`,
+`classroom`, `dining-room`, `living-room-2`, `sponza (dppm)`, `torus`, `veach-lamp` and `water`. Meshes that were too
+large to download are missing for both programs: three in `bathroom`, two in `bathroom2` and `spaceship (dppm)`, one
+in `living-room-2` and in `water`. The rug of `bathroom` and the view behind the windows of `bathroom2` are replaced
+by a drawn picture.
 
 ## What clsim says of these files
 
@@ -188,37 +189,42 @@ A drawn picture stands in for the rug of `bathroom` and for what is behind the w
 NOTES = """
 ## What disagrees
 
-- `bsdf_blendbsdf`: Mitsuba's gold, a perfect mirror in a blend, is too dark: it sets the mirror's chance against the
-  density of the rough coat, as if both were of a kind. A mirror with a share of .26 over black shows .26 of an even
-  sky; Mitsuba 3.9.1 shows .14, clsim .26. With gold of a roughness of .01 instead, Mitsuba's picture is
-  clsim's within .4 %.
-- `sponza`: its file is of version 0.4 and gives its lamp as one number for all wavelengths. Mitsuba of that time took
-  it for white, as clsim does in files before version 3; Mitsuba 3 takes it for equal energy, which is reddish.
-- `veach_mi` differs by ten pixels on the edges of its smallest lamp, of a radius of .03 and a radiance of 900. Without
-  those brighter than 5, that is without one pixel in 200, the ratio is 1.0006.
-- Rendering takes as long as Mitsuba's in `living-room` and `staircase`: .93 and .97 of its time, by
-  `python -m tools.peers.throughput FILE`, in which both take turns (32 paths, an AMD EPYC). Noise is .334 and .311 of
-  the mean, Mitsuba's .318 and .333. In `spaceship` it was 2.2 times as long. The table's times are older, and longer.
+- `bsdf_blendbsdf`: Mitsuba's gold, a perfect mirror in a blend, is too dark. Mitsuba compares the mirror's discrete
+  probability with the density of the rough coat, as if both were of a kind. A mirror with a share of .26 over black
+  shows .26 of an even sky; Mitsuba 3.9.1 shows .14, clsim .26. With gold of roughness .01 in place of the mirror,
+  Mitsuba's picture is clsim's within .4 %.
+- `sponza`: the file is of version 0.4 and gives the lamp's radiance as one number for all wavelengths. Mitsuba of
+  that time took this for white, and so does clsim for files before version 3. Mitsuba 3 takes it for equal energy,
+  which is reddish.
+- `veach_mi` differs in ten pixels on the edges of its smallest lamp, of a radius of .03 and a radiance of 900.
+  Without the pixels brighter than 5 (one pixel in 200), the ratio is 1.0006.
+- In `living-room` and `staircase`, clsim renders in .93 and .97 of Mitsuba's time, measured by `python -m
+  tools.peers.throughput FILE`, which runs both alternately (32 paths, an AMD EPYC). clsim's noise is .334 and .311 of
+  the mean, Mitsuba's is .318 and .333. In `spaceship` clsim took 2.2 times as long. The times in the table are older,
+  and longer.
 - `bsdf_normalmap_with`: Mitsuba 3 darkens what a normal map bends away from the surface (Estevez et al., "A
-  Microfacet-Based Shadowing Function", 2019). With its `use_shadowing_function` off it is nearer by .0025, and what
-  is left, .001 to .003, the same test ball has with other materials too.
-- `living-room-2`: the blinds in its windows are shells .3 mm thin. Mitsuba's rays begin behind a surface, by what
-  grows with the coordinates, .5 mm there, and so pass over the second wall. Two such walls before a lamp (opacity
-  .97) show .063 in clsim at any place; in Mitsuba .063 at the origin and .54 when all of it is moved by 9 m.
+  Microfacet-Based Shadowing Function", 2019). With Mitsuba's `use_shadowing_function` off, the ratio is nearer to 1
+  by .0025. The rest, .001 to .003, is also found for the same test ball with other materials.
+- `living-room-2`: the blinds in the windows are shells .3 mm thin. Mitsuba starts a ray a little behind its surface.
+  This offset grows with the coordinates, and is .5 mm there, so rays skip the shell's second wall. Two such walls
+  before a lamp (opacity .97) show .063 in clsim at any place. In Mitsuba they show .063 at the origin, and .54 when
+  the scene is moved by 9 m.
 - `classroom`, `dining-room` and `torus` have `sunsky`. Version 0.6 had another sun (Preetham's) and a darker ground
-  (.2); clsim reads such files so. For this page they are of version 3, for both.
-- The kitchen of practical-path-guiding is left out: Mitsuba 3 takes neither the `scale` of its sky, which is of
-  version 0.5, nor its +y for up, and shows it hundreds of times darker than clsim. The picture that its authors made
-  with Mitsuba 0.6 and publish with it is the judge: clsim has .987, 1.004 and 1.003 of its mean, .995, 1.004 and
-  1.001 where the sky is seen straight (128 paths a pixel, of up to 40 edges; six of 295 meshes were missing). With
-  the sun and the ground of version 3 it was 1.10 and 1.07.
-- `torus` and `veach-lamp` are noisy, for few paths find their caustics: with 512 paths `veach-lamp` had 1.011 in red,
-  and with 64 `torus` had blocks six times as noisy. So they have more paths here.
-- `classroom` is .6 % darker: its window shows the sky, whose table is within 1.5 to 2.5 % of Mitsuba's.
-- Not compared, of dppm-scenes: `artware`, of which four meshes were too large to get; `bookshelf`, `conference` and
-  `pool`, of which the one file with nearly all meshes was; and `box`, `glass` and `cbox-caustics`, whose light is
-  caustics of tiny lamps, which paths from the eye seldom find. All load without what is missing, as do the variants
-  with random materials that lie beside them.
+  (.2), and clsim reads files of version 0.6 in that way. For this page, both programs read these scenes as files of
+  version 3.
+- The kitchen of practical-path-guiding is left out. Mitsuba 3 ignores the `scale` of its sky, which is of version
+  0.5, and the sky's +y for up. So Mitsuba 3 shows the kitchen hundreds of times darker than clsim. The reference is
+  then the authors' own picture, made with Mitsuba 0.6: clsim has .987, 1.004 and 1.003 of its mean, and .995, 1.004
+  and 1.001 where the sky is seen directly (128 paths a pixel, of up to 40 edges; six of 295 meshes were missing).
+  With the sun and the ground of version 3, the figures were 1.10 and 1.07.
+- `torus` and `veach-lamp` are noisy, because few paths find their caustics. With 512 paths `veach-lamp` had 1.011 in
+  red, and with 64 paths `torus` had blocks six times as noisy. So both have more paths in the table.
+- `classroom` is .6 % darker. Its window shows the sky, and clsim's table of the sky is within 1.5 to 2.5 % of
+  Mitsuba's.
+- These scenes of dppm-scenes are not compared: `artware`, because four of its meshes were too large to download;
+  `bookshelf`, `conference` and `pool`, because one file with nearly all of their meshes was too large; and `box`,
+  `glass` and `cbox-caustics`, because their light is caustics of tiny lamps, which paths from the eye seldom find.
+  All of them load without the missing meshes, and so do their variants with random materials.
 """
 
 

@@ -65,8 +65,8 @@ def _flow_channels(way: str) -> tuple[str, ...]:
 
 
 _FLOW = (
-    "where the point at the pixel's centre goes in the {0} interval of truth: pixels to the right and down; valid is 1 "
-    "where that is known, covisible 1 where the point is in the picture and seen {1} too"
+    "displacement of the point at the pixel's centre from this frame to the {0} frame of truth, in pixels right and "
+    "down; valid is 1 where it is known, covisible 1 where the point is in the picture and visible in the {0} frame too"
 )
 
 PLANES = (
@@ -102,7 +102,7 @@ PLANES = (
         "Emission",
         ("Emission",),
         _RADIANCE_UNIT,
-        "luminance that the pixel sees shining by itself, lamps or sky, directly or in mirrors; a part of R, G and B",
+        "luminance of lamps and sky that the pixel sees, directly or in mirrors; a part of R, G and B",
         "mean",
         False,
         "first-hit rays",
@@ -117,31 +117,34 @@ PLANES = (
         "variance only",
     ),
     _truth("Z", ("Z",), "m", "distance along the camera's axis to what the pixel's centre shows; inf where nothing is"),
-    _truth("Truth.Depth", ("Truth.Depth",), "m", "distance along the ray to it; inf where nothing is"),
+    _truth("Truth.Depth", ("Truth.Depth",), "m", "distance along the ray to the surface; inf where nothing is"),
     _truth(
         "Truth.Normal",
         ("Truth.Nx", "Truth.Ny", "Truth.Nz"),
         "1",
-        "its shading normal along the world's axes, facing the ray; 0 where nothing is",
+        "shading normal of the surface along the world's axes, facing the ray; 0 where nothing is",
     ),
     _truth(
         "Truth.Albedo",
         ("Truth.Albedo.R", "Truth.Albedo.G", "Truth.Albedo.B"),
         "1",
-        "share of light that it reflects; 0 where nothing is",
+        "share of light that the surface reflects; 0 where nothing is",
     ),
     _truth("Id.object", ("Id.object",), "1", "number of the object, from 1; 0 where nothing is"),
     _truth(
-        "Id.material", ("Id.material",), "1", "number of its material, from 1; 0 where nothing is or a sphere light"
+        "Id.material",
+        ("Id.material",),
+        "1",
+        "number of the surface's material, from 1; 0 for a sphere light, or where nothing is",
     ),
-    _truth("Flow.forward", _flow_channels("forward"), "px, px, 1, 1", _FLOW.format("next", "at its end")),
-    _truth("Flow.backward", _flow_channels("backward"), "px, px, 1, 1", _FLOW.format("last", "at its start")),
-    _truth("Label.object", ("Label.object",), "1", "number of the object, in frames without other truth too"),
+    _truth("Flow.forward", _flow_channels("forward"), "px, px, 1, 1", _FLOW.format("next")),
+    _truth("Flow.backward", _flow_channels("backward"), "px, px, 1, 1", _FLOW.format("previous")),
+    _truth("Label.object", ("Label.object",), "1", "number of the object; also in frames without other truth"),
     _truth(
         "Label.flow",
         tuple(f"Label.flow.{channel}" for channel in ("X", "Y", "valid", "covisible")),
         "px/s, px/s, 1, 1",
-        "velocity of the point at the pixel's centre, on average until the next rendered frame, in all frames too",
+        "mean velocity of the point at the pixel's centre until the next rendered frame; in all frames too",
     ),
 )
 """All planes, in the order in which frames have them."""

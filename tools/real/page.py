@@ -74,19 +74,20 @@ def _summary(compared: Sequence[Compared]) -> str:
         for k, seen in enumerate(("all", "cameras'"))
     ]
     return (
-        "## How far from the recording\n\nDifferences of shares that a camera decides more than a scene; the nearest"
-        " is bold.\n\n"
+        "## How far from the recording\n\nThe table has differences between shares of a stream and of the recording,"
+        " for the statistics that depend more on the camera than on the scene. The nearest stream is bold.\n\n"
         + _table(["recording", "statistic", *models], rows)
         + _nearest(rows, models)
-        + "\nHow often the line tells a patch of a stream from a patch of the recording; .5 is by chance. *Halves*: the"
-        " recording's first half from its second, which it should not tell either.\n\n"
+        + "\nThe table has the share of patches that the line assigns correctly, to the stream or to the recording; .5 "
+        "is chance. *Halves*: the same for the first and the second half of the recording, where .5 is expected.\n\n"
         + _table(["recording", "features", "halves", *models], told)
     )
 
 
 def _nearest(rows: Sequence[Sequence[str]], models: Sequence[str]) -> str:
     counts = (f"{name} in {sum(row[2 + k].startswith('**') for row in rows)}" for k, name in enumerate(models))
-    return f"\nNearest, ties for each: {', '.join(counts)}, of {len(rows)} rows.\n"
+    head = f"Number of rows in which each is the nearest, of {len(rows)}, with ties counted for each"
+    return f"\n{head}: {', '.join(counts)}.\n"
 
 
 def _far(far: float | None, known: Sequence[float]) -> str:
@@ -123,31 +124,35 @@ def _value(value: Any) -> str:
 
 _HEAD = """# Held against real cameras
 
-What simulated streams share with recordings of real cameras, and what they do not. Each recording stands beside three
-streams of the same number of events in the same time: of the ideal pixel, of the camera's preset, and of v2e (its
-published equations, with the defaults of its command line, and a frame for each pixel of motion).
+This page compares simulated streams with recordings of real cameras. Each recording is compared with three simulated
+streams that have the same number of events in the same time: of the ideal pixel, of the camera's preset, and of v2e.
+v2e is simulated by its published equations, with the defaults of its command line and one frame for each pixel of
+motion.
 
-*Read this first.* The scene is not theirs: a texture of dark and bright patches drifts in a part of the picture, before
-pixels at some 100 lux. Its speed is sought so that as many events come out; where a model fires less at any speed, its
-row of events says so. How fast light changes, how much of it
-rises and where it does, scenes decide and not cameras: rows in plain letters tell that. Rows in **bold** letters a
-camera decides more than its scene. Numbers of the presets were partly read of these same recordings (`[sources]` says
-which): that they fit them is no proof that they fit another camera's, or one with other biases.
+*Read this first.* The simulated scene is not the recorded one. A texture of dark and bright patches drifts in a part
+of the picture, before pixels at some 100 lux. The texture's speed is chosen so that the stream has as many events as
+the recording. If a model fires fewer events at any speed, the row *events* shows that. How fast light changes, how
+much of it rises and where it changes depend on the scene, not on the camera: the rows in plain letters show such
+quantities. Rows in **bold** letters depend more on the camera than on the scene. Some numbers of the presets were
+read from these same recordings (`[sources]` says which). So a preset that fits its recording need not fit another
+camera, or one with other biases.
 
-Statistics are those of `clsim info RECORDING --statistics` ([what they are](stream-statistics.md)).
-Row-mates and column-mates hang on the order of events of one time: all streams are sorted by time, row and column here.
-In the order of their files the recordings' row-mates are .95, .96, 1.00 and .11.
+The statistics are those of `clsim info RECORDING --statistics` ([what they are](stream-statistics.md)). Row-mates and
+column-mates depend on the order of events of the same time. For this page all streams are sorted by time, row and
+column. In the order of the recordings' own files, row-mates are .95, .96, 1.00 and .11.
 
-Row-mates tell little at millions of events a second, where neighbours have one time anyway. How many events of one time
-lie in one row tells whether rows are read together.
+At millions of events a second, row-mates say little, because neighbouring events have the same time anyway. The share
+of events of the same time that lie in one row shows whether rows are read together.
 
-The line is Fisher's discriminant over patches of {ms} ms and {px}×{px} pixels with at least {least} events, five-fold
-crosswise. It sees of each, as scenes decide it: {scenes}. As cameras do: {cameras}.
+The *line* is a linear classifier, Fisher's discriminant, that tries to separate patches of a stream from patches of
+the recording. It uses patches of {ms} ms and {px}×{px} pixels with at least {least} events, with five-fold
+cross-validation. Features of a patch that depend on the scene: {scenes}. Features that depend on the camera:
+{cameras}.
 """
 _TAIL = """## Left out
 
-`dvs-320x240.es` is no recording of a camera: in its first millisecond all 76,800 pixels but 15 fire, all of them
-ON; no pixel ever fires twice in one, and all times are whole multiples of it. It was made of frames.
+`dvs-320x240.es` is not a recording of a camera. In its first millisecond all 76,800 pixels but 15 fire, all of them
+ON. No pixel ever fires twice in one millisecond, and all times are whole milliseconds. The file was made from frames.
 
 ## Again
 
