@@ -202,9 +202,9 @@ NOTES = """
   tools.peers.throughput FILE`, which runs both alternately (32 paths, an AMD EPYC). clsim's noise is .334 and .311 of
   the mean, Mitsuba's is .318 and .333. In `spaceship` clsim took 2.2 times as long. The times in the table are older,
   and longer.
-- `bsdf_normalmap_with`: Mitsuba 3 darkens what a normal map bends away from the surface (Estevez et al., "A
-  Microfacet-Based Shadowing Function", 2019). With Mitsuba's `use_shadowing_function` off, the ratio is nearer to 1
-  by .0025. The rest, .001 to .003, is also found for the same test ball with other materials.
+- `bsdf_normalmap_with`: Mitsuba 3 darkens places where a normal map bends the normal away from the surface (Estevez
+  et al., "A Microfacet-Based Shadowing Function", 2019). With Mitsuba's `use_shadowing_function` off, the ratio is
+  nearer to 1 by .0025. The rest, .001 to .003, is also found for the same test ball with other materials.
 - `living-room-2`: the blinds in the windows are shells .3 mm thin. Mitsuba starts a ray a little behind its surface.
   This offset grows with the coordinates, and is .5 mm there, so rays skip the shell's second wall. Two such walls
   before a lamp (opacity .97) show .063 in clsim at any place. In Mitsuba they show .063 at the origin, and .54 when

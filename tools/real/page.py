@@ -86,8 +86,7 @@ def _summary(compared: Sequence[Compared]) -> str:
 
 def _nearest(rows: Sequence[Sequence[str]], models: Sequence[str]) -> str:
     counts = (f"{name} in {sum(row[2 + k].startswith('**') for row in rows)}" for k, name in enumerate(models))
-    head = f"Number of rows in which each is the nearest, of {len(rows)}, with ties counted for each"
-    return f"\n{head}: {', '.join(counts)}.\n"
+    return f"\nThe nearest, with ties counted for each: {', '.join(counts)}, of {len(rows)} rows.\n"
 
 
 def _far(far: float | None, known: Sequence[float]) -> str:
