@@ -63,7 +63,7 @@ def fit(
         ),
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Fit each recording's first half, and tell how well it foretells the other.")
+        bool, typer.Option("--check", help="Fit each recording's first half, and tell how well it predicts the second.")
     ] = False,
     resolution: SENSOR_SIZE = None,
     as_json: JSON = False,
@@ -75,7 +75,7 @@ def fit(
     Examples: `clsim sensor fit still.aedat4 --out mine.toml`,
     `clsim sensor fit still.raw --lamp lamp.raw --contrast 0.5 --base davis346 --out mine.toml`
     """
-    from clsim.cli.output.sensor_fits import fit_lights, fit_scenes, foretell, tell
+    from clsim.cli.output.sensor_fits import fit_lights, fit_scenes, predict, tell
     from clsim.events.formats.filesink import PartFile
 
     if (lamp is None) != (contrast is None):
@@ -96,7 +96,7 @@ def fit(
             text, rows = fit_lights(recordings, parse.numbers(lux, "--lux"), size, out.stem, told, base)
         else:
             text, rows = fit_scenes(recordings, lamp, contrast, size, out.stem, told, base)
-        halves = foretell(recordings, size) if check else []
+        halves = predict(recordings, size) if check else []
         part.part.write_text(text, encoding="utf-8")
         part.complete()
     finally:

@@ -11,7 +11,7 @@ import typer
 from clsim.errors import InputError
 from clsim.events import EventBatch
 from clsim.events.open import open_events, sensor_size
-from clsim.sensor.fit.check import Foretold, foretold
+from clsim.sensor.fit.check import Predicted, predicted
 from clsim.sensor.fit.fitted import Row, fitted_rows, noise_table, sensor_file, uniform_rows
 from clsim.sensor.fit.flicker import fit_flicker
 from clsim.sensor.fit.still import Counts, fit_still
@@ -66,8 +66,8 @@ def fit_lights(
     return sensor_file(name, size, rows, told, base, noise_table(rates, found)), rows
 
 
-def foretell(recordings: Sequence[str], size: Size | None) -> list[Foretold]:
-    """Return what the first halves of the recordings foretell of the other ones."""
+def predict(recordings: Sequence[str], size: Size | None) -> list[Predicted]:
+    """Return what the first halves of the recordings predict of the second halves."""
     quarters: list[Counts] = []
     for recording in recordings:
         with open_events(recording) as source:
@@ -82,10 +82,10 @@ def foretell(recordings: Sequence[str], size: Size | None) -> list[Foretold]:
             with open_events(recording) as source:
                 quarter.add(_between(source, int(edges[number]), int(edges[number + 1])))
             quarter.seconds = seconds + float(edges[number + 1] - edges[number]) * 1e-6
-    return foretold(quarters)[1]
+    return predicted(quarters)[1]
 
 
-def tell(rows: Sequence[Row], halves: Sequence[Foretold], *, as_json: bool) -> None:
+def tell(rows: Sequence[Row], halves: Sequence[Predicted], *, as_json: bool) -> None:
     """Print what was found, a line a number or as JSON."""
     if as_json:
         found: dict[str, object] = {name: number for name, number, _ in rows}

@@ -326,7 +326,7 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
 
     ``boxes``, of which there are ``box_count``, and ``corners`` tell where something was or is that has moved
     (``trails.py``), ``moved`` which instances have. Of all paths one in ``every`` is traced whatever it meets, none
-    where that is 0, and which ones that are goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    where that is 0; which ones goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
     """
     uniform2 = make_sampler(features.sobol)
     to_world_at, _, _ = make_placement(features)

@@ -14,7 +14,7 @@ _RESAMPLED = 200
 
 
 @dataclass(frozen=True)
-class Foretold:
+class Predicted:
     """A number of the second half.
 
     Attributes:
@@ -33,7 +33,7 @@ class Foretold:
         return abs(self.found - self.expected[0]) / self.expected[1] if self.expected[1] > 0 else math.inf
 
 
-def foretold(quarters: Sequence[Counts]) -> tuple[StillFit, list[Foretold]]:
+def predicted(quarters: Sequence[Counts]) -> tuple[StillFit, list[Predicted]]:
     """Fit the first two quarters of a recording, and return what they say of the last two, beside what these have.
 
     Rates are those of a mean pixel that the fit finds not hot; how much they differ from quarter to quarter, by chance
@@ -54,7 +54,7 @@ def _sum(parts: Sequence[Counts]) -> Counts:
 
 def _rows(
     quarters: Sequence[Counts], first: Counts, second: Counts, quiet: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-) -> Iterator[Foretold]:
+) -> Iterator[Predicted]:
     pixels = int(quiet.sum())
     for name in ("on", "off"):
         halves = [float(getattr(half, name)[quiet].sum()) / pixels / half.seconds for half in (first, second)]
@@ -63,7 +63,7 @@ def _rows(
         each = math.sqrt(float(np.square(apart).sum()))
         longer = first.seconds / second.seconds
         error = each * math.sqrt(1 + longer) / pixels / first.seconds
-        yield Foretold(f"{name.upper()} [1/s]", (halves[0], error), halves[1])
+        yield Predicted(f"{name.upper()} [1/s]", (halves[0], error), halves[1])
     alike, opposite = first.next_alike[quiet], first.next_opposite[quiet]
     if (alike + opposite).sum() and (second.next_alike + second.next_opposite)[quiet].sum():
         draw = np.random.default_rng(0)
@@ -73,4 +73,4 @@ def _rows(
         pairs = theirs + int(second.next_alike[quiet].sum())
         ours = int((alike + opposite).sum())
         error = float(np.std(shares)) * math.sqrt(1 + ours / pairs)
-        yield Foretold("flips", (float(opposite.sum()) / ours, error), theirs / pairs)
+        yield Predicted("flips", (float(opposite.sum()) / ours, error), theirs / pairs)

@@ -1,4 +1,4 @@
-"""One half of a recording foretells the other: rates and flips, within errors of its own."""
+"""One half of a recording predicts the other: rates and flips, within errors of its own."""
 
 import json
 from dataclasses import replace
@@ -8,7 +8,7 @@ import pytest
 
 import clsim
 from clsim.sensor import SensorSettings
-from clsim.sensor.fit.check import foretold
+from clsim.sensor.fit.check import predicted
 from clsim.sensor.fit.still import Counts
 from clsim.sensor.lab import Lab
 from clsim.sensor.pixel_stages import Defects, FrontEnd, Leak, Noise, Refractory, Threshold
@@ -42,10 +42,10 @@ def quarters(settings, seconds, seed=0):
 @pytest.mark.parametrize(
     ("settings", "seconds"), [(RATES, 20.0), pytest.param(SHOT, 4.0, marks=pytest.mark.slow)], ids=["rates", "shot"]
 )
-def test_a_half_foretells_the_other(settings, seconds):
+def test_a_half_predicts_the_other(settings, seconds):
     off = []
     for seed in range(6):
-        _, rows = foretold(quarters(settings, seconds, seed))
+        _, rows = predicted(quarters(settings, seconds, seed))
         assert [row.name for row in rows] == ["ON [1/s]", "OFF [1/s]", "flips"]
         assert all(0 < row.expected[1] < 0.1 * row.expected[0] for row in rows)
         off += [row.errors_off for row in rows]
@@ -57,7 +57,7 @@ def test_a_half_foretells_the_other(settings, seconds):
 
 def test_a_half_that_is_another_is_noticed():
     parts = quarters(RATES, 20.0)[:2] + quarters(replace(RATES, noise=Noise(0.4, 0.4, spread_decades=0.25)), 20.0)[2:]
-    rows = {row.name: row.errors_off for row in foretold(parts)[1]}
+    rows = {row.name: row.errors_off for row in predicted(parts)[1]}
     assert rows["OFF [1/s]"] > 4
 
 
@@ -72,7 +72,7 @@ def test_pairs_are_of_a_pixel_and_go_on_from_batch_to_batch():
     assert counts.next_alike.sum() + counts.next_opposite.sum() == 5
 
 
-def test_a_real_wall_foretells_its_other_half(tmp_path, monkeypatch, capsys):
+def test_a_real_wall_predicts_its_other_half(tmp_path, monkeypatch, capsys):
     wall = still_wall()
     with clsim.write(tmp_path / "wall.npz", *WALL) as out:
         out.write(wall, int(wall["t"][-1]) + 1)
