@@ -44,7 +44,8 @@ class StepClock:
             return [frame_time_us(index, self._fps) for index in range(following, last)]
         first = [0] if following == 0 else []
         length_us = until_us - passed_us
-        parts = math.ceil(length_us * self._fps / 1e6 - 1e-6)
+        # A step of a millionth of a frame ends with one, too.
+        parts = max(math.ceil(length_us * self._fps / 1e6 - 1e-6), min(length_us, 1))
         return first + [passed_us + round(length_us * (k + 1) / parts) for k in range(parts)]
 
     def wait_for(self, until_us: int) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import clsim
@@ -343,6 +343,7 @@ def test_a_reset_forgets_poses_that_were_set_for_later(tmp_path: Path) -> None:
 
 
 @given(st.floats(0.5, 2000.0), st.lists(st.integers(0, 200_000), min_size=1, max_size=6))
+@example(1.0, [1])
 def test_a_callers_steps_are_parts_as_long_as_each_other_and_no_longer_than_a_frame(
     fps: float, steps: list[int]
 ) -> None:
