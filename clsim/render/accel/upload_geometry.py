@@ -192,7 +192,7 @@ class GeometryData:
             write(self._spheres, spheres)
             write(self._sphere_steps, sphere_steps)
             if self._features.sphere_tree:
-                for corners, there in zip(self._sphere_boxes, self._sphere_bounds(times_s), strict=True):
+                for corners, there in zip(self._sphere_boxes, self._sphere_bounds(spheres, sphere_steps), strict=True):
                     corners.assign(there)
                 self._sphere_tree.rebuild()
 
@@ -225,7 +225,8 @@ class GeometryData:
             self._sphere_steps = array(sphere_steps, wp.vec3, self._device)
             geometry.spheres, geometry.sphere_steps = self._spheres, self._sphere_steps
             if self._features.sphere_tree:
-                self._sphere_boxes = [array(corners, wp.vec3, self._device) for corners in self._sphere_bounds(times_s)]
+                bounds = self._sphere_bounds(spheres, sphere_steps)
+                self._sphere_boxes = [array(corners, wp.vec3, self._device) for corners in bounds]
                 self._sphere_tree: Any = wp.Bvh(*self._sphere_boxes)
                 geometry.sphere_tree = self._sphere_tree.id
 
@@ -253,10 +254,11 @@ class GeometryData:
             lowers, uppers = lowers - beyond, uppers + beyond
         return lowers, uppers
 
-    def _sphere_bounds(self, times_s: _F64) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
-        """Return the corners of boxes around what each sphere sweeps, from the origin ``[spheres, 3]``."""
-        rows, steps = self._sphere_rows(times_s)
-        places = rows.reshape(len(times_s), -1, 4).astype(np.float64)
+    def _sphere_bounds(
+        self, rows: npt.NDArray[np.float32], steps: npt.NDArray[np.float32]
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        """Return the corners of boxes around what each sphere sweeps ``[spheres, 3]``; rows are of `_sphere_rows`."""
+        places = rows.reshape(-1, len(self._sphere_lights), 4).astype(np.float64)
         centres, extents = places[..., :3], places[..., 3:]
         extents = extents + _WIDER * (1.0 + np.abs(centres) + extents)
         lowers, uppers = (centres - extents).min(axis=0), (centres + extents).max(axis=0)
