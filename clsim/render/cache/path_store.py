@@ -9,17 +9,15 @@ import numpy.typing as npt
 import warp as wp
 
 from clsim.render.accel.geometry import mat34
-from clsim.render.accel.upload_geometry import Places, into_boxes
+from clsim.render.accel.upload_geometry import Places
 from clsim.render.cache.light_cache import Followed
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
-from clsim.render.cache.trails import PLACES
+from clsim.render.cache.trails import PLACES, Moved
 from clsim.render.device.arrays import write
 from clsim.render.device.launch import Tiles, record
 
 _TILE = 2048
 """Paths of a launch on a CPU; on a GPU all are one, for each launch takes as long as its slowest path."""
-_MOST_BOXES = 16
-"""Pairs of boxes that trails are compared with; of more instances several share one."""
 
 
 class MovingScene(Protocol):
@@ -68,11 +66,9 @@ class PathStore:
         self.frame = 0
         self.followed = False
         self._count: Any = wp.zeros(1, dtype=wp.int32, device=self._device)
-        self._boxes: Any = wp.zeros(2 * _MOST_BOXES, dtype=mat34, device=self._device)
-        self._corners: Any = wp.zeros(2 + 4 * _MOST_BOXES, dtype=wp.vec3, device=self._device)
-        self._moved: Any = wp.zeros(max(1, data.instance_count), dtype=wp.int32, device=self._device)
+        self._movement = Movement(data.places(), self._device)
         self._all_again = False
-        self._last, self._lamps, self._lamps_moved = data.places(), data.lamp_poses(), False
+        self._lamps, self._lamps_moved = data.lamp_poses(), False
         self._paths: Any = wp.zeros(0, dtype=StoredPath, device=self._device)
         self._trails: Any = wp.zeros(0, dtype=wp.vec3, device=self._device)
         self._allocate(1)
@@ -136,25 +132,19 @@ class PathStore:
     def follow(self, table: tuple[Any, Any]) -> None:
         """Trace again what may have changed since the last frame."""
         self.frame += 1
-        places = self._data.places()
-        boxes, corners, moved = _moved_boxes(self._last, places)
+        moved = self._movement.to(self._data.places())
         lamps = self._data.lamp_poses()
         lights = not np.array_equal(lamps, self._lamps)
         # Where lamps come to rest, what paths found while these moved is not extrapolated any longer.
         self._all_again = self._all_again or (self._lamps_moved and not lights)
         self._lamps, self._lamps_moved = lamps, lights
-        self._last = places
-        if not (lights or self._all_again or moved.any()):
+        if not (lights or self._all_again or moved):
             return
         steady = lights and not self._all_again and self._every > 1
         every = 1 if self._all_again else self._every if lights else 0
         self._all_again = False
-        if len(boxes):
-            write(self._boxes, boxes)
-            write(self._corners, corners.reshape(-1, 3))
-        self._moved.assign(moved.astype(np.int32))
         self.followed = True
-        self._trace(0, every, len(boxes))
+        self._trace(0, every)
         self._add(0, table, steady=steady)
 
     def move(self, rows: Any, before: tuple[Any, Any], table: tuple[Any, Any]) -> None:
@@ -164,7 +154,7 @@ class PathStore:
             wp.launch(kernels.move_rows, dim=self.stored, inputs=[self._paths, rows], device=self._device)
         wp.launch(kernels.move_followed, dim=len(rows), inputs=[rows, *before, *table], device=self._device)
 
-    def _trace(self, first: int, every: int, boxes: int = 0) -> None:
+    def _trace(self, first: int, every: int) -> None:
         count = self.stored - first
         if count <= 0:
             return
@@ -174,9 +164,8 @@ class PathStore:
         self._data.scene.geometry = geometry
         changed = {
             "scene": self._data.scene, "settings": self._settings, "first_path": first, "every": every,
-            "turn": self.frame, "box_count": boxes, "boxes": self._boxes, "corners": self._corners,
-            "moved": self._moved, "paths": self._paths,
-            "out_found": self._found, "out_traced": self._traced,
+            "turn": self.frame, "moved": self._movement.moved, "of_moved": self._movement.instances,
+            "paths": self._paths, "out_found": self._found, "out_traced": self._traced,
         }  # fmt: skip
         self._tiles.run(count, changed)
 
@@ -209,33 +198,47 @@ class PathStore:
     def _record(self, tile: int) -> Any:
         return record(
             self._kernel, tile, self._device, scene=self._data.scene, settings=self._settings, first_pixel=0, pixels=1,
-            first_path=0, every=0, turn=0, boxes=self._boxes, corners=self._corners, box_count=0, moved=self._moved,
+            first_path=0, every=0, turn=0, moved=self._movement.moved, of_moved=self._movement.instances,
             paths=self._paths, out_found=self._found, out_traced=self._traced,
         )  # fmt: skip
 
 
-def _moved_boxes(
-    before: Places, now: Places
-) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
-    """Return boxes around where instances are and were that have moved, and which have.
+class Movement:
+    """What has moved from one frame to the next.
 
-    The first are the matrices that make each the cube from −1 to 1, ``[n, 3, 4]``. The second are corners along the
-    axes: those around all boxes, and then around each, ``[1 + n, 2, 3]``; none where nothing has moved.
+    Attributes:
+        moved: what trails are compared with.
+        instances: of each instance whether it has moved, on the device.
     """
-    moved = np.zeros(now.count, bool)
-    moved[now.moving] = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
-    mine = moved[now.moving]
-    if not mine.any():
-        return np.zeros((0, 3, 4), np.float32), np.zeros((0, 2, 3), np.float32), moved
-    if mine.sum() <= _MOST_BOXES:
-        boxes = np.concatenate([before.into_boxes[mine], now.into_boxes[mine]])
-        corners = np.concatenate([before.boxes[mine], now.boxes[mine]])
-    else:
-        first = np.arange(_MOST_BOXES) * mine.sum() // _MOST_BOXES
-        pairs = np.concatenate([before.boxes[mine], now.boxes[mine]], axis=1)  # [n, 4, 3]
-        lower = np.minimum.reduceat(pairs.min(axis=1), first)
-        upper = np.maximum.reduceat(pairs.max(axis=1), first)
-        boxes = into_boxes(np.broadcast_to(np.eye(4), (_MOST_BOXES, 4, 4)), lower, upper)
-        corners = np.stack([lower, upper], axis=1)
-    around = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-    return boxes.astype(np.float32), np.concatenate([around[None], corners]).astype(np.float32), moved
+
+    def __init__(self, places: Places, device: Any) -> None:
+        """Make room for as many as may ever move."""
+        self._last = places
+        boxes = 2 * max(1, len(places.moving))
+        self._corners: list[Any] = [wp.zeros(boxes, dtype=wp.vec3, device=device) for _ in range(2)]
+        self._tree: Any = wp.Bvh(*self._corners)
+        self.instances: Any = wp.zeros(max(1, places.count), dtype=wp.int32, device=device)
+        self.moved = Moved()
+        self.moved.tree = self._tree.id
+        self.moved.counts = self._counts = wp.zeros(boxes, dtype=wp.bool, device=device)
+        self.moved.into_boxes = self._into_boxes = wp.zeros(boxes, dtype=mat34, device=device)
+
+    def to(self, now: Places) -> bool:
+        """Tell what has moved until ``now``, and return whether anything has."""
+        before, self._last = self._last, now
+        changed = np.any(before.poses != now.poses, axis=(1, 2)) | (now.deforming & (before.time != now.time))
+        of_instances = np.zeros(self.instances.shape[0], np.int32)
+        of_instances[now.moving] = changed
+        self.instances.assign(of_instances)
+        self.moved.any = bool(changed.any())
+        if changed.any():
+            boxes = np.concatenate([before.boxes, now.boxes])  # [2n, 2, 3]
+            twice = np.concatenate([changed, changed])
+            self.moved.lower = boxes[twice, 0].min(axis=0)
+            self.moved.upper = boxes[twice, 1].max(axis=0)
+            for corners, values in zip(self._corners, np.moveaxis(boxes, 1, 0), strict=True):
+                write(corners, values.astype(np.float32))
+            self._tree.rebuild()
+            write(self._counts, twice)
+            write(self._into_boxes, np.concatenate([before.into_boxes, now.into_boxes]).astype(np.float32))
+        return self.moved.any

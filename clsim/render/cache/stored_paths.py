@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from clsim.render.accel.geometry import make_placement, mat34, transform_vector
+from clsim.render.accel.geometry import make_placement, transform_vector
 from clsim.render.cache.light_cache import (
     LEVELS,
     Asked,
@@ -27,7 +27,7 @@ from clsim.render.cache.light_cache import (
     look_up_at,
     tells_before,
 )
-from clsim.render.cache.trails import trail_crosses
+from clsim.render.cache.trails import Moved, trail_crosses
 from clsim.render.device.compiler import kernel_options, one_at_a_time
 from clsim.render.kernel_input import Scene, Settings
 from clsim.render.primary.seen_surfaces import lit_albedo
@@ -324,9 +324,9 @@ def build_storing() -> Storing:
 def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
     """Return the kernel that traces paths again; a thread is ``pixels`` paths.
 
-    ``boxes``, of which there are ``box_count``, and ``corners`` tell where something was or is that has moved
-    (``trails.py``), ``moved`` which instances have. Of all paths one in ``every`` is traced whatever it meets, none
-    where that is 0; which ones goes by ``turn``. ``out_found`` is what each finds, where ``out_traced`` is 1.
+    ``moved`` tells what has moved (``trails.py``), ``of_moved`` of each instance whether it has. Of all paths one in
+    ``every`` is traced whatever it meets, none where that is 0; which ones goes by ``turn``. ``out_found`` is what each
+    finds, where ``out_traced`` is 1.
     """
     uniform2 = make_sampler(features.sobol)
     to_world_at, _, _ = make_placement(features)
@@ -340,10 +340,8 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         first_path: int,
         every: int,
         turn: int,
-        boxes: wp.array[mat34],
-        corners: wp.array[wp.vec3],
-        box_count: int,
-        moved: wp.array[int],
+        moved: Moved,
+        of_moved: wp.array[int],
         paths: wp.array[StoredPath],
         out_found: wp.array[wp.vec3],
         out_traced: wp.array[int],
@@ -351,12 +349,12 @@ def make_replay(features: Any, surface: Any, trace: Any, options: Any) -> Any:
         begin = first_path + first_pixel + wp.tid() * pixels
         for i in range(begin, begin + pixels):
             path = paths[i]
-            again = moved[path.met.instance] > 0
+            again = of_moved[path.met.instance] > 0
             if every > 0:
                 # Not by its row: on a GPU, rows are taken in no order.
                 again = again or (path.pixel + path.number + turn) % every == 0
             if not again:
-                again = trail_crosses(scene.geometry.trails, i, path.places, boxes, corners, box_count)
+                again = trail_crosses(scene.geometry.trails, i, path.places, moved)
             out_traced[i] = wp.where(again, 1, 0)
             if again:
                 state = sampling.absorb(settings.stream, path.pixel)

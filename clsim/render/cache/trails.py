@@ -1,4 +1,4 @@
-# ruff: noqa: UP018, SIM102, SIM110
+# ruff: noqa: UP018, RUF046
 """The trail of a stored path: its vertices, and the points on lights that these sampled, as Warp functions.
 
 While nothing moves in or out of the way between two of these, the path finds what it found.
@@ -14,8 +14,30 @@ PLACES = wp.constant(8)
 """Places of a path that are noted; what comes later carries little light."""
 MOST_M = wp.constant(1.0e5)
 """Stands for the distance of the sky."""
+_BEYOND = wp.constant(1.001)
+"""How far a way reaches, its own length being 1: a box that touches its end counts."""
 _LEAST = wp.constant(1.0e-12)
 """Stands for a part of a direction that is smaller."""
+
+
+@wp.struct
+class Moved:
+    """Boxes around what has moved: where each instance was, and then where each is, those that stand included.
+
+    Attributes:
+        any: whether one has moved.
+        lower, upper: corners of the box along the axes that is around all that have.
+        tree: of such boxes, one around each.
+        counts: whether that instance has moved.
+        into_boxes: makes the box along its own axes the cube from −1 to 1.
+    """
+
+    any: bool
+    lower: wp.vec3
+    upper: wp.vec3
+    tree: wp.uint64
+    counts: wp.array[bool]
+    into_boxes: wp.array[mat34]
 
 
 @wp.func
@@ -41,12 +63,6 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
     enters = float(0.0)
     leaves = float(1.0)
     for c in range(3):
-        a = from_m[c]
-        b = to_m[c]
-        # Most ways lie beyond one of its sides.
-        if wp.min(a, b) > 1.0 or wp.max(a, b) < -1.0:
-            return False
-    for c in range(3):
         d = to_m[c] - from_m[c]
         if wp.abs(d) < _LEAST:
             d = _LEAST
@@ -58,50 +74,36 @@ def _crosses(from_m: wp.vec3, to_m: wp.vec3) -> bool:
 
 
 @wp.func
-def _passes_by(from_m: wp.vec3, to_m: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> bool:
-    """Whether the way between two places lies beyond one side of a box along the axes: most do."""
-    for c in range(3):
-        if wp.min(from_m[c], to_m[c]) > upper[c] or wp.max(from_m[c], to_m[c]) < lower[c]:
-            return True
-    return False
-
-
-@wp.func
-def _crosses_any(
-    boxes: wp.array[mat34], corners: wp.array[wp.vec3], count: int, from_m: wp.vec3, to_m: wp.vec3
-) -> bool:
-    if _passes_by(from_m, to_m, corners[0], corners[1]):
+def _crosses_any(moved: Moved, from_m: wp.vec3, to_m: wp.vec3) -> bool:
+    way = to_m - from_m
+    if wp.dot(way, way) == 0.0:
         return False
-    for k in range(count):
-        if not _passes_by(from_m, to_m, corners[2 * k + 2], corners[2 * k + 3]):
-            if _crosses(transform_point(boxes[k], from_m), transform_point(boxes[k], to_m)):
+    # Most ways lie beyond one side of the box around all.
+    for c in range(3):
+        if wp.min(from_m[c], to_m[c]) > moved.upper[c] or wp.max(from_m[c], to_m[c]) < moved.lower[c]:
+            return False
+    near = wp.bvh_query_ray(moved.tree, from_m, way)
+    box = int(0)
+    while wp.bvh_query_next(near, box, _BEYOND):
+        if moved.counts[box]:
+            into = moved.into_boxes[box]
+            if _crosses(transform_point(into, from_m), transform_point(into, to_m)):
                 return True
     return False
 
 
 @wp.func
-def trail_crosses(
-    trails: wp.array[wp.vec3, Literal[2]],
-    row: int,
-    places: int,
-    boxes: wp.array[mat34],
-    corners: wp.array[wp.vec3],
-    count: int,
-) -> bool:
-    """Whether a path with so many places leads through one of ``count`` boxes.
-
-    Each is told by the matrix that makes it the cube from −1 to 1. ``corners`` are the lower and upper ones of the box
-    along the axes that is around them all, and then of that around each.
-    """
-    if count == 0:
+def trail_crosses(trails: wp.array[wp.vec3, Literal[2]], row: int, places: int, moved: Moved) -> bool:
+    """Whether a path with so many places leads through a box of what has moved."""
+    if not moved.any:
         return False
     at = trails[row, 0]
     for i in range(places):
-        if _crosses_any(boxes, corners, count, at, trails[row, 2 * i + 1]):
+        if _crosses_any(moved, at, trails[row, 2 * i + 1]):
             return True
         if i + 1 < places:
             after = trails[row, 2 * i + 2]
-            if _crosses_any(boxes, corners, count, at, after):
+            if _crosses_any(moved, at, after):
                 return True
             at = after
     return False

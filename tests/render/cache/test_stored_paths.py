@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from clsim.frames import RADIANCE, Frame, page_aligned
 from clsim.render import PathTracer, RenderOptions
-from clsim.render.accel.geometry import mat34
-from clsim.render.accel.upload_geometry import into_boxes
+from clsim.render.accel.upload_geometry import Places, into_boxes
 from clsim.render.cache.light_cache import Followed
-from clsim.render.cache.path_store import PathStore
+from clsim.render.cache.path_store import Movement, PathStore
 from clsim.render.cache.stored_paths import FOLLOWED_SUMS, StoredPath, build_storing
-from clsim.render.cache.trails import trail_crosses
+from clsim.render.cache.trails import Moved, trail_crosses
 from clsim.scene import Instance, Material, SphereLight, Static, load_world, shapes
 from clsim.scene.driven import Driven
 from clsim.scene.modulation import Pwm
@@ -196,12 +195,10 @@ def test_threads_change_nothing(threads):
 def ask(
     trails: wp.array2d(dtype=wp.vec3),
     places: int,
-    boxes: wp.array(dtype=mat34),
-    corners: wp.array(dtype=wp.vec3),
-    count: int,
+    moved: Moved,
     out: wp.array(dtype=int),
 ):
-    out[0] = wp.where(trail_crosses(trails, 0, places, boxes, corners, count), 1, 0)
+    out[0] = wp.where(trail_crosses(trails, 0, places, moved), 1, 0)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -234,10 +231,26 @@ def test_trails_cross_the_boxes_that_points_along_them_lie_in(seed):
     out = wp.zeros(1, dtype=wp.int32, device="cpu")
     corners = np.array([[x, y, z] for x, y, z in np.ndindex(2, 2, 2)]) * (upper - lower) + lower
     corners = corners @ pose[:3, :3].T + pose[:3, 3]
-    around = np.tile([corners.min(axis=0) - 1e-5, corners.max(axis=0) + 1e-5], (2, 1)).astype(np.float32)
-    into = into_boxes(pose[None], lower[None], upper[None]).astype(np.float32)
-    boxes, sides = wp.array(into, dtype=mat34, device="cpu"), wp.array(around, dtype=wp.vec3, device="cpu")
-    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, boxes, sides, 1, out], device="cpu")
+    around = np.array([[corners.min(axis=0) - 1e-5, corners.max(axis=0) + 1e-5]])
+    # One that is where all of the trail is, and another that stands there: only the first counts.
+    far = Places(
+        0.0,
+        2,
+        np.array([0, 1]),
+        np.zeros(2, bool),
+        np.stack([np.eye(4) * 2, np.eye(4)]),
+        np.array([[[8.0] * 3, [9.0] * 3], [[-3.0] * 3, [3.0] * 3]]),
+        into_boxes(np.stack([np.eye(4)] * 2), np.array([[8.0] * 3, [-3.0] * 3]), np.array([[9.0] * 3, [3.0] * 3])),
+    )
+    movement = Movement(far, "cpu")
+    here = replace(
+        far,
+        poses=np.stack([pose, np.eye(4)]),
+        boxes=np.concatenate([around, far.boxes[1:]]),
+        into_boxes=np.concatenate([into_boxes(pose[None], lower[None], upper[None]), far.into_boxes[1:]]),
+    )
+    assert movement.to(here)
+    wp.launch(ask, 1, [wp.array(trail[None], dtype=wp.vec3, device="cpu"), places, movement.moved, out], device="cpu")
     found = bool(out.numpy()[0])
     assert found or not crosses(-1e-3)
     assert not found or crosses(1e-3)
