@@ -330,12 +330,18 @@ class Pipeline:
                 self._ring.publish()
                 if self._in_step or (clock is not None and index < WARM_UP_FRAMES):
                     self._consumed.acquire()
-                index += 1
+                index = self._after(index)
             self._ring.close()
         finally:
             if self._duplicates is not None:
                 self.progress.noise_share = self._duplicates.noise_share
             source.close()
+
+    def _after(self, index: int) -> int:
+        """Return the next frame: some are left out where the clock leaves no time for them, but never the last."""
+        following = index + (1 if self._governed is None else self._governed.one_in)
+        last = (self._schedule.total or following + 1) - 1
+        return following if index >= last else min(following, last)
 
     def _consume(self) -> None:
         detector = self._detector = self._make_detector()

@@ -220,10 +220,12 @@ def open_live(
     probe_spp = stages.render.probe_spp or point.spp
     retracing = stages.retracing if options.time == "adaptive" else None
     tolerance_us = None if retracing is None else retracing.tolerance_us
-    level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us)
-    governed = Governed(ladder(level), stages.fps) if options.governed else None
-    # Pixels that share uncached light, or a window, with their neighbours need these sampled twice too.
     cached = stages.render.light_cache
+    level = Level(probe_spp, point.spp, point.first_hit_rays, point.probe_every, tolerance_us, cached=cached)
+    # Who wants truth wants it of all frames, and steps between which pixels are traced stay short.
+    levels = ladder(level, 0.0 if options.truth or retracing is not None else stages.fps)
+    governed = Governed(levels, stages.fps) if options.governed else None
+    # Pixels that share uncached light, or a window, with their neighbours need these sampled twice too.
     by_paths = not stages.render.first_hit_rays
     duplicates: DuplicateSampling | None = None
     if not config.facts.windowed and (cached or by_paths):

@@ -30,7 +30,7 @@ class Governed:
     """A governor and the ladder whose rungs it chooses from.
 
     The first frame is rendered at the best level, since it sets the references; the other ones of the warm-up at the
-    cheapest level with as many first-hit rays, which tells where to start.
+    cheapest level with as many first-hit rays that leaves no frame out, which tells where to start.
     """
 
     def __init__(self, levels: Sequence[Level], fps: float) -> None:
@@ -44,7 +44,8 @@ class Governed:
         self.restarts = 0
         """How often references had to be reset."""
         best = self.levels[0]
-        self._trial = max(i for i, level in enumerate(levels) if level.first_hit_rays == best.first_hit_rays)
+        alike = [(level.first_hit_rays, level.one_in) == (best.first_hit_rays, best.one_in) for level in levels]
+        self._trial = max(i for i, each in enumerate(alike) if each)
         self._applied = self._wanted = best
         self._frames = 0
         self._least_s = float("inf")
@@ -58,6 +59,11 @@ class Governed:
     def tolerance_us(self) -> float | None:
         """Error of an event's time that will do from the next frame on [µs]; None where none is sought."""
         return self._wanted.tolerance_us
+
+    @property
+    def one_in(self) -> int:
+        """Frames of which one is rendered, from the one that was begun last on."""
+        return self._applied.one_in if self._frames >= WARM_UP_FRAMES else 1
 
     @property
     def given_up(self) -> str:
@@ -88,7 +94,7 @@ class Governed:
         if self._frames == WARM_UP_FRAMES:
             self.governor.begin(min(self._least_s, busy_s), self._trial)
         else:
-            self.governor.observe(busy_s, lag_s)
+            self.governor.observe(busy_s / self._applied.one_in, lag_s)
         self._wanted = self.level
 
     def summary(self) -> dict[str, Any]:

@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 
-# Costs in first-hit rays per pixel, as measured on a CPU; only ratios count.
-_PATH = 4.0
-"""A light path: 2.2 in two-boxes, where many end in the sky, 6.4 in cornell, where none does."""
-_DETECTION = 1.5
-"""What a pixel costs besides its rays, ``irradiance`` being the method."""
-_FIRST_LOOK = 4
-"""First-hit rays that all pixels get …"""
-_MORE_SHARE = 0.1
-"""… and the share of the further ones that are traced, for few are where nothing varies."""
+_OFTEN_HZ, _SELDOM_HZ = 60.0, 10.0
+"""Frames a second that are kept until all else is given up, and then."""
+_LEAST_RAYS = 8
+"""First-hit rays below which a pixel's corners are not shared: 4 cost as much as 32, and 1 loses half of the score."""
+_LEAST_EVERY = 4
+
+# Costs in first-hit rays per pixel, as measured on a CPU; only ratios count. Paths are rarely traced where light is
+# cached, and what a pixel takes besides is look-up and the rays of its corners.
+_PATH = {False: 4.0, True: 1.0}
+"""A light path without the cache, and with it."""
+_PIXEL = {False: 1.5, True: 6.0}
+"""What a pixel costs besides its rays and paths."""
+_RAY = 0.12
+"""A first-hit ray beyond the first ones, for few are traced where nothing varies."""
 _INTEREST_SHARE = 0.4
 """Share of the pixels that get all light paths."""
 
@@ -22,20 +29,10 @@ _TRACED_BETWEEN = 15.0
 LARGEST_TOLERANCE_US = 1e4
 """Error of an event's time beyond which next to nothing is saved."""
 
-_BELOW_ONE_PATH: tuple[dict[str, int], ...] = (
-    {"first_hit_rays": 4},
-    {"every": 2},
-    {"every": 4},
-    {"first_hit_rays": 2},
-    {"first_hit_rays": 1},
-)
-"""What is given up once there is one path a pixel: in this order the strict F1 falls least, as measured where the
-camera moves (which needs first-hit rays) and where a lamp does (which needs probes)."""
-
 
 @dataclass(frozen=True)
 class Level:
-    """How much is rendered, by the fields of `clsim.render.Effort`, and how exactly events are timed."""
+    """How much is rendered, by the fields of `clsim.render.Effort`, how often, and how exactly events are timed."""
 
     probe_spp: int
     """Light paths of every pixel that is probed."""
@@ -47,29 +44,36 @@ class Level:
     """Frames in which all pixels are probed once."""
     tolerance_us: float | None = None
     """Error of an event's time that will do [µs], where pixels are traced between frames; no part of an effort."""
+    one_in: int = 1
+    """Frames of which one is rendered; no part of an effort."""
+    cached: bool = False
+    """Whether light is cached; no part of an effort."""
 
     @property
     def effort(self) -> dict[str, int]:
         """The fields of a `clsim.render.Effort`."""
         values = asdict(self)
-        del values["tolerance_us"]
+        for name in ("tolerance_us", "one_in", "cached"):
+            del values[name]
         return values
 
     @property
     def cost(self) -> float:
-        """Cost of a frame relative to other levels: a model, for scenes differ."""
+        """Cost of a frame's time relative to other levels: a model, for scenes differ."""
         paths = _INTEREST_SHARE * self.spp + (1 - _INTEREST_SHARE) * self.probe_spp / self.every
-        rays = min(self.first_hit_rays, _FIRST_LOOK) + _MORE_SHARE * max(0, self.first_hit_rays - _FIRST_LOOK)
         between = 0.0
         if self.tolerance_us is not None:
             between = _TRACED_BETWEEN * (1 + max(0.0, math.log10(LARGEST_TOLERANCE_US / self.tolerance_us)))
-        return _DETECTION + _PATH * paths + rays + between
+        frame = _PIXEL[self.cached] + _PATH[self.cached] * paths + _RAY * self.first_hit_rays + between
+        return frame / self.one_in
 
     def given_up_against(self, best: Level) -> str:
         """Return what this level lacks against a better one, in words; empty if nothing."""
         changes = []
         if best.tolerance_us != self.tolerance_us:
             changes.append(f"time tolerance {best.tolerance_us:g} -> {self.tolerance_us:g} us")
+        if best.one_in != self.one_in:
+            changes.append(f"only one frame in {self.one_in}")
         if best.spp != self.spp:
             changes.append(f"samples {best.spp} -> {self.spp}")
         if best.probe_spp != self.probe_spp:
@@ -81,19 +85,43 @@ class Level:
         return ", ".join(changes)
 
 
-def ladder(best: Level) -> list[Level]:
-    """Return the levels from ``best`` down: a greater tolerance of times, then half the samples again and again, then
-    alternately fewer primary rays and rarer probes.
+def ladder(best: Level, fps: float = 0.0) -> list[Level]:
+    """Return the levels from ``best`` down, each cheaper than the one before.
+
+    What loses least comes first (F1 in 1 ms and strict F1, where the camera, a box or a lamp moves): a greater
+    tolerance of times; every other frame, while there are many a second; half the samples again and again; fewer
+    primary rays; rarer probes; and fewer frames again. With ``fps`` 0 no frame is left out.
 
     Where first-hit rays change, so does a still picture, and references must be reset.
     """
-    levels = [best]
-    while (tolerance_us := levels[-1].tolerance_us) is not None and tolerance_us < LARGEST_TOLERANCE_US:
-        levels.append(replace(levels[-1], tolerance_us=min(10 * tolerance_us, LARGEST_TOLERANCE_US)))
-    while levels[-1].spp > 1:
-        spp = levels[-1].spp // 2
-        levels.append(replace(levels[-1], spp=spp, probe_spp=min(levels[-1].probe_spp, spp)))
-    for less in _BELOW_ONE_PATH:
-        if less.get("first_hit_rays", 0) < best.first_hit_rays and less.get("every", best.every + 1) > best.every:
-            levels.append(replace(levels[-1], **less))
-    return levels
+    levels = list(_down(best, fps))
+    return [best, *(below for above, below in pairwise(levels) if below.cost < above.cost)]
+
+
+def _down(level: Level, fps: float) -> Iterator[Level]:
+    yield level
+    while level.tolerance_us is not None and level.tolerance_us < LARGEST_TOLERANCE_US:
+        level = replace(level, tolerance_us=min(10 * level.tolerance_us, LARGEST_TOLERANCE_US))
+        yield level
+    while fps >= _fewer(level.one_in) * _OFTEN_HZ:
+        level = replace(level, one_in=_fewer(level.one_in))
+        yield level
+    while level.spp > 1:
+        spp = level.spp // 2
+        level = replace(level, spp=spp, probe_spp=min(level.probe_spp, spp))
+        yield level
+    while level.first_hit_rays > _LEAST_RAYS:
+        level = replace(level, first_hit_rays=max(level.first_hit_rays // 2, _LEAST_RAYS))
+        yield level
+    rarely = _LEAST_EVERY * (level.every if level.cached else 1)
+    if level.every < rarely:
+        level = replace(level, every=rarely)
+        yield level
+    while fps >= _fewer(level.one_in) * _SELDOM_HZ:
+        level = replace(level, one_in=_fewer(level.one_in))
+        yield level
+
+
+def _fewer(one_in: int) -> int:
+    """Return the next of 1, 2, 3, 4, 6, 9, 13 …"""
+    return max(one_in + 1, one_in * 3 // 2)

@@ -173,7 +173,7 @@ def test_what_was_given_up_is_shown() -> None:
     session.pipeline.progress.first_frame_s = 0.1
     assert "gave up" not in status_line(session).plain
     session.governed.governor.level = 3
-    given_up = f"samples {QUALITIES['balanced'].spp} -> 1"
+    given_up = "only one frame in 2, samples 8 -> 2"
     assert f"gave up: {given_up}" in status_line(session).plain
     assert f"to keep up with the clock it gave up {given_up}" in told_at_the_end(session)
 

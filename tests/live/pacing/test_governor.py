@@ -183,35 +183,44 @@ def test_costs_must_fall() -> None:
 
 
 @given(
-    st.integers(1, 8), st.integers(0, 8), st.sampled_from([1, 2, 4, 8, 16, 64]), st.sampled_from([1, 2, 4, 6]),
-    st.sampled_from([None, 1.0, 20.0, 1e4]),
+    st.integers(1, 8), st.integers(0, 8), st.sampled_from([1, 2, 4, 8, 16, 64]), st.sampled_from([1, 2, 4, 16]),
+    st.sampled_from([None, 1.0, 20.0, 1e4]), st.sampled_from([0.0, 10.0, 30.0, 120.0, 500.0]), st.booleans(),
 )  # fmt: skip
-def test_down_the_ladder_times_get_coarser_first_then_samples_fewer_then_rays_and_probes(
-    probe_spp: int, more: int, rays: int, every: int, tolerance_us: float | None
+def test_down_the_ladder_what_loses_least_goes_first(
+    probe_spp: int, more: int, rays: int, every: int, tolerance_us: float | None, fps: float, cached: bool
 ) -> None:
-    """Nothing gets better on the way down, and what comes later waits until what comes before is given up."""
-    levels = ladder(Level(probe_spp, probe_spp + more, rays, every, tolerance_us))
+    """One thing gets worse from rung to rung and nothing better; times first, then frames above 60 a second, samples,
+    rays down to 8, probes, and frames above 10 a second."""
+    best = Level(probe_spp, probe_spp + more, rays, every, tolerance_us, cached=cached)
+    levels = ladder(best, fps)
+    order = []
     for above, below in pairwise(levels):
-        rays_or_probes = (above.first_hit_rays, -above.every) != (below.first_hit_rays, -below.every)
-        coarser = (above.tolerance_us or 0) < (below.tolerance_us or 0)
-        fewer = above.spp > below.spp
-        assert [coarser, fewer, rays_or_probes].count(True) == 1
-        assert not fewer or (below.spp == above.spp // 2 and below.probe_spp <= above.probe_spp)
-        assert not (fewer or rays_or_probes) or below.tolerance_us in (None, 1e4)
-        assert not rays_or_probes or below.spp == 1
-        assert below.first_hit_rays <= above.first_hit_rays and below.every >= above.every
-        assert below.probe_spp <= below.spp
+        worse = {
+            "times": (below.tolerance_us or 0) - (above.tolerance_us or 0),
+            "frames": below.one_in - above.one_in,
+            "samples": above.spp - below.spp,
+            "rays": above.first_hit_rays - below.first_hit_rays,
+            "probes": below.every - above.every,
+        }
+        assert all(change >= 0 for change in worse.values())
+        (name,) = (each for each, change in worse.items() if change)
+        order.append("many frames" if name == "frames" and fps >= 60 * below.one_in else name)
+        assert below.probe_spp <= below.spp and below.cost < above.cost
+    wanted = ["times", "many frames", "samples", "rays", "probes", "frames"]
+    assert order == sorted(order, key=wanted.index)
     last = levels[-1]
-    assert (last.spp, last.first_hit_rays, last.every >= 4, last.tolerance_us) == (
-        1, 1, True, None if tolerance_us is None else 1e4,
-    )  # fmt: skip
+    assert (last.spp, last.first_hit_rays) == (1, min(rays, 8)) and last.every >= 4
+    assert last.tolerance_us in (None, 1e4)
+    assert last.one_in == 1 if fps < 20 else 10 <= fps / last.one_in <= 20
+    assert all(1 < below.one_in / above.one_in <= 2 for above, below in pairwise(levels) if below.one_in > above.one_in)
 
 
 def test_what_was_given_up_is_told_in_words() -> None:
     timed = ladder(Level(1, 8, 16, tolerance_us=20.0))
     assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us" and timed[0].effort == BEST.effort
     assert LEVELS[0].given_up_against(BEST) == ""
-    assert LEVELS[-1].given_up_against(BEST) == ("samples 8 -> 1, first-hit rays 16 -> 1, pixels probed each 4 frames")
+    assert LEVELS[-1].given_up_against(BEST) == "samples 8 -> 1, first-hit rays 16 -> 8, pixels probed each 4 frames"
+    assert ladder(BEST, 120.0)[1].given_up_against(BEST) == "only one frame in 2"
 
 
 @pytest.mark.parametrize(
