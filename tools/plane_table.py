@@ -15,8 +15,8 @@ INTRODUCTION = """# The planes of a frame
 A frame is a stack of planes, one number for each pixel and plane. `clsim render SCENE --out DIR` writes each frame as
 an EXR file with a channel for every plane; `clsim detect` reads them back. Row 0 is the top of the image.
 
-Named qualities spend more rays and paths on pixels that are near an event. Which pixels are near depends on the
-contrast threshold of the run. Other pixels are less exact. To detect events of several thresholds in one set of
+`balanced` and `accurate` spend more first-hit rays on pixels that are near an event. Which pixels are near depends on
+the contrast threshold of the run. Other pixels are less exact. To detect events of several thresholds in one set of
 frames, render with the smallest threshold (`--threshold`), or with `--quality exact`, which spends the same on every
 pixel.
 
