@@ -78,15 +78,16 @@ def _summary(compared: Sequence[Compared]) -> str:
         " for the statistics that depend more on the camera than on the scene. The nearest stream is bold.\n\n"
         + _table(["recording", "statistic", *models], rows)
         + _nearest(rows, models)
-        + "\nThe table has the share of patches that the line assigns correctly, to the stream or to the recording; .5 "
-        "is chance. *Halves*: the same for the first and the second half of the recording, where .5 is expected.\n\n"
+        + "\nThe next table has the share of blocks that the classifier assigns correctly, to the stream or to the "
+        "recording; by chance it is .5. *Halves* is this share for the first half of the recording against the second "
+        "half, where .5 is expected. *Cameras'* are the features that depend on the camera.\n\n"
         + _table(["recording", "features", "halves", *models], told)
     )
 
 
 def _nearest(rows: Sequence[Sequence[str]], models: Sequence[str]) -> str:
     counts = (f"{name} in {sum(row[2 + k].startswith('**') for row in rows)}" for k, name in enumerate(models))
-    return f"\nThe nearest, with ties counted for each: {', '.join(counts)}, of {len(rows)} rows.\n"
+    return f"\nThe nearest stream is: {', '.join(counts)}, of {len(rows)} rows. A tie counts for each.\n"
 
 
 def _far(far: float | None, known: Sequence[float]) -> str:
@@ -105,8 +106,9 @@ def _recording(each: Compared) -> str:
     rows.append(["speed of the texture [pixels/s]", "", *(f"{model[0].speed:.0f}" for model in each.models.values())])
     look = each.look
     return (
-        f"## {each.camera}: {each.file}\n\n`--sensor {each.preset}`; {look.contrast:g} ln units of contrast, patches of"
-        f" {look.patch_px:g} pixels, in {look.active:.0%} of the picture. {each.patches} patches for the line.\n\n"
+        f"## {each.camera}: {each.file}\n\nThe preset is `{each.preset}`. The texture has a contrast of "
+        f"{look.contrast:g} natural-log units and spots of {look.patch_px:g} pixels, and moves in {look.active:.0%} of "
+        f"the picture. The classifier had {each.patches} blocks of the recording.\n\n"
         + _table(["", "real", *each.models], rows)
     )
 
@@ -128,25 +130,26 @@ streams that have the same number of events in the same time: of the ideal pixel
 v2e is simulated by its published equations, with the defaults of its command line and one frame for each pixel of
 motion.
 
-*Read this first.* The simulated scene is not the recorded one. A texture of dark and bright patches drifts in a part
-of the picture, before pixels at some 100 lux. The texture's speed is chosen so that the stream has as many events as
-the recording. If a model fires fewer events at any speed, the row *events* shows that. How fast light changes, how
-much of it rises and where it changes depend on the scene, not on the camera: the rows in plain letters show such
-quantities. Rows in **bold** letters depend more on the camera than on the scene. Some numbers of the presets were
-read from these same recordings (`[sources]` says which). So a preset that fits its recording need not fit another
+*Read this first.* The simulated scene is not the recorded one. A texture of dark and bright spots drifts in a part of
+the picture, before pixels at some 100 lux. The texture's speed is chosen so that the stream has as many events as the
+recording. If a model fires fewer events at any speed, its number in the row *events* is smaller. How fast light
+changes, how much of it rises and where it changes depend on the scene, not on the camera: the rows in plain letters
+show such quantities. Rows in **bold** letters depend more on the camera than on the scene. Some numbers of the presets
+were read from these same recordings (`[sources]` marks them). So a preset that fits its recording need not fit another
 camera, or one with other biases.
 
-The statistics are those of `clsim info RECORDING --statistics` ([what they are](stream-statistics.md)). Row-mates and
-column-mates depend on the order of events of the same time. For this page all streams are sorted by time, row and
-column. In the order of the recordings' own files, row-mates are .95, .96, 1.00 and .11.
+The statistics are those of `clsim info RECORDING --statistics`; [another page](stream-statistics.md) defines them. The
+tables call `shared_time` *share their µs*, `one_row` and `one_column` *of one time, in one row* (*column*), and
+`opposite_next` *next of opposite sign*. Row-mates and column-mates depend on the order of events of the same time. For
+this page all streams are sorted by time, row and column. In the order of the recordings' own files, the share of
+row-mates is .95, .96, 1.00 and .11.
 
-At millions of events a second, row-mates say little, because neighbouring events have the same time anyway. The share
-of events of the same time that lie in one row shows whether rows are read together.
+At millions of events a second, neighbouring events have the same time anyway, so row-mates are no sign that rows are
+read together. `one_row` is such a sign.
 
-The *line* is a linear classifier, Fisher's discriminant, that tries to separate patches of a stream from patches of
-the recording. It uses patches of {ms} ms and {px}×{px} pixels with at least {least} events, with five-fold
-cross-validation. Features of a patch that depend on the scene: {scenes}. Features that depend on the camera:
-{cameras}.
+A *linear classifier*, Fisher's discriminant, tries to separate a simulated stream from the recording. It gets blocks
+of {ms} ms and {px}×{px} pixels with at least {least} events, in five-fold cross-validation. Features of a block that
+depend on the scene: {scenes}. Features that depend on the camera: {cameras}.
 """
 _TAIL = """## Left out
 

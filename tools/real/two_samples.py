@@ -10,12 +10,12 @@ from clsim.sensor.statistics import statistics
 
 PATCH_US, PATCH_PX, LEAST_EVENTS = 5000, 64, 60
 OF_SCENES = (
-    "log of events", "log of active pixels", "share of ON", "log of the interval, 50 %", "log of the interval, 99 %",
-    "next of opposite sign", "hottest",
+    "log of events", "log of `active_pixels`", "`on_share`", "log of `interval_us` (50 %)",
+    "log of `interval_us` (99 %)", "`opposite_next`", "`hottest`",
 )  # fmt: skip
 OF_CAMERAS = (
-    "log of the interval, 1 %", "shared times", "row-mates", "column-mates", "of one time, in one row",
-    "of one time, in one column", "lonely",
+    "log of `interval_us` (1 %)", "`shared_time`", "`row_mates`", "`column_mates`", "`one_row`", "`one_column`",
+    "`lonely`",
 )  # fmt: skip
 """Features, those that cameras decide more than scenes last."""
 _RIDGE, _FOLDS = 1e-2, 5
