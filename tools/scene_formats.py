@@ -59,7 +59,7 @@ negative `fx`. Mirrored cameras of glTF and USD do not mirror the picture, as in
 A sky under a mirroring matrix is mirrored.
 
 An orthographic camera (in a TOML `lens = { model = "orthographic", view_width_m = 2.0 }`) sees along parallel
-rays. These begin in the plane of the camera's position. If the camera's parent node is scaled, the view is
+rays. The rays begin in the plane of the camera's position. If the camera's parent node is scaled, the view is
 scaled too.
 """
 

@@ -146,13 +146,13 @@ def page(found: dict[str, Any], picture: Path) -> str:
     mitsuba = importlib.metadata.version("mitsuba")
     return f"""# Validation
 
-{len(found)} public scenes, rendered by clsim and by Mitsuba {mitsuba} (`llvm_ad_rgb`) from the same files:
-160 pixels wide, two seeds, at most 8 edges, box filter. The files are those of
+This page compares {len(found)} public scenes, rendered by clsim and by Mitsuba {mitsuba} (`llvm_ad_rgb`) from the same
+files. Pictures are 160 pixels wide, with two seeds, paths of at most 8 edges, and a box filter. The files are those of
 [mitsuba-data](https://github.com/mitsuba-renderer/mitsuba-data),
 [lajolla_public](https://github.com/BachiLi/lajolla_public),
 [practical-path-guiding](https://github.com/Tom94/practical-path-guiding),
 [dppm-scenes](https://github.com/hchoi405/dppm-scenes) and Benedikt Bitterli's
-[rendering resources](https://benedikt-bitterli.me/resources/). Written by `tools/validation_page.py`.
+[rendering resources](https://benedikt-bitterli.me/resources/). `tools/validation_page.py` writes the page.
 
 ![Each scene as clsim and as Mitsuba shows it, and the difference](images/{picture.name})
 
