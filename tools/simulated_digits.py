@@ -155,10 +155,10 @@ The 300 real recordings show none of the simulated digits. The 60 are not a clea
 together with the 300, while the blur and the path of the saccades were chosen. Whether recordings are moved too, and
 by how much, was chosen on the 300 alone.
 
-The simulation differs from the real recordings, or was adapted to them, in these points. The digits are 20 times as bright as
-the screen. They move on straight lines with a gentle start and stop. The path of the
-saccades, the blur of v2e's frames and the thresholds of `--sensor atis` were chosen with the 300 real recordings. In
-the real files, the polarity bit is set where light falls.
+The simulation differs from the real recordings, or was adapted to them, in these points. The digits are 20 times as
+bright as the screen. They move on straight lines with a gentle start and stop. The path of the saccades, the blur of
+v2e's frames and the thresholds of `--sensor atis` were chosen with the 300 real recordings. In the real files, the
+polarity bit is set where light falls.
 
 The simulated recordings are a data set of `clsim dataset digits`. Each screen has a hundred digits; it is rendered
 and seen by the camera. Screens are drawn at random, so some are seen twice. v2e, by its published equations and with
