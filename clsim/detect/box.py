@@ -20,7 +20,7 @@ class Boxes:
         self._place, self._reach = place, side // 2
         layout = place.layout
         planes = layout.features + 4
-        self._along_rows, self._along_columns = place.kernels("box", ("box_rows", "box_columns"))
+        self._along_rows, self._along_columns = place.kernels("detect/box", ("box_rows", "box_columns"))
         self._row_sums = place.allocate(layout.planes_shape(planes + 1))
         self.means = place.allocate(layout.planes_shape(planes))
 

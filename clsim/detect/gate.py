@@ -74,7 +74,7 @@ class Gate:
         layout = place.layout
         listed = _LISTED if place.device.is_cpu else 1
         self._macros = {"CHUNK": CHUNK, "LISTED": listed, **(macros or {})}
-        (self._list,) = place.kernels("gate", ("list_pixels",), self._macros)
+        (self._list,) = place.kernels("detect/gate", ("list_pixels",), self._macros)
         self.flags = place.allocate(layout.image_shape, np.uint8)
         self.counts = place.allocate_seen((layout.height, 4), np.int32)
         self.pixels = place.allocate((layout.height * layout.span,), np.int32)
@@ -94,7 +94,7 @@ class LevelGate(Gate):
     def __init__(self, place: Place) -> None:
         """Build the kernels."""
         super().__init__(place)
-        (self._test,) = place.kernels("gate", ("gate_level",), self._macros)
+        (self._test,) = place.kernels("detect/gate", ("gate_level",), self._macros)
 
     def test(self, packed: Buffer, start: int, level: Level, levels: Levels, references: Buffer) -> None:
         """Flag pixels by their ``level`` and write it into ``levels``; the packed frame is at ``start``."""
@@ -112,7 +112,7 @@ class ModelGate(Gate):
     def __init__(self, place: Place, macros: Mapping[str, object]) -> None:
         """Build the kernels; ``macros`` as `clsim.detect.models.model_macros` gives them."""
         super().__init__(place, macros)
-        self._test, self._take = place.kernels("gate", ("gate_model", "take_levels"), self._macros)
+        self._test, self._take = place.kernels("detect/gate", ("gate_model", "take_levels"), self._macros)
         self._no_boxes = place.allocate((1,))
 
     def test(

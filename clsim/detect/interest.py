@@ -16,7 +16,7 @@ class Interest:
     def __init__(self, place: Place) -> None:
         """Build the kernel."""
         self._place = place
-        (self._measure,) = place.kernels("interest", ("measure_interest",))
+        (self._measure,) = place.kernels("detect/interest", ("measure_interest",))
         self._out = place.allocate((4, place.layout.height, place.layout.width), np.float32)
 
     def measure(self, levels: Levels, references: Buffer, error: Buffer | None) -> FloatArray:

@@ -49,7 +49,7 @@ class Demodulation:
     def __init__(self, place: Place, config: DetectorConfig, names: tuple[str, ...]) -> None:
         """Prepare for frames with planes ``names``."""
         self._place = place
-        (self._kernel,) = place.kernels("irradiance", ("demodulate",), _macros(config, names), _prefix(place))
+        (self._kernel,) = place.kernels("detect/irradiance", ("demodulate",), _macros(config, names), _prefix(place))
         optional = [name for name in (*COVERAGE, *EMISSION, *SAMPLES) if name in names]
         planes = (*NEEDED_PLANES, *optional)
         self._source = place.allocate((len(planes),), np.int32)
@@ -84,7 +84,7 @@ class Smoothing:
         self._place = place
         kernels = ("smooth_plain", "smooth_with_error", "gate_details")
         self._plain, self._with_error, self._test = place.kernels(
-            "irradiance", kernels, _macros(config, names), _prefix(place)
+            "detect/irradiance", kernels, _macros(config, names), _prefix(place)
         )
         self.gate = Gate(place)
         layout = place.layout

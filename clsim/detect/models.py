@@ -30,7 +30,7 @@ class Models:
         """Build the kernel; ``boxes`` where the gate compares box means."""
         self._place = place
         macros: dict[str, object] = {"CHUNK": CHUNK, **model_macros(boxes)}
-        (self._keep,) = place.kernels("models", ("keep_models",), macros)
+        (self._keep,) = place.kernels("detect/models", ("keep_models",), macros)
         self._boxes = boxes
         self._no_boxes = place.allocate((1,))
         self.state = place.allocate(place.layout.planes_shape(_FIRST_OF_FEATURES + _BLOCKS * place.layout.features))

@@ -96,7 +96,7 @@ class Pack:
         self._place = place
         self._quiet = quiet
         self._coverage = COVERAGE[0] in names
-        (self._kernel,) = place.kernels("pack", ("pack",))
+        (self._kernel,) = place.kernels("detect/pack", ("pack",))
         planes = (*RADIANCE, *features, *quiet, *(COVERAGE if self._coverage else ()))
         self._source = place.allocate((len(planes),), np.int32)
         place.write(self._source, np.array([names.index(name) for name in planes], dtype=np.int32))

@@ -59,7 +59,7 @@ class Regression:
         macros: dict[str, object] = {"REACH": reach, "STEP": config.stride, "TAPS": 2 * (reach // config.stride) + 1}
         names = ("minmax_columns", "minmax_rows")
         run, strip = (_RUN, _STRIP) if place.device.is_cpu else (1, 1)
-        self._columns, self._rows = place.kernels("minmax", names, {**macros, "RUN": run, "STRIP": strip})
+        self._columns, self._rows = place.kernels("detect/minmax", names, {**macros, "RUN": run, "STRIP": strip})
         self._columns_size = (-(-layout.span // (strip * layout.lanes)), layout.features)
         self._rows_size = (-(-layout.span // (run * layout.lanes)), layout.height)
         macros["TILE"] = _TILE[place.device.lanes]
@@ -68,7 +68,7 @@ class Regression:
             macros["EPANECHNIKOV"] = 1
         else:
             prefix = root_source(2 + layout.features, config.bandwidth_h, place.real)
-        self._dense, self._sparse = place.kernels("wlr", ("wlr_dense", "wlr_sparse"), macros, prefix)
+        self._dense, self._sparse = place.kernels("detect/wlr", ("wlr_dense", "wlr_sparse"), macros, prefix)
         self._extremes_shape = layout.planes_shape(2 * layout.features)
         # Outside the image there is no value: columns of border that no kernel writes.
         self._column_extremes = place.allocate((layout.height, 2 * layout.features, layout.pitch))

@@ -1,4 +1,4 @@
-"""Host side of sensor_ideal.cl: the ideal pixel, which fires whenever brightness has moved by a contrast threshold."""
+"""Host side of ideal.cl: the ideal pixel, which fires whenever brightness has moved by a contrast threshold."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _FEW = 16
 _CHUNKS = 2048
 """Work-items up to which they do not grow: each sums up what those before it write."""
 _MOST_OF_A_PIXEL = 1000
-"""Events of one pixel in one step (MAX_EVENTS in sensor_ideal.cl)."""
+"""Events of one pixel in one step (MAX_EVENTS in ideal.cl)."""
 _PORTION = 1 << 20
 """Events that are written at a time, at most, and more than a work-item has: memory does not grow with a step's."""
 
@@ -90,7 +90,7 @@ class IdealPixels:
     def _build(self, more: dict[str, object]) -> list[Any]:
         rules = {"FRAME_RULE": self._thresholds.at_step_ends, "LINEAR_LIGHT": self._thresholds.linear_light}
         macros = more | {name: 1 for name, holds in rules.items() if holds}
-        return self._place.kernels("sensor_ideal", ("decide_events", "emit_events", "fire_events"), macros)
+        return self._place.kernels("sensor/ideal", ("decide_events", "emit_events", "fire_events"), macros)
 
     def _for(self, path: BrightnessPath) -> tuple[list[Any], tuple[Buffer, ...]]:
         """Return the kernels for a path, and what they take of its knots: none where only the step's end counts."""

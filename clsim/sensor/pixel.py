@@ -1,4 +1,4 @@
-"""Host side of sensor_pixel.cl: pixels with the faults of a camera's."""
+"""Host side of pixel.cl: pixels with the faults of a camera's."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class RealPixels:
         self._macros = macros | {"CHUNK": _CHUNK}
         self._seed = np.uint64(seed)
         names = ("make_pixels", "run_pixels", "gather_events", "list_fired")
-        make, self._run, self._gather, self._list = place.kernels("sensor_pixel", names, self._macros)
+        make, self._run, self._gather, self._list = place.kernels("sensor/pixel", names, self._macros)
         self._with_knots: tuple[Any, Any, Buffer] | None = None
         self._constants = place.allocate((len(constants),), np.float64)
         place.write(self._constants, np.array(constants))
@@ -114,7 +114,7 @@ class RealPixels:
             return self._run, ()
         place = self._place
         if self._with_knots is None:
-            find, run = place.kernels("sensor_pixel", ("find_rows", "run_pixels"), self._macros | {"KNOTS": 1})
+            find, run = place.kernels("sensor/pixel", ("find_rows", "run_pixels"), self._macros | {"KNOTS": 1})
             self._with_knots = find, run, place.allocate((self._pixels,), np.int32)
         find, run, rows = self._with_knots
         place.fill(rows, -1)

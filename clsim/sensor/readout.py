@@ -1,4 +1,4 @@
-"""From requests of pixels to events on the wire; host side of sensor_readout.cl."""
+"""From requests of pixels to events on the wire; host side of readout.cl."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from clsim.sensor.settings import Readout
 Requests: TypeAlias = npt.NDArray[Any]
 """Events as pixels ask for them: t in ns, x, y, on, cause."""
 _WAITS = -2
-"""In place of a time, as sensor_readout.cl has it: of a request whose row's turn has not come."""
+"""In place of a time, as readout.cl has it: of a request whose row's turn has not come."""
 
 
 class Pool:
@@ -48,12 +48,12 @@ class Bus:
         if not settings.queues:
             self._serve = None
         elif settings.arbiter == "rows":
-            self._serve = place.kernels("sensor_readout", ("serve_rows",))[0]
+            self._serve = place.kernels("sensor/readout", ("serve_rows",))[0]
             heads, tails, queue = (place.allocate((layout.height,), np.int32) for _ in range(3))
             place.fill(heads, -1)
             self._rows = place.allocate((layout.height * layout.width,), np.uint8), heads, tails, queue
         else:
-            self._serve = place.kernels("sensor_readout", ("serve",))[0]
+            self._serve = place.kernels("sensor/readout", ("serve",))[0]
         self._state = place.allocate((2,), np.int64)
         self._buffers: tuple[Buffer, ...] = ()
         self.forget()

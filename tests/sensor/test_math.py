@@ -24,7 +24,7 @@ def computed(x):
     device = choose_device()
     place = Workplace(device, Grid(8, 1, device.lanes, np.float64), device.queue())
     types = _read("types.clh") + "#pragma OPENCL EXTENSION cl_khr_fp64 : enable\n"
-    program = _build(device.context, types + _read("sensor_math.clh") + KERNEL, (("DOUBLE", 1), ("VW", device.lanes)))
+    program = _build(device.context, types + _read("sensor/math.clh") + KERNEL, (("DOUBLE", 1), ("VW", device.lanes)))
     given, out = place.allocate((len(x),), np.float64), place.allocate((4, len(x)), np.float64)
     place.write(given, x)
     place.launch(cl.Kernel(program, "compute"), (len(x),), given, out, len(x))

@@ -161,7 +161,7 @@ def test_no_threshold_is_less_than_a_tenth_of_the_nominal_one():
 
 def test_no_two_draws_share_a_number():
     # Of one pixel and time they would be one number: noise that passes one threshold would pass the other.
-    first = {name: int(number) for name, number in re.findall(r"#define DRAW_(\w+) +(\d+)", _read("sensor_random.clh"))}
+    first = {name: int(number) for name, number in re.findall(r"#define DRAW_(\w+) +(\d+)", _read("sensor/random.clh"))}
     numbers = [at + k for name, at in first.items() for k in range(3 if name.startswith("PASSAGE") else 1)]
     assert len(numbers) > 15 and len(numbers) == len(set(numbers)) and max(numbers) == first["ARRIVAL"]
 

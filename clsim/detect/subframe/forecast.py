@@ -23,7 +23,7 @@ class Forecast:
         self._place = place
         self._thresholds = on, off
         macros = {"LINEAR_LIGHT": 1} if linear_light else {}
-        self._extremes, self._forecast = place.kernels("forecast", ("extremes", "forecast"), macros)
+        self._extremes, self._forecast = place.kernels("detect/forecast", ("extremes", "forecast"), macros)
         height, width = place.layout.height, place.layout.width
         blocks = -(-height // _BLOCK), -(-width // _BLOCK)
         self._of_ends = [place.allocate((2, *blocks)) for _ in range(2)]

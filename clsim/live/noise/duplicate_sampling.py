@@ -27,7 +27,7 @@ _STRETCH_US = 1_000_000
 _MOST_EVENTS = 1 << 20
 """Events that are stored: of more, less time is compared at once."""
 _MOST_OF_A_PIXEL = 1000
-"""Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor_ideal.cl)."""
+"""Events of one pixel in one step, as the ideal sensor has them (MAX_EVENTS in sensor/ideal.cl)."""
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]

@@ -5,7 +5,7 @@
 // Only valid pixels count, and of depth only those that see something. Where none does, lo = BIG and hi = -BIG remain.
 // Neither pass costs more for a larger window, or much more.
 
-#include "packed.clh"
+#include "detect/packed.clh"
 
 // Work-item: STRIP·VW columns of one feature, all the way down. out: [H][2F][pitch], lo then hi of each feature;
 // columns outside the image are not written: the host filled them with BIG and -BIG.

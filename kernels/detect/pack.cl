@@ -1,7 +1,7 @@
 // A frame's planes become one padded, row-interleaved image of mask, brightness, features and, with SHRINK, variance.
 
-#include "packed.clh"
-#include "brightness.clh"
+#include "detect/packed.clh"
+#include "detect/brightness.clh"
 
 // One work-item packs one row, plane by plane in loops that compilers vectorise. `frame` holds planes of width·height
 // floats; `source` names them: R, G, B, the F features, then `quiet` candidates that have been constant so far, then

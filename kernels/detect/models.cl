@@ -2,7 +2,7 @@
 //
 // Build macros: CHUNK (pixels of the list that one work-item handles), RADIANCE (1: box means are there).
 
-#include "model.clh"
+#include "detect/model.clh"
 
 // Work-item: CHUNK pixels of the list, of which those that fired (fired[i] != 0) or are new take over what was fitted.
 // extremes: [slots][H][2F][span]; fit: [H][1 + D][span]; model: [H][MODEL_PLANES][span].

@@ -9,8 +9,8 @@
 // P_… (planes of what a pixel keeps for ever), S_… (planes of its state), and those of the stages.
 
 #include "types.clh"
-#include "sensor_math.clh"
-#include "sensor_random.clh"
+#include "sensor/math.clh"
+#include "sensor/random.clh"
 
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 
@@ -26,7 +26,7 @@
 
 #define SECONDS(ns) ((double)(ns) * 1e-9)
 
-#include "sensor_state.clh"
+#include "sensor/state.clh"
 
 // Where events of a work-item go.
 typedef struct {
@@ -88,8 +88,8 @@ static inline void change_leak(Pixel *p, long t, double level) {
 }
 #endif
 
-#include "sensor_front.clh"
-#include "sensor_noise.clh"
+#include "sensor/front.clh"
+#include "sensor/noise.clh"
 
 // Work-item: CHUNK pixels of the image [H][span]. out_own: [planes][pixels], what each pixel keeps for ever.
 __kernel void make_pixels(__global const double *c, ulong seed, int pixels, int span, __global double *out_own) {
@@ -97,7 +97,7 @@ __kernel void make_pixels(__global const double *c, ulong seed, int pixels, int 
     for (int i = first; i < last; i++) be_born(c, key_of(seed, i % span, i / span), out_own, pixels, i);
 }
 
-#include "sensor_event.clh"
+#include "sensor/event.clh"
 
 // When a line that is at `value` at time `from` and has this slope has risen to `level`; not before t.
 static inline long rises_to(double value, double slope, double level, long from, long t) {
@@ -158,7 +158,7 @@ static inline void run_piece(Pixel *p, Outbox *out, Line line, long t, long end)
 }
 
 #ifdef SHOT_NOISE
-#include "sensor_shot.clh"
+#include "sensor/shot.clh"
 #define RUN_PIECE run_noisy
 #else
 #define RUN_PIECE run_piece
@@ -280,7 +280,7 @@ static inline double reference_for(const Pixel *p, long t, double level, Light l
 #define WHEN(ns) (ns)
 #endif
 
-#include "sensor_calm.clh"
+#include "sensor/calm.clh"
 
 #ifdef KNOTS
 // Work-item: CHUNK pixels of the list. out_rows: [H][span], where each is in the list.

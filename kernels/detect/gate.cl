@@ -3,9 +3,9 @@
 // Work-item: a row, unless stated. out_flags: [H][span], one of SKIPPED, KEPT, SOLVED, FRESH; out_counts: [H][4], how
 // many of each.
 
-#include "model.clh"
-#include "brightness.clh"
-#include "gate.clh"
+#include "detect/model.clh"
+#include "detect/brightness.clh"
+#include "detect/gate.clh"
 
 // The level of every pixel is known (its log luminance, or a regression): those that reach a threshold may fire.
 __kernel void gate_level(

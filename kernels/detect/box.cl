@@ -1,6 +1,6 @@
 // Box means of brightness and features over valid pixels, for the radiance gate.
 
-#include "model.clh"
+#include "detect/model.clh"
 
 // Work-item: VW pixels. Sums along the row; out: [H][BOX_PLANES + 1][span], the last plane counts valid pixels.
 __kernel void box_rows(__global const real *packed, long start, int pitch, int span, int reach, __global real *out_rows)

@@ -15,9 +15,9 @@
 //
 // The packed image has these planes in place of those of packed.clh: fewer are read faster.
 
-#include "packed.clh"
-#include "brightness.clh"
-#include "gate.clh"
+#include "detect/packed.clh"
+#include "detect/brightness.clh"
+#include "detect/gate.clh"
 #include "generated"
 #define P_E 0            // irradiance, up to a constant: (luminance - emission) / reflectance; or why it is not known
 #define P_NORMAL 1       // x, y, z; 0 of a miss, as depth is

@@ -6,7 +6,7 @@
 // Differences are taken from the centre pixel before anything is multiplied, so that large offsets (depth 1e6 + [0, 1])
 // cost no digits.
 
-#include "packed.clh"
+#include "detect/packed.clh"
 #include "generated"
 
 // Products are summed for the staged columns v, v·dx, v·x_1 … v·x_F, v·y, where v is the root of the weight. Pixel y is
