@@ -15,7 +15,7 @@ from clsim.datasets.load import Slices
 from clsim.datasets.manifest import read_manifest
 from clsim.datasets.spec import Limits, load_spec
 from clsim.errors import InputError
-from tools.dataset_kills import Making, contents, kill_often
+from tools.accuracy.dataset_kills import Making, contents, kill_often
 
 pytestmark = pytest.mark.slow
 _TINY = str(Path(__file__).with_name("tiny.toml"))

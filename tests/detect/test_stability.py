@@ -1,4 +1,4 @@
-"""The kernels at extremes: bounds on every row of tools/stability.py, and laws that hold whatever the scene."""
+"""The kernels at extremes: bounds on every row of tools/accuracy/stability.py, and laws of any scene."""
 
 import dataclasses
 import json
@@ -15,8 +15,8 @@ from clsim.detect.reference import ReferenceDetector
 from clsim.errors import InputError
 from clsim.opencl.device import choose_device
 from tests.detect.reference_scenes import random_frames
-from tools import stability as bench
-from tools.stability_cases import Case, cases, frames
+from tools.accuracy import stability as bench
+from tools.accuracy.stability_cases import Case, cases, frames
 
 ROWS = {case.name: case for case in cases()}
 
@@ -60,7 +60,9 @@ def test_every_bound_has_its_row():
 def test_the_documents_table_has_every_row():
     page = (Path(__file__).parents[2] / "docs" / "stability.md").read_text()
     named = [line.split("|")[1].strip() for line in page.splitlines() if line.startswith("| ")]
-    assert named[1:] == list(ROWS), "run: python -m tools.stability --markdown FILE, and put the table into the page"
+    assert named[1:] == list(ROWS), (
+        "run: python -m tools.accuracy.stability --markdown FILE, and put the table into the page"
+    )
 
 
 def test_the_bench_notices_wrong_values(monkeypatch):

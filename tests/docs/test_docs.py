@@ -11,19 +11,21 @@ import clsim
 from clsim.events.files import FORMATS
 from clsim.scene import load_world
 from tests.shared_kernels import ORDINARY, widen
-from tools.scene_formats import section
-from tools.scene_keys import text
+from tools.pages.scene_formats import section
+from tools.pages.scene_keys import text
 
 ROOT = Path(__file__).parents[2]
 
 
 def test_the_table_of_scene_keys_is_current() -> None:
     page = "docs/reference/scene-keys.md"
-    assert (ROOT / page).read_text() == text(), f"run: python -m tools.scene_keys {page}"
+    assert (ROOT / page).read_text() == text(), f"run: python -m tools.pages.scene_keys {page}"
 
 
 def test_what_is_read_of_other_programs_is_current() -> None:
-    assert section() in (ROOT / "docs" / "scene-formats.md").read_text(), "its table is not that of tools.scene_formats"
+    assert section() in (ROOT / "docs" / "scene-formats.md").read_text(), (
+        "its table is not that of tools.pages.scene_formats"
+    )
 
 
 def test_the_example_scene_is_one(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from clsim.live.rendering import Rendering
 from clsim.live.stages import FAST_PX, plan_stages
 from clsim.scene import load_world
 from tests.simulator.stage import keyframed, scene
-from tools.fast_scenes import Faster
+from tools.accuracy.fast_scenes import Faster
 
 FPS = 120.0
 SIZE = 32, 24

@@ -11,7 +11,7 @@ import pytest
 
 from clsim.frames import DEPTH, RADIANCE
 from clsim.scene import bundled_scenes
-from tools.golden_images import CHANNELS, block_means
+from tools.accuracy.golden_images import CHANNELS, block_means
 
 GOLDEN = Path(__file__).parent / "golden"
 FEW = ("edge", "uniform-wall")

@@ -25,9 +25,9 @@ from clsim.errors import InputError
 from clsim.frames import Frame
 from clsim.render.device.devices import start_warp
 from clsim.scene import World, load_world
+from tools.accuracy.validation_render import mitsubas_scene
 from tools.peers.mitsuba_scene import load_mitsuba, mitsuba_scene
 from tools.peers.plain_wlr import cut_window, solve_window
-from tools.validation_render import mitsubas_scene
 
 WINDOW = 13
 SIDE = 24

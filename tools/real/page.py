@@ -160,6 +160,6 @@ ON. No pixel ever fires twice in one millisecond, and all times are whole millis
 
 ```sh
 # {minutes:.0f} minutes on two cores of a busy machine
-python -m tools.real_cameras ../shared/real docs/real-cameras.md
+python -m tools.real.real_cameras ../shared/real docs/real-cameras.md
 ```
 """

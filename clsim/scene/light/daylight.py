@@ -1,8 +1,8 @@
 """Clear skies and the sun, from where the sun stands and how hazy the air is.
 
 The sky is Hosek and Wilkie's, "An Analytic Model for Full Spectral Sky-Dome Radiance", SIGGRAPH 2012, with parameters
-that `tools/fit_sky.py` fits to what Mitsuba 3 returns; the sun's radiance is measured there too. Where the sun stands
-at a place and time is after Blanco-Muriel et al., "Computing the Solar Vector", Solar Energy 70(5), 2001.
+that `tools/accuracy/fit_sky.py` fits to what Mitsuba 3 returns; the sun's radiance is measured there too. Where the
+sun stands at a place and time is after Blanco-Muriel et al., "Computing the Solar Vector", Solar Energy 70(5), 2001.
 """
 
 from __future__ import annotations
