@@ -177,8 +177,9 @@ Not rendered for this page, though in the tool's list: {lacking}.
 The files of dppm-scenes are of Mitsuba 0.6. Mitsuba 3 does not read some of them, and reads others differently from
 what their authors meant. For these, both programs rendered the output of `tools/accuracy/validation_upgrade.py`:
 `bathroom2`, `classroom`, `dining-room`, `living-room-2`, `sponza (dppm)`, `torus`, `veach-lamp` and `water`. Meshes
-that were too large to download are missing for both programs: three in `bathroom`, two in `bathroom2` and
-`spaceship (dppm)`, one in `living-room-2` and in `water`. The rug of `bathroom` and the view behind the windows of `bathroom2` are replaced
+that were too large to download are missing for both programs: three in `bathroom`, two in `bathroom2` and `spaceship
+(dppm)`, one in `living-room-2` and in `water`. The rug of `bathroom` and the view behind the windows of `bathroom2`
+are replaced
 by a drawn picture.
 
 ## What clsim says of these files
