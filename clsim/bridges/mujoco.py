@@ -78,7 +78,7 @@ class MujocoScene:
             self._start_s = float(data.time)
         self._last_s = float(data.time)
         at_us = self.time_us
-        if at_us == simulator.time_us > 0:
+        if at_us == simulator.frame_time_us:
             return at_us
         shown.update()
         positions, quaternions = shown.body_places()

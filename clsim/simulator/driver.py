@@ -133,6 +133,11 @@ class Driver(ABC):
     def _seen(self, world: World) -> dict[str, World]:
         """Return the world as each camera sees it, by the cameras' names, which are those of its `CameraPipeline`."""
 
+    @property
+    def frame_time_us(self) -> int | None:
+        """Time of the last frame [µs]; None before the first."""
+        return self.time_us if self._next else None
+
     def set_pose(self, name: str, T_world: Any, at_us: int | None = None) -> None:
         """Say where something is at a time; on the way from its last pose it goes straight and turns by slerp.
 
@@ -153,7 +158,7 @@ class Driver(ABC):
         self._check_open()
         place = read_place("T_world", T_world)
         at_us = read_value("at_us", at_us, int | None)
-        self._driving.set_place(read_value("name", name, str), place, at_us, self._passed_us)
+        self._driving.set_place(read_value("name", name, str), place, at_us, self.frame_time_us)
 
     def set_camera(self, T_world: Any, at_us: int | None = None, *, axes: Axes = "opengl") -> None:
         """Say where the camera is at a time, as `set_pose` does.
@@ -170,7 +175,7 @@ class Driver(ABC):
         if read_value("axes", axes, Axes) == "opencv":
             rotation = turned(rotation)
         at_us = read_value("at_us", at_us, int | None)
-        self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self._passed_us)
+        self._driving.set_place(CAMERA, (position, rotation, scale), at_us, self.frame_time_us)
 
     def pose(self, name: str, time_us: int | None = None) -> Matrix:
         """Return the pose ``[4, 4]`` of what is called so, at a time [µs] or, without one, at the last frame.
@@ -216,14 +221,14 @@ class Driver(ABC):
         until_us = read_value("until_us", until_us, int)
         if until_us < self.time_us:
             raise InputError(f"`until_us` must not be before the last frame, at {self.time_us} µs, got {until_us}")
-        self._driving.end_step(until_us, self._passed_us)
+        self._driving.end_step(until_us, self.frame_time_us)
         data = self._build() if self._data is None else self._data
         batches: dict[str, list[EventBatch]] = {name: [] for name in self._camera_pipelines}
         for pipeline in self._camera_pipelines.values():
             pipeline.begin_step()
         for time_us in self._clock.frame_times(self._next, self.time_us, until_us):
             for name, pipeline in self._camera_pipelines.items():
-                batches[name].append(pipeline.advance(self._next, time_us, self._passed_us, data))
+                batches[name].append(pipeline.advance(self._next, time_us, self.frame_time_us, data))
             before_us, self.time_us = self.time_us, time_us
             self._next += 1
             self._driving.forget_before(before_us)
@@ -344,11 +349,6 @@ class Driver(ABC):
     @property
     def _views(self) -> tuple[object, ...]:
         return tuple(pipeline.view for pipeline in self._camera_pipelines.values())
-
-    @property
-    def _passed_us(self) -> int | None:
-        """Time of the last frame; None before the first."""
-        return self.time_us if self._next else None
 
     def _check_open(self) -> None:
         check_process()

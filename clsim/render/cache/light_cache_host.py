@@ -38,7 +38,8 @@ _ENOUGH_FOR_FINE = 4
 _CELLS_PER_PIXEL = 1
 """Of the first table, half of which may be in use: it doubles where that is too few, and a large one takes time."""
 _LARGEST_TABLE = 1 << 22
-"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 352 MiB."""
+"""Cells beyond which those that no path has reached for `_REMEMBERED` frames are forgotten: 736 MiB, and 1,296 where
+something moves."""
 _REMEMBERED = 256
 _NEVER = math.inf
 """A threshold that no number of paths reaches, so that all paths are traced."""
