@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 FAST_PX = 2.0
 """Way from frame to frame beyond which frames alone miss too much of what is seen [pixels]."""
+_SHORTEST_S = 1e-3
+"""A run that is shorter is as long as whole frames are."""
 _FOLLOWED = (
     f"things go more than {FAST_PX:g} pixels from frame to frame, so pixels are traced between frames too; "
     "`time` fixed leaves that out"
@@ -201,7 +203,7 @@ def plan_stages(
     if world is None:
         world = alone(load_options_world(options))
     by_frames = options.time in ("auto", "fixed") or lamps_move(world)
-    fps = options.fps or (world.fps if by_frames else base_fps(world))
+    fps = options.fps or (world.fps if by_frames else _ending_in_time(base_fps(world), options))
     fast = _goes_fast(world, fps, driven) and not lights_set
     unasked, options = options.time == "auto", options.settled(fast)
     notes = (_FOLLOWED,) if unasked and options.time == "adaptive" else ()
@@ -251,6 +253,14 @@ def plan_stages(
         retracing = Retracing(tolerance_us, way_px(options.time), render)
     make_detector = detector_maker(detector, size, planes, options.opencl, specimen, retracing)
     return Stages(options, world, fps, render, detector, planes, make_detector, steered, retracing, notes, missed_by)
+
+
+def _ending_in_time(fps: float, options: LiveOptions) -> float:
+    """Return the least rate, from ``fps`` on, at which the run ends with a frame; of a rate that nobody asked for."""
+    duration_s = options.duration_s or 0.0
+    if duration_s < _SHORTEST_S or options.frame_count is not None or options.frame_rate is not None or options.loop:
+        return fps
+    return math.ceil(duration_s * fps - 1e-6) / duration_s
 
 
 def _goes_fast(world: World, fps: float, driven: Collection[str]) -> bool:

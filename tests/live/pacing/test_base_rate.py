@@ -10,6 +10,7 @@ import pytest
 
 from clsim.live.options import LiveOptions
 from clsim.live.pacing.base_rate import base_fps, camera_px_s, fastest_px_s
+from clsim.live.pacing.schedule import plan
 from clsim.live.stages import plan_stages
 from clsim.scene import Camera, Instance, Static, World, load_world
 from clsim.scene.modulation import Pwm, Sine
@@ -109,3 +110,22 @@ def test_a_run_between_frames_has_them_unless_told_otherwise():
         stages = plan_stages(LiveOptions("two-boxes", time="adaptive", **given), seen)
         assert stages.fps == expected
         assert any("changes too fast" in each for each in stages.warnings) == bool(given)
+
+
+@pytest.mark.parametrize(
+    ("given", "fps", "ends_us"),
+    [
+        ({"duration_s": 0.05}, 40.0, 50_000),
+        ({"duration_s": 0.2}, 30.0, 200_000),
+        ({"duration_s": 0.01}, 100.0, 10_000),
+        ({"duration_s": 1e-6}, 30.0, 0),
+        ({"duration_s": 0.05, "fps": 30.0}, 30.0, 66_667),
+        ({"duration_s": 0.05, "frame_rate": 15.0, "truth": ("depth",), "outputs": ("a.h5",)}, 30.0, 66_667),
+        ({"duration_s": 0.05, "time": "fixed"}, 120.0, 50_000),
+    ],
+)
+def test_a_run_whose_rate_nobody_chose_is_as_long_as_it_was_asked_to_be(given, fps, ends_us):
+    options = LiveOptions("two-boxes", **{"time": "adaptive"} | given)
+    stages = plan_stages(options, load_world("two-boxes", resolution=(8, 6)))
+    schedule = plan(2.0, stages.fps, duration_s=options.duration_s)
+    assert stages.fps == pytest.approx(fps) and schedule.time_us(schedule.total - 1) == ends_us
