@@ -53,6 +53,7 @@ def score(
     told = {events: found_told, reference: truth_told}
     columns, rows = _agreed("--resolution", None if resolution is None else parse.resolution(resolution), told)
     rate: float = _agreed("--fps", fps, told)
+    _tell_ends({path: each["ends_s"] for path, each in told.items() if "ends_s" in each}, 1.0 / rate)
     result = score_events(found, truth, columns, rows, rate, tau, parse.windows_us(within, "--within"))
     if plot is not None:
         plot_curves({Path(events).stem: curves(found, truth, Sampling(columns, rows, rate))}, plot)
@@ -85,7 +86,21 @@ def _read(path: str, strict: bool) -> tuple[EventBatch, dict[str, Any]]:
     fps = about.get("fps")
     if isinstance(fps, int | float) and 0 < fps < float("inf"):
         told["--fps"] = fps
+    summary = about.get("summary")
+    ends_s = summary.get("simulated_s") if isinstance(summary, dict) else None
+    if isinstance(ends_s, int | float) and ends_s < float("inf"):
+        told["ends_s"] = ends_s
     return batch, told
+
+
+def _tell_ends(ends_s: dict[str, float], frame_s: float) -> None:
+    """Say so where one recording goes on for more than a frame after the other's end."""
+    if not ends_s:
+        return
+    first, last = (choose(ends_s, key=lambda path: ends_s[path]) for choose in (min, max))
+    if ends_s[last] - ends_s[first] > frame_s:
+        told = f"{first} ends at {ends_s[first]:g} s, {last} at {ends_s[last]:g} s"
+        print(f"clsim: {told}: events after the earlier end match nothing", file=sys.stderr)
 
 
 def _agreed(option: str, given: Any, told: dict[str, dict[str, Any]]) -> Any:
