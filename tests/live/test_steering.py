@@ -258,7 +258,7 @@ def test_frames_are_left_out_where_there_is_no_time_for_them_but_never_the_last(
     steps = np.diff(source.filled[WARM_UP_FRAMES + 3 :])
     assert governed.levels[-1].one_in == 19 and set(steps[:-1]) == {19} and 1 <= steps[-1] <= 19
     assert not governed.governor.too_slow
-    assert governed.given_up.startswith("only one frame in 19, ")
+    assert governed.given_up.startswith("18 of 19 frames, ")
 
 
 def test_nothing_fires_where_other_first_hit_rays_change_a_still_picture() -> None:

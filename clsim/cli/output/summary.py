@@ -37,7 +37,7 @@ def print_summary(console: Console, session: Session, summary: dict[str, Any]) -
     if governor is not None and governor["given_up"]:
         say(f"to keep up with the clock it gave up {governor['given_up']}")
     if governor is not None and governor["too_slow"] and summary["late_frames"] + summary["dropped_frames"]:
-        say("it fell behind all the same: lower --fps or --resolution")
+        say("it fell behind all the same: lower --resolution")
     if summary["late_frames"] or summary["dropped_frames"]:
         say(f"{summary['late_frames']:,} frames came late, {summary['dropped_frames']:,} were dropped")
     for output in summary["outputs"]:

@@ -73,7 +73,7 @@ class Level:
         if best.tolerance_us != self.tolerance_us:
             changes.append(f"time tolerance {best.tolerance_us:g} -> {self.tolerance_us:g} us")
         if best.one_in != self.one_in:
-            changes.append(f"only one frame in {self.one_in}")
+            changes.append(f"{self.one_in - 1} of {self.one_in} frames")
         if best.spp != self.spp:
             changes.append(f"samples {best.spp} -> {self.spp}")
         if best.probe_spp != self.probe_spp:

@@ -173,7 +173,7 @@ def test_what_was_given_up_is_shown() -> None:
     session.pipeline.progress.first_frame_s = 0.1
     assert "gave up" not in status_line(session).plain
     session.governed.governor.level = 3
-    given_up = "only one frame in 2, samples 8 -> 2"
+    given_up = "1 of 2 frames, samples 8 -> 2"
     assert f"gave up: {given_up}" in status_line(session).plain
     assert f"to keep up with the clock it gave up {given_up}" in told_at_the_end(session)
 
@@ -184,7 +184,7 @@ def test_a_rate_that_cannot_be_had_is_told(late: bool) -> None:
     assert session.governed is not None
     session.governed.governor.begin(2.0 if late else 1e-6, len(session.governed.levels) - 1)
     session.pipeline.progress.late_frames = 3
-    sentence = "it fell behind all the same: lower --fps or --resolution"
+    sentence = "it fell behind all the same: lower --resolution"
     assert (sentence in told_at_the_end(session, terminal=False)) == late
 
 

@@ -220,7 +220,7 @@ def test_what_was_given_up_is_told_in_words() -> None:
     assert timed[1].given_up_against(timed[0]) == "time tolerance 20 -> 200 us" and timed[0].effort == BEST.effort
     assert LEVELS[0].given_up_against(BEST) == ""
     assert LEVELS[-1].given_up_against(BEST) == "samples 8 -> 1, first-hit rays 16 -> 8, pixels probed each 4 frames"
-    assert ladder(BEST, 120.0)[1].given_up_against(BEST) == "only one frame in 2"
+    assert ladder(BEST, 120.0)[1].given_up_against(BEST) == "1 of 2 frames"
 
 
 @pytest.mark.parametrize(
