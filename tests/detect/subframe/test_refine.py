@@ -9,7 +9,7 @@ import pytest
 
 from clsim.detect.config import DetectorConfig
 from clsim.detector import Detector
-from clsim.frames import ALBEDO, COVERAGE, RADIANCE, Frame, Reflected, frame_time_us, page_aligned
+from clsim.frames import ALBEDO, COVERAGE, DEPTH, EMISSION, RADIANCE, Frame, Reflected, frame_time_us, page_aligned
 from clsim.score.matching import Sampling, one_to_one
 from clsim.sensor import SensorSettings, Specimen
 from clsim.sensor.pixel_stages import FrontEnd, Noise, Refractory, Threshold
@@ -48,7 +48,10 @@ class Bars:
 
     def trace(self, pixels, times_s):
         self.asked += len(pixels)
-        return np.tile(self.luminance(pixels, times_s), (3, 1)).astype(np.float32)
+        return self.planes(pixels, times_s).astype(np.float32)
+
+    def planes(self, pixels, times_s):
+        return np.tile(self.luminance(pixels, times_s), (3, 1))
 
     def motion(self, start_s, end_s):
         """Bars move, the wall does not: what is seen at both ends and the longest way over the pixel."""
@@ -66,13 +69,13 @@ class Bars:
 
 def run(scene, fps, tolerance_us=None, duration_s=0.1, specimen=None, config=CONFIG):
     options = {"tracer": None if tolerance_us is None else scene, "tolerance_us": tolerance_us or 0.0}
-    detector = Detector(config, WIDTH, HEIGHT, NAMES, specimen=specimen, **options)
-    frame = Frame(page_aligned((3, HEIGHT, WIDTH)), NAMES)
+    detector = Detector(config, WIDTH, HEIGHT, scene.names, specimen=specimen, **options)
+    frame = Frame(page_aligned((len(scene.names), HEIGHT, WIDTH)), scene.names)
     events = []
     for index in range(round(duration_s * fps) + 1):
         frame.time_us, frame.index = frame_time_us(index, fps), index
-        luminance = scene.luminance(PIXELS, np.full(len(PIXELS), frame.time_us * 1e-6))
-        frame.planes[:] = luminance.reshape(HEIGHT, WIDTH)
+        planes = scene.planes(PIXELS, np.full(len(PIXELS), frame.time_us * 1e-6))
+        frame.planes[:] = planes.reshape(frame.planes.shape)
         events.append(detector.step(frame).copy())
     stats = detector.stats
     detector.close()
@@ -127,6 +130,26 @@ def test_light_that_changes_unevenly_between_frames_has_each_threshold_too(on, o
     found = errors(events, reference)
     assert len(reference) > WIDTH * HEIGHT and len(events) == pytest.approx(len(reference), rel=0.02)
     assert len(found) >= 0.98 * len(reference) and np.median(found) <= 40
+
+
+def test_light_that_first_hits_do_not_tell_goes_from_frame_to_frame():
+    """It grows by a third in a step, while bars come and go in it."""
+
+    class FirstHits(Bars):
+        def planes(self, pixels, times_s):
+            luminance = self.luminance(pixels, times_s)
+            albedo, one = luminance / (1.0 + 0.3 * self.day * times_s), np.ones(len(pixels))
+            return np.stack([*[luminance] * 3, *[albedo] * 3, one, 0 * one, one])
+
+        def bounds(self):
+            return None
+
+    names = (*RADIANCE, *ALBEDO, *COVERAGE, *EMISSION, *DEPTH)
+    scene = FirstHits(60.0, bar_px=6.0, gap_px=9.0, first_px=60.0, day=30.0, names=names, lit=False)
+    reference, _ = run(scene, 3000)
+    events, _ = run(scene, 30, 10.0)
+    found = errors(events, reference)
+    assert len(found) >= 0.99 * len(reference) and np.quantile(found, 0.9) < 50
 
 
 def test_what_rests_until_the_middle_of_a_step_is_traced():
