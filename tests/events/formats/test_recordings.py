@@ -117,7 +117,7 @@ def test_evt2_before_its_first_time_has_none_and_is_left_out() -> None:
 
 
 def test_dat_s_clock_begins_anew_and_version_1_has_fewer_bits(tmp_path: Path) -> None:
-    words = np.array([[2**32 - 5, 1 | 2 << 14 | 1 << 28], [3, 4 | 5 << 14]], "<u4")
+    words = np.array([[2**32 - 5, 1 | 2 << 14 | 2 << 28], [3, 4 | 5 << 14]], "<u4")
     (tmp_path / "a.dat").write_bytes(b"% Version 2\n% Width 9\n% Height 7\n" + bytes([0, 8]) + words.tobytes())
     source = open_source(tmp_path / "a.dat")
     assert source.read().tolist() == [(2**32 - 5, 1, 2, True), (2**32 + 3, 4, 5, False)]

@@ -280,9 +280,10 @@ def test_a_bag_may_be_written_in_another_thread_than_opens_it(tmp_path, ending):
     np.testing.assert_array_equal(read(path), batch)
 
 
-def test_a_path_that_sqlite_does_not_take_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"a\?\.db3: SQLite cannot write there; expected a path without \?"):
-        clsim.write(tmp_path / "a?.db3", WIDTH, HEIGHT)
+@pytest.mark.parametrize("sign", "?#%")
+def test_a_path_that_sqlite_does_not_take_is_told(tmp_path, sign):
+    with pytest.raises(InputError, match=rf"a\{sign}\.db3: SQLite cannot write there; expected a path without \?"):
+        clsim.write(tmp_path / f"a{sign}.db3", WIDTH, HEIGHT)
     assert list(tmp_path.iterdir()) == []
 
 
