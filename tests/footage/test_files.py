@@ -16,6 +16,7 @@ from PIL import Image
 from clsim.errors import InputError
 from clsim.footage.displacement import Displacement
 from clsim.footage.images import Pictures
+from clsim.footage.open import is_footage
 from clsim.footage.source import Footage, Reading
 from clsim.footage.video import Video
 from clsim.footage.wholeness import cut_end
@@ -203,6 +204,14 @@ def test_a_folder_of_several_films_is_refused_and_a_pattern_chooses(
         Pictures(place, Reading(fps=10.0))
     pattern = names[0].rsplit(names[0].rsplit(".", 1)[0][-1], 1)[0] + "*." + names[0].rsplit(".", 1)[1]
     assert 2 <= len(read(Pictures(place / pattern, Reading(fps=10.0)))) <= 3
+
+
+@pytest.mark.parametrize("pattern", ["", "/*"])
+def test_pictures_beside_exr_frames_are_no_footage(tmp_path: Path, pattern: str) -> None:
+    place = folder(tmp_path / "folder", "preview.png")
+    assert is_footage(f"{place}{pattern}")
+    (place / "frame-000000.exr").touch()
+    assert not is_footage(f"{place}{pattern}")
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,7 @@ def test_arrays_of_seconds(tmp_path):
     assert read_times_us(tmp_path / "a.npy", "s") == [0, 33_300, 200_000]
 
 
-@pytest.mark.parametrize("text", ["", "x", "1e99", "1.5.2", ".", "nan", "inf", "--3", "1e9999999999", "0x10"])
+@pytest.mark.parametrize("text", ["", "x", "1\n1", "1e99", "1.5.2", ".", "nan", "inf", "--3", "1e9999999999", "0x10"])
 def test_what_is_no_time(tmp_path, text):
     (tmp_path / "a.txt").write_text(text)
     with pytest.raises(InputError):
