@@ -109,6 +109,8 @@ def test_slices_by_time_and_count(folder):
     times = list(Slices(folder, by="time", step=7000))
     assert {each["sequence"] for each in times} == {0, 1, 2}
     assert all(each["end_us"] - each["start_us"] == 7000 for each in times)
+    # The last one ends with the sequence, and is whole.
+    assert len(list(Slices(folder, by="time", step=20_000))) == 6
     counts = list(Slices(folder, by="count", step=120))
     assert [len(each["events"]) for each in counts] == [120] * 12
 

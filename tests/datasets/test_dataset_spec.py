@@ -131,6 +131,16 @@ def test_what_is_no_specification(tmp_path, text, sentence):
     assert "a.toml" in str(told.value)
 
 
+@pytest.mark.parametrize("truth", ["'all'", "['depth']", "'depth'"])
+def test_rules_find_the_truth_that_they_need(tmp_path, truth):
+    spec_of(tmp_path, f"[run]\ntruth = {truth}\n[reject]\nnearest_m = 1.0")
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    """As editors on Windows write it."""
+    assert spec_of(tmp_path, "\ufeffcount = 7").count == 7
+
+
 def test_a_name_that_is_none():
     with pytest.raises(InputError, match=r"expected a \.toml file or one of digits, flicker, flow, indoor-depth"):
         load_spec("flwo")
