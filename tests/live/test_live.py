@@ -193,6 +193,18 @@ def test_a_run_tells_of_an_output_that_failed(tmp_path: Path) -> None:
     assert about["complete"] and about["summary"]["frames"] == 2 and len(about["summary"]["outputs"]) == 2
 
 
+def test_an_interrupted_run_does_not_call_its_file_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = open_live(LiveOptions("still", resolution=(16, 12), frame_count=2, outputs=(str(tmp_path / "a.npz"),)))
+
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(session.pipeline, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        session.run()
+    assert json.loads((tmp_path / "a.npz.json").read_text())["complete"] is False
+
+
 def test_processor_time_counts_processes_that_a_run_begins(tmp_path: Path) -> None:
     class Busy:
         """A sink that works in a process of its own."""

@@ -79,6 +79,16 @@ def test_a_run_tells_its_size_its_poses_and_what_it_did(tmp_path: Path) -> None:
     assert not threads()
 
 
+def test_poses_of_a_loop_begin_again() -> None:
+    period_us = round(clsim.load_scene("two-boxes").duration_s * 1e6)
+    with clsim.stream("two-boxes", resolution=(8, 6), fps=10.0, frame_count=30, loop=True, method="esim") as run:
+        for _ in run:
+            pass
+    times, poses = run.poses
+    motion = clsim.load_scene("two-boxes").camera.motion
+    np.testing.assert_allclose(poses, [motion.pose(t % period_us * 1e-6) for t in times.tolist()], atol=1e-9)
+
+
 @pytest.mark.parametrize("ends", ["block", "close", "garbage"])
 def test_a_run_that_is_left_ends_and_completes_its_files(tmp_path: Path, ends: str) -> None:
     out = tmp_path / "a.txt"

@@ -365,6 +365,33 @@ def test_the_end_is_told_and_the_thread_ends() -> None:
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("clsim-view")]
 
 
+def test_a_browser_that_draws_slowly_gets_the_last_events_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It confirms what it has got a moment after it has heard of the end."""
+    monkeypatch.setattr(hub_module, "UNSEEN_PACKETS", 2)
+    sink = ViewSink("slow", WIDTH, HEIGHT, port=0)
+    events = random_events(4 * PACKET_EVENTS, WIDTH, HEIGHT)
+
+    async def run() -> int:
+        found, received = 0, 0
+        async with aiohttp.ClientSession() as session, session.ws_connect(f"{sink.url}stream", max_msg_size=0) as page:
+            await page.receive()
+            await asyncio.to_thread(sink.write, events, end_of(events))
+            ending = None
+            async for message in page:
+                if message.type == aiohttp.WSMsgType.BINARY:
+                    found, received = found + len(decode(message.data)[3]), received + 1
+                    if received == hub_module.UNSEEN_PACKETS:
+                        ending = asyncio.create_task(asyncio.to_thread(sink.close))
+                elif json.loads(message.data)["type"] == "end":
+                    await asyncio.sleep(0.1)
+                    await page.send_json({"seen": received})
+            assert ending is not None
+            await ending
+        return found
+
+    assert asyncio.run(run()) == len(events)
+
+
 def test_closing_with_browsers_open_is_quiet(caplog: pytest.LogCaptureFixture) -> None:
     sink = ViewSink("left alone", WIDTH, HEIGHT, port=0)
     request = b"GET /stream HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
