@@ -195,7 +195,7 @@ def test_the_headlight_shines_from_the_camera_where_no_lamp_does() -> None:
 
 def test_height_fields_are_as_high_as_mujocos_rays_find_them() -> None:
     """No two corners are alike, and no row is the mirror of another."""
-    text = """<mujoco><asset>
+    text = """<mujoco><asset><hfield name="other" nrow="2" ncol="2" size="1 1 1 1" elevation="0 1 1 1"/>
       <hfield name="h" nrow="3" ncol="3" size=".4 .3 .2 .1" elevation="0 1 2 6 4 7 3 8 5"/></asset><worldbody>
       <geom type="hfield" hfield="h"/></worldbody></mujoco>"""
     model, data = load(text)

@@ -76,6 +76,15 @@ def test_parameters_references_and_includes(tmp_path):
     assert [m.color for m in world.materials] == [(0.25, 0, 0)]
 
 
+def test_a_file_that_an_included_file_names_lies_beside_the_scene(tmp_path):
+    """As in Mitsuba, whatever the folder of the included file."""
+    (tmp_path / "parts").mkdir()
+    grey = '<bsdf type="diffuse"><spectrum name="reflectance" filename="grey.spd"/></bsdf>'
+    (tmp_path / "parts" / "part.xml").write_text(whole(f'<shape type="cube">{grey}</shape>'))
+    (tmp_path / "grey.spd").write_text("300 0.3\n900 0.3\n")
+    assert load(tmp_path, '<include filename="parts/part.xml"/>').materials[0].color == pytest.approx((0.3, 0.3, 0.3))
+
+
 def test_lights(tmp_path):
     body = """
         <emitter type="point"><point name="position" x="1" y="2" z="3"/><rgb name="intensity" value="4"/></emitter>
