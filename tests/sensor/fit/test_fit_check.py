@@ -82,5 +82,8 @@ def test_a_real_wall_predicts_its_other_half(tmp_path, monkeypatch, capsys):
     assert set(told) == {"ON [1/s]", "OFF [1/s]", "flips"}
     assert all(row["errors_off"] < 2 for row in told.values()), told
     assert told["flips"]["found"] > 0.6
+    assert run(monkeypatch, *words[:3], *words[2:], "--json") == 0  # twice as long, it fires as often
+    twice = json.loads(capsys.readouterr().out)["check"]
+    assert twice["ON [1/s]"]["found"] == pytest.approx(told["ON [1/s]"]["found"], rel=0.3)
     assert run(monkeypatch, *words) == 0
     assert "second half, flips" in capsys.readouterr().out

@@ -13,6 +13,7 @@ from clsim.cli import main
 from clsim.errors import InputError
 from clsim.events import empty_batch
 from clsim.sensor import load_sensor
+from clsim.sensor.fit.fitted import noise_table
 from clsim.sensor.fit.still import Counts
 from clsim.sensor.fit.uniform import Rates, fit_uniform, look_probabilities, rates_of
 
@@ -65,8 +66,13 @@ def test_many_photons_are_normal(dark):
     assert max(look_probabilities(1e5, 2.0, 0.2, 0.25)) < 1e-12
 
 
-def test_thresholds_photons_and_leak_are_found():
-    found = fit_uniform(recorded(3))
+def test_thresholds_photons_and_leak_are_found(tmp_path):
+    rates = recorded(3)
+    found = fit_uniform(rates)
+    # A sensor file has lights from the darkest on, in whatever order they were recorded.
+    (tmp_path / "a.toml").write_text(noise_table(rates[::-1], found))
+    noise = load_sensor(str(tmp_path / "a.toml")).noise
+    assert noise.lux == LUX and noise.off_hz == pytest.approx([each.off_hz[0] for each in rates], rel=1e-4)
     assert (errors_off(found) < 3.5).all(), found
     assert found.on[1] < 0.01 and found.photons_per_lux[1] < 0.3 and found.leak_hz_per_lux[1] < 0.002
     assert found.misfit < 3
