@@ -114,6 +114,7 @@ def files(tmp_path: Path) -> Path:
         (["detect", "{}/frames"], "where shall the events go?"),
         (["live", "still", "--no-such-option"], "--no-such-option"),
         (["detect", "{}/frames", "--out", "{}/x.txt"], "no EXR file"),
+        (["detect", "{}/frames", "--fps", "0", "--out", "{}/x.txt"], "--fps must be a positive number, got 0"),
         (["render", "still", "--out", "{}/readonly"], "readonly"),
         (
             ["render", "still", "--out", "{}/new", "--times", "{}/t.txt", "--time-tolerance", "1ms"],

@@ -1,12 +1,20 @@
 """Labels beside points: what is left of one that finds no room."""
 
+import numpy as np
 import pytest
 
 from clsim.cli.plots.label_places import place_labels
 
 
-@pytest.mark.parametrize(("width_in", "shown"), [(6.0, ["draft\n1 path in every eighth frame"]), (2.0, ["draft"])])
-def test_a_label_without_room_is_cut_to_its_first_line(width_in, shown):
+@pytest.mark.parametrize(
+    ("width_in", "ring_px", "shown"),
+    [
+        (6.0, 0, ["draft\n1 path in every eighth frame"]),
+        (6.0, 50, ["draft\n1 path in every eighth frame"]),  # it finds room farther away
+        (2.0, 0, ["draft"]),
+    ],
+)
+def test_a_label_without_room_is_cut_to_its_first_line(width_in, ring_px, shown):
     pytest.importorskip("matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -16,5 +24,8 @@ def test_a_label_without_room_is_cut_to_its_first_line(width_in, shown):
     panel = figure.subplots()
     panel.set(xlim=(0, 1), ylim=(0, 1))
     figure.canvas.draw()
-    place_labels(panel, [(0.5, 0.5)], ["draft\n1 path in every eighth frame"], [(0.5, 0.5)])
+    angles = np.arange(16) * np.pi / 8
+    ring = panel.transData.transform((0.5, 0.5)) + ring_px * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    obstacles = panel.transData.inverted().transform(ring)
+    place_labels(panel, [(0.5, 0.5)], ["draft\n1 path in every eighth frame"], obstacles)
     assert [label.get_text() for label in panel.texts] == shown
