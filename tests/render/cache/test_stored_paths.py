@@ -181,6 +181,8 @@ def test_a_lamp_that_moves_is_followed_in_turn():
     assert paths[10:].sum() < 0.01 * stored
     at_once, _ = pictures(world, times_us, follow_every=1)
     np.testing.assert_allclose(shown[-1], at_once[-1], rtol=2e-4, atol=1e-5)
+    # Paths whose turn it is not go on as they did before.
+    assert np.abs(shown[5:9] - at_once[5:9]).mean() < 2e-3 * at_once[5:9].mean()
 
 
 @pytest.mark.parametrize("threads", [1, 3])
